@@ -1,0 +1,492 @@
+"""The catalogue of user-visible mistakes: code, exit status, what happened, why it matters, how to fix it.
+
+Every mistake is a class. The message on the terminal, ``dynid explain CODE`` and ``docs/reference/errors.md`` are all
+made from it. Library code raises these classes and never exits, prints or asks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, ClassVar
+
+
+class ExitStatus(IntEnum):
+    """Exit statuses of every command."""
+
+    DONE = 0
+    LIMIT_NOT_MET = 1
+    USAGE = 2
+    INPUT = 3
+    DATA = 4
+    UNSAFE = 5
+    MACHINE = 6
+    DECISION = 7
+    INTERNAL = 70
+    INTERRUPTED = 130
+
+
+EXIT_MEANING: dict[ExitStatus, str] = {
+    ExitStatus.DONE: "done",
+    ExitStatus.LIMIT_NOT_MET: "done, but a limit you set was not met",
+    ExitStatus.USAGE: "wrong usage",
+    ExitStatus.INPUT: "an input file is wrong",
+    ExitStatus.DATA: "the data cannot answer (too short, not exciting, rank)",
+    ExitStatus.UNSAFE: "unsafe: limits, collision, tracking",
+    ExitStatus.MACHINE: "the machine lacks something (ROS, display, package, permission)",
+    ExitStatus.DECISION: "a decision is needed and nobody can be asked",
+    ExitStatus.INTERNAL: "internal error, a crash file was written",
+    ExitStatus.INTERRUPTED: "interrupted",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something worth saying that does not stop the run.
+
+    Attributes:
+        code: catalogue code such as ``"W316"``.
+        level: ``"warning"`` or ``"info"``.
+        text: one sentence for a person.
+        evidence: the numbers behind the sentence, JSON-able.
+    """
+
+    code: str
+    level: str
+    text: str
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+
+class DynidError(Exception):
+    """Base of all mistakes that dynid reports to a person.
+
+    Args:
+        what: what was found, with number, joint name, time.
+        where: file and line, topic, or command.
+        why: why it matters; the class default when empty.
+        fix: the next command or edit; the class default when empty.
+    """
+
+    code: ClassVar[str] = "E700"
+    status: ClassVar[ExitStatus] = ExitStatus.INTERNAL
+    why: str = ""
+    fix: str = ""
+
+    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "") -> None:
+        super().__init__(what)
+        self.what = what
+        self.where = where
+        self.why = why or type(self).why
+        self.fix = fix or type(self).fix
+
+
+# ---------------------------------------------------------------- 1: the command line
+class WrongUsage(DynidError):
+    """An option or argument has a value that the command cannot use."""
+
+    code, status = "E101", ExitStatus.USAGE
+    why = "the command needs another value there"
+    fix = "see the command's help: dynid COMMAND -h"
+
+
+# ---------------------------------------------------------------- 2: robot file
+class UnknownKey(DynidError):
+    """The YAML file has a key that dynid does not know."""
+
+    code, status = "E201", ExitStatus.INPUT
+    why = "a misspelt key would silently leave its default in force"
+    fix = "rename or remove the key; docs/reference/robot-file.md lists all keys"
+
+
+class AngleTooLarge(DynidError):
+    """An angle of the DH table is more than a full turn."""
+
+    code, status = "E202", ExitStatus.INPUT
+    why = "angles are read in radians unless the file says otherwise"
+    fix = "add `angle_unit: deg` to the robot file, or write the angle as `90 deg`"
+
+
+class NotANumber(DynidError):
+    """A value of the YAML file is text, or YAML reads it as something else, where a number belongs."""
+
+    code, status = "E203", ExitStatus.INPUT
+    why = "YAML 1.1 reads 1e-3 as text, 012 as octal, 1:30 as 90 and off as false"
+    fix = "write a plain decimal number such as 1.0e-3"
+
+
+class MissingConvention(DynidError):
+    """The robot file does not say which DH convention its table uses."""
+
+    code, status = "E204", ExitStatus.INPUT
+    why = "standard (distal) and modified (proximal, Craig/Khalil) tables describe different robots"
+    fix = "add `convention: standard` or `convention: modified`; docs/reference/robot-file.md has the picture"
+
+
+class RobotNotFound(DynidError):
+    """No robot file with that name or path."""
+
+    code, status = "E205", ExitStatus.USAGE
+    why = "ROBOT is a name in robots/ or the path of a YAML file"
+    fix = "give one of the known names or a path"
+
+
+class ImplausibleGravity(DynidError):
+    """The gravity vector has a length that no place on Earth has."""
+
+    code, status = "E206", ExitStatus.INPUT
+    why = "masses and first moments scale with gravity, so a wrong unit spoils all of them"
+    fix = "give gravity in m/s^2, for example [0, 0, -9.81]"
+
+
+class NotYaml(DynidError):
+    """The file is not valid YAML, or gives a key twice."""
+
+    code, status = "E207", ExitStatus.INPUT
+    why = "the rest of the file cannot be trusted"
+    fix = "correct the line; indent with spaces, give each key once"
+
+
+class WrongRobotFile(DynidError):
+    """A key is missing from the robot file or has a value that cannot be used."""
+
+    code, status = "E208", ExitStatus.INPUT
+    why = "the model would describe another robot"
+    fix = "correct the value; docs/reference/robot-file.md describes each key"
+
+
+# ---------------------------------------------------------------- 3: logs
+class LogNotFound(DynidError):
+    """There is no such log, or the file is not a log."""
+
+    code, status = "E301", ExitStatus.INPUT
+    why = "a log is a .bag, .npz or .csv file, or a folder with position.txt and torque.txt"
+    fix = "check the path"
+
+
+class TopicMissing(DynidError):
+    """The topic is not in the bag."""
+
+    code, status = "E303", ExitStatus.INPUT
+    why = "joint states are read from one topic"
+    fix = "name one of the topics with --topic"
+
+
+class WrongMessageType(DynidError):
+    """The topic carries a message that does not hold joint positions and torques."""
+
+    code, status = "E304", ExitStatus.INPUT
+    why = "positions and torques with time stamps are needed"
+    fix = "choose the joint_state topic with --topic"
+
+
+class BagTruncated(DynidError):
+    """The bag ends early or has no index, and too little of it can be read."""
+
+    code, status = "E305", ExitStatus.INPUT
+    why = "the recorder was probably killed before it closed the file"
+    fix = "record again, or repair it with: rosbag reindex LOG"
+
+
+class NotFinite(DynidError):
+    """The log has samples that are not a number or infinite."""
+
+    code, status = "E306", ExitStatus.INPUT
+    why = "one such value spoils every parameter"
+    fix = "leave the stretch out with --exclude T0-T1"
+
+
+class PositionInDegrees(DynidError):
+    """Positions go beyond the joint's limits but would fit in radians after division by 57.3."""
+
+    code, status = "E307", ExitStatus.INPUT
+    why = "the log is probably in degrees"
+    fix = "add `units: {position: deg}` under `driver:` in the robot file"
+
+
+class VelocityInconsistent(DynidError):
+    """The measured velocity is not the change of the measured position."""
+
+    code, status = "E308", ExitStatus.INPUT
+    why = "unit or sign of the velocity column is wrong"
+    fix = "correct `driver.units.velocity` or `driver.sign`, or use --velocity derived"
+
+
+class JointNamesDiffer(DynidError):
+    """The log's joint names are not those of the robot file, or two columns look swapped."""
+
+    code, status = "E309", ExitStatus.INPUT
+    why = "columns are taken by name, never by position"
+    fix = "list the log's names in chain order under `driver.joint_names`"
+
+
+class JointCountDiffers(DynidError):
+    """The file has another number of joints than the robot."""
+
+    code, status = "E310", ExitStatus.INPUT
+    why = "one column a joint is needed"
+    fix = "use the robot file that belongs to this recording"
+
+
+class TimeNotIncreasing(DynidError):
+    """Time stamps go back or stand still."""
+
+    code, status = "E311", ExitStatus.INPUT
+    why = "derivatives over such a step are meaningless"
+    fix = "leave the stretch out with --exclude, or use --sort-time if stamps are only shuffled"
+
+
+class TooManyLost(DynidError):
+    """More than one sample in twenty is missing."""
+
+    code, status = "E312", ExitStatus.INPUT
+    why = "filtering and differentiation need an even time grid"
+    fix = "record again closer to the driver, with less load on the machine"
+
+
+class LogTooShort(DynidError):
+    """The log is too short for the number of parameters."""
+
+    code, status = "E313", ExitStatus.DATA
+    why = "each parameter needs motion that shows it"
+    fix = "record a longer motion"
+
+
+class RateTooLow(DynidError):
+    """Samples arrive too rarely for the motion."""
+
+    code, status = "E314", ExitStatus.DATA
+    why = "accelerations cannot be found from so few samples"
+    fix = "raise the driver's publishing rate"
+
+
+class GravityRemoved(DynidError):
+    """Torques at rest do not change with the pose: the driver has subtracted gravity."""
+
+    code, status = "E317", ExitStatus.INPUT
+    why = "masses and first moments are seen through gravity"
+    fix = "set the driver parameter publish_torque_with_gravity_compensation to false, or say `torque: {source: gravity_free}`"
+
+
+class TorqueScale(DynidError):
+    """Torques are far beyond the joint's rating."""
+
+    code, status = "E318", ExitStatus.INPUT
+    why = "the unit is probably mN m or a raw count"
+    fix = "add `units: {effort: mNm}` under `driver:` in the robot file"
+
+
+class NewerSchema(DynidError):
+    """The file was written by a newer dynid."""
+
+    code, status = "E320", ExitStatus.INPUT
+    why = "its contents may mean something else"
+    fix = "upgrade dynid"
+
+
+class NotAnArtifact(DynidError):
+    """The file is not a dynid result, or is damaged."""
+
+    code, status = "E321", ExitStatus.INPUT
+    why = "results are .npz files with a dynid header"
+    fix = "make the file again with the command that writes it"
+
+
+class LogLayout(DynidError):
+    """A text log or npz log does not have the columns that are needed."""
+
+    code, status = "E322", ExitStatus.INPUT
+    why = "positions and torques of every joint and the time are needed"
+    fix = "see docs/reference/log-format.md"
+
+
+# ---------------------------------------------------------------- 4: what the data can tell
+class JointStill(DynidError):
+    """A joint never moves in the log."""
+
+    code, status = "E401", ExitStatus.DATA
+    why = "its inertia and friction leave no trace in the torques"
+    fix = "record a motion in which every joint moves"
+
+
+class PoorlyExcited(DynidError):
+    """The condition number of the observation matrix is very large."""
+
+    code, status = "E402", ExitStatus.DATA
+    why = "noise is amplified by that factor"
+    fix = "plan a better motion: dynid trajectory ROBOT --optimise"
+
+
+class RankDeficient(DynidError):
+    """The log determines fewer base parameters than the structure has."""
+
+    code, status = "E403", ExitStatus.DATA
+    why = "some base parameters cannot be told apart in this motion"
+    fix = "record a motion that excites them, or continue with --drop-weak"
+
+
+class NotPhysical(DynidError):
+    """No physical body comes near the identified parameters."""
+
+    code, status = "E404", ExitStatus.LIMIT_NOT_MET
+    why = "units, joint signs or the payload are probably wrong"
+    fix = "check the driver map and units with: dynid check LOG"
+
+
+class SameRecording(DynidError):
+    """The validation log is the one that was used to identify."""
+
+    code, status = "E405", ExitStatus.USAGE
+    why = "a model always fits the data it was made from"
+    fix = "give another recording, or --allow-training-data"
+
+
+class NothingChanged(DynidError):
+    """The optimiser returned its starting point."""
+
+    code, status = "E406", ExitStatus.DATA
+    why = "the result would only repeat the prior"
+    fix = "check that the log moves and the options leave something free"
+
+
+# ---------------------------------------------------------------- 5: safety
+class LimitBroken(DynidError):
+    """A motion breaks a joint limit."""
+
+    code, status = "E501", ExitStatus.UNSAFE
+    why = "the arm would stop or be damaged"
+    fix = "use a smaller --alpha or smaller waypoints"
+
+
+class Collision(DynidError):
+    """A motion brings the arm into contact with itself or the floor."""
+
+    code, status = "E502", ExitStatus.UNSAFE
+    why = "the arm would be damaged"
+    fix = "change the waypoints or the seed"
+
+
+class StartPoseOff(DynidError):
+    """The arm is not at the trajectory's first pose."""
+
+    code, status = "E503", ExitStatus.UNSAFE
+    why = "it would jump"
+    fix = "run with --go-to-start: slow, checked, asks first"
+
+
+class TrackingLost(DynidError):
+    """The arm does not follow the commanded motion."""
+
+    code, status = "E504", ExitStatus.UNSAFE
+    why = "something holds it, or it does not listen"
+    fix = "look at the arm before trying again"
+
+
+class NotReviewed(DynidError):
+    """Nobody has confirmed this motion."""
+
+    code, status = "E505", ExitStatus.UNSAFE
+    why = "an untested motion may be harmful"
+    fix = "preview and accept it: dynid trajectory ROBOT --review FILE"
+
+
+# ---------------------------------------------------------------- 6: machine
+class RosMissing(DynidError):
+    """rospy cannot be imported."""
+
+    code, status = "E601", ExitStatus.MACHINE
+    why = "record needs ROS 1, and rospy is not on PyPI"
+    fix = "apt-get install python3-rospy python3-sensor-msgs, or record with 'rosbag record' and continue from the bag"
+
+
+class MasterSilent(DynidError):
+    """No ROS master answers."""
+
+    code, status = "E602", ExitStatus.MACHINE
+    why = "topics are found through the master"
+    fix = "start roscore, or set ROS_MASTER_URI and ROS_IP"
+
+
+class TopicSilent(DynidError):
+    """The topic exists but no message arrives."""
+
+    code, status = "E603", ExitStatus.MACHINE
+    why = "the driver is not publishing"
+    fix = "is the driver running, and the emergency stop released?"
+
+
+class NoDisplay(DynidError):
+    """A window was asked for but there is no display."""
+
+    code, status = "E604", ExitStatus.MACHINE
+    why = "PyBullet ends the process when it cannot open its window"
+    fix = "use --preview picture"
+
+
+class PackageMissing(DynidError):
+    """A Python package is missing."""
+
+    code, status = "E605", ExitStatus.MACHINE
+    why = "this command needs it"
+    fix = "install it with pip"
+
+
+class CannotWrite(DynidError):
+    """A file or folder cannot be written."""
+
+    code, status = "E606", ExitStatus.MACHINE
+    why = "the result would be lost"
+    fix = "choose another folder with --out, or change its permissions"
+
+
+# ---------------------------------------------------------------- 7: decisions
+class StaleCache(DynidError):
+    """A model was made from another version of the robot file, and --frozen forbids to rebuild it."""
+
+    code, status = "E701", ExitStatus.DECISION
+    why = "the numbers would belong to another robot"
+    fix = "drop --frozen"
+
+
+class OutputExists(DynidError):
+    """The output exists and was made from other inputs."""
+
+    code, status = "E702", ExitStatus.DECISION
+    why = "results are not overwritten without being asked to"
+    fix = "use --force or another --out"
+
+
+class CannotAsk(DynidError):
+    """A question must be answered by a person, and there is no terminal."""
+
+    code, status = "E703", ExitStatus.DECISION
+    why = "guessing would be worse"
+    fix = "give the answer as an option"
+
+
+class Declined(DynidError):
+    """The person said no, so the job that was named is not done."""
+
+    code, status = "E704", ExitStatus.DECISION
+    why = "nothing was written"
+    fix = "run the command again when ready"
+
+
+WARNINGS: dict[str, str] = {
+    "W202": "A DH angle was within 1e-4 rad of a multiple of 15 degrees and was snapped to it.",
+    "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
+    "W305": "The bag was cut or not closed; what could be read was salvaged.",
+    "W308": "Measured velocity and the change of position agree only roughly; the derived velocity is better.",
+    "W311": "Samples with the same time stamp as their predecessor were dropped.",
+    "W312": "The log has gaps; the motion is cut there, not bridged.",
+    "W315": "A position jumped by a full turn and was unwrapped.",
+    "W316": "A torque does not balance gravity at rest: the sensor was probably not zeroed.",
+    "W319": "A torque stays at its largest value: clipped samples are left out.",
+    "W320": "The joint order was assumed because the file does not name its columns.",
+    "W402": "A base parameter is hardly excited by this log.",
+    "W404": "The identified parameters belong to no physical body.",
+}
+
+
+def catalogue() -> dict[str, type[DynidError]]:
+    """Return every mistake of the catalogue by its code."""
+    return {cls.code: cls for cls in DynidError.__subclasses__()}

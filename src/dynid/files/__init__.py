@@ -1,0 +1,1 @@
+"""Disk to nouns and back, without maths: robot files, results, logs."""

@@ -1,0 +1,146 @@
+"""Results on disk: .npz files with arrays and one JSON header, written whole or not at all, never pickled.
+
+The header holds schema, dynid version, command line, seed, sha256 of every input, units and joint names. Member files
+carry a fixed date, so that two runs on the same inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid import __version__
+from dynid.errors import CannotWrite, NewerSchema, NotAnArtifact
+
+HEADER = "header"
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """One result file.
+
+    Attributes:
+        schema: name and number, such as ``"dynid/regressor/1"``.
+        header: JSON-able facts.
+        arrays: arrays by name.
+    """
+
+    schema: str
+    header: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+
+
+def sha256(path: Path) -> str:
+    """Return the sha256 of a file, or of all files of a folder in the order of their names."""
+    digest = hashlib.sha256()
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    for file in files:
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[IO[bytes]]:
+    """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        # Why: mkstemp makes the file private; a result should follow the user's umask like any other file.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+    except OSError as error:
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole."""
+    with written_whole(path) as stream:
+        stream.write(text.encode("utf-8"))
+
+
+def write_artifact(path: Path, artifact: Artifact) -> None:
+    """Write a result file whole; equal contents give equal bytes."""
+    header = {"schema": artifact.schema, "dynid": __version__, **artifact.header}
+    with written_whole(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        text = np.array(json.dumps(header, sort_keys=True, default=_plain))
+        for name, array in {HEADER: text, **artifact.arrays}.items():
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), buffer.getvalue(), zipfile.ZIP_DEFLATED, 1)
+
+
+def read_artifact(path: Path, schema: str | None = None) -> Artifact:
+    """Read a result file without executing anything in it.
+
+    Args:
+        path: the file.
+        schema: schema it must have, such as ``"dynid/regressor/1"``; any when None.
+
+    Raises:
+        NotAnArtifact: not a dynid result, damaged, or of another kind.
+        NewerSchema: written by a newer dynid.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header = json.loads(str(arrays.pop(HEADER)))
+        found = str(header["schema"])
+    except FileNotFoundError as error:
+        raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise NotAnArtifact(f"{path} is not a dynid result, or is damaged", where=str(path)) from error
+    if schema is not None and found != schema:
+        kind, number = found.rsplit("/", 1)
+        if kind == schema.rsplit("/", 1)[0] and number.isdigit() and int(number) > int(schema.rsplit("/", 1)[1]):
+            raise NewerSchema(
+                f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}; upgrade",
+                where=str(path),
+            )
+        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=str(path))
+    return Artifact(found, header, arrays)
+
+
+def read_header(path: Path) -> dict[str, Any] | None:
+    """Return only the header of a result file, or None when it is none."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(json.loads(str(archive[HEADER])))
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+        return None
+
+
+def _plain(value: object) -> object:
+    """Make numpy scalars, arrays and paths JSON-able."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")

@@ -1,0 +1,290 @@
+"""The nouns of the robot file: a serial arm as a DH table with limits, friction columns and maps.
+
+All angles are in radians and all lengths in metres here; units and text were dealt with when the file was read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding
+
+Floats = NDArray[np.float64]
+
+#: The 11 parameters of a link in the order of the paper's Table 5; the link number is appended.
+LINK_PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im")
+#: Friction columns a joint may have (Paper Eq. 7) and the prefix of their parameter names.
+FRICTION_PARAMETERS = {"viscous": "fv", "coulomb": "fc", "offset": "fo"}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one joint; ``None`` where the robot file leaves one out.
+
+    Attributes:
+        position: lower and upper [rad or m].
+        velocity: largest speed [rad/s or m/s].
+        acceleration: largest acceleration [rad/s^2 or m/s^2].
+        torque: rated torque [N m or N].
+    """
+
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    torque: float | None = None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One row of the DH table with what belongs to its joint.
+
+    Attributes:
+        name: joint name, as shown everywhere.
+        type: ``"revolute"`` or ``"prismatic"``.
+        a: DH length [m].
+        twist: DH alpha [rad]; ``alpha`` is kept for the paper's safety factor.
+        d: DH offset [m]; added to q for a prismatic joint.
+        theta_offset: added to q for a revolute joint; theta itself for a prismatic one [rad].
+        limits: limits of the joint.
+        motor_inertia: whether the column of the rotor inertia Im is kept.
+        friction: friction columns beyond the 11 parameters.
+    """
+
+    name: str
+    type: Literal["revolute", "prismatic"] = "revolute"
+    a: float = 0.0
+    twist: float = 0.0
+    d: float = 0.0
+    theta_offset: float = 0.0
+    limits: Limits = Limits()
+    motor_inertia: bool = True
+    friction: tuple[str, ...] = ("viscous", "coulomb", "offset")
+
+    @property
+    def revolute(self) -> bool:
+        """Whether q turns about the joint axis."""
+        return self.type == "revolute"
+
+    @property
+    def torque_unit(self) -> str:
+        """Unit of the generalised force at this joint."""
+        return "N m" if self.revolute else "N"
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body in a link frame.
+
+    Attributes:
+        mass: [kg].
+        com: centre of mass in the link frame, (3,) [m].
+        inertia_com: xx, xy, xz, yy, yz, zz about the centre of mass, axes of the link frame [kg m^2].
+    """
+
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia_com: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    def parameters(self) -> Floats:
+        """Return m, mc, I about the frame origin: the first ten of Table 5, (10,)."""
+        c = np.array(self.com)
+        xx, xy, xz, yy, yz, zz = self.inertia_com
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        tensor = tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        i, j = np.triu_indices(3)
+        return np.concatenate([[self.mass], self.mass * c, tensor[i, j]])
+
+
+@dataclass(frozen=True)
+class Cylinders:
+    """Uniform cylinders along the DH offsets (Paper Eq. 9).
+
+    Attributes:
+        radius: cylinder radius [m].
+        density: [kg/m^3], or None when ``mass`` is given.
+        mass: total mass of the links that the density is scaled to [kg].
+    """
+
+    radius: float = 0.06
+    density: float | None = None
+    mass: float | None = None
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed before measuring: cylinders, or one body a link (None where unknown)."""
+
+    cylinders: Cylinders | None = None
+    links: tuple[Body, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointMap:
+    """How another program's joint values become DH values: q_dh = sign * q + offset, tau_dh = sign * tau."""
+
+    sign: tuple[float, ...]
+    offset: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class DriverSpec:
+    """Where a log comes from and how its columns become DH quantities.
+
+    Attributes:
+        kind: ``"kinova_gen2"``, ``"lwr4plus"`` or ``"generic"``.
+        topic: topic of the joint states, None for the driver's default.
+        joint_names: names of the log's columns in chain order, () for the robot's own joint names.
+        map: signs and offsets, in SI units.
+        units: unit of ``position``, ``velocity`` and ``effort`` in the log.
+    """
+
+    kind: str
+    topic: str | None
+    joint_names: tuple[str, ...]
+    map: JointMap
+    units: dict[str, str] = field(default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"})
+
+
+@dataclass(frozen=True)
+class TorqueSource:
+    """What the effort column is.
+
+    Attributes:
+        source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
+        gain: N m per A of each joint; None where unknown.
+    """
+
+    source: str = "joint_sensor"
+    gain: tuple[float | None, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Coulomb:
+    """Shape of the Coulomb friction's sign.
+
+    Attributes:
+        shape: ``"smooth"``, tanh(qd / velocity), or ``"threshold"``, the paper's Eq. 7: zero below the velocity.
+        velocity: velocity of each joint [rad/s or m/s].
+    """
+
+    shape: str
+    velocity: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Motor-side logs with coupled joints: q_motor = matrix @ q, tau_joint = matrix.T @ tau_motor.
+
+    Attributes:
+        matrix: reductions and coupling in one, (n, n) rows.
+    """
+
+    matrix: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """A torque effect that was added to the model.
+
+    Attributes:
+        effect: identifier of the catalogue.
+        joints: names of the joints it acts on.
+        parameters: values by name.
+        std_error: standard errors by name.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    parameters: dict[str, float] = field(default_factory=dict)
+    std_error: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One serial arm.
+
+    Attributes:
+        name: name for people.
+        convention: ``"standard"`` (distal) or ``"modified"`` (proximal, Craig/Khalil).
+        joints: base to tip.
+        gravity: in frame 0, (3,) [m/s^2].
+        base_xyz: position of frame 0 in the world [m].
+        base_rpy: roll, pitch, yaw of frame 0 in the world [rad].
+        links: numbers of the links to identify, 1-based; the others keep the prior's values.
+        path: file it was read from, None when made in code.
+        findings: what was noticed while reading.
+    """
+
+    name: str
+    convention: Literal["standard", "modified"]
+    joints: tuple[Joint, ...]
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    base_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    links: tuple[int, ...] = ()
+    torque: TorqueSource = TorqueSource()
+    driver: DriverSpec | None = None
+    simulator: JointMap | None = None
+    prior: Prior | None = None
+    tool: Body | None = None
+    coupling: Coupling | None = None
+    coulomb: Coulomb | None = None
+    effects: tuple[EffectSpec, ...] = ()
+    path: Path | None = field(default=None, compare=False)
+    findings: tuple[Finding, ...] = field(default=(), compare=False)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names, base to tip."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def log_names(self) -> tuple[str, ...]:
+        """Names of a log's columns in chain order."""
+        return self.driver.joint_names if self.driver and self.driver.joint_names else self.joint_names
+
+    @property
+    def slug(self) -> str:
+        """Name of the folder that its results go to."""
+        if self.path is not None:
+            return self.path.stem
+        return "".join(c if c.isalnum() else "_" for c in self.name.lower()).strip("_")
+
+    @property
+    def identified_links(self) -> tuple[int, ...]:
+        """Numbers of the links to identify, 1-based."""
+        return self.links or tuple(range(1, self.n + 1))
+
+    @property
+    def coulomb_shape(self) -> Coulomb:
+        """Shape of the Coulomb sign: the file's, or smooth within 0.01 rad/s (1 mm/s for a sliding joint)."""
+        return self.coulomb or Coulomb("smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints))
+
+    @cached_property
+    def model_key(self) -> str:
+        """Hash of everything the symbolic model depends on: geometry, gravity, columns; 16 hex digits."""
+        facts: dict[str, Any] = {
+            "convention": self.convention,
+            "gravity": self.gravity,
+            "links": self.identified_links,
+            "coupling": asdict(self.coupling) if self.coupling else None,
+            "coulomb": asdict(self.coulomb_shape),
+            "effects": [asdict(effect) for effect in self.effects],
+            "joints": [
+                (j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction) for j in self.joints
+            ],
+        }
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
