@@ -35,6 +35,7 @@ from dynid.robot import (
     Prior,
     Robot,
     TorqueSource,
+    rotation_rpy,
 )
 from dynid.units import ANGLE, FACTORS
 
@@ -202,18 +203,6 @@ def _base(value: Value | None, unit: str) -> tuple[tuple[float, float, float], t
 def _three(value: Value) -> tuple[float, float, float]:
     x, y, z = (item.number() for item in value.items(3))
     return x, y, z
-
-
-def rotation_rpy(rpy: tuple[float, float, float]) -> np.ndarray:
-    """Return the rotation matrix of fixed-axis roll, pitch, yaw (URDF), (3, 3)."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(x), math.sin(x)) for x in rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 def _gravity(

@@ -1,0 +1,24 @@
+"""Coulomb friction: fc sign(qd), the sign smooth or the paper's (Eq. 7: zero below a velocity limit)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.model.effects.interface import Column, Floats
+from dynid.robot import Coulomb
+
+
+def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
+    """Return the sign of a velocity as the robot file wants it, (B,).
+
+    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit.
+    """
+    limit = shape.velocity[joint]
+    if shape.shape == "smooth":
+        return np.tanh(qd / limit)
+    return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
+
+
+def coulomb_column(joint: int, shape: Coulomb, unit: str) -> Column:
+    """Return the column of fc for one joint (0-based)."""
+    return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)])

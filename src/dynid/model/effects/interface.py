@@ -1,0 +1,43 @@
+"""What a torque effect gives to the regressor: columns, each with a name, a unit and the joints it acts on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """A block of samples.
+
+    Attributes:
+        q: positions, (B, n) [rad or m].
+        qd: velocities, (B, n) [rad/s or m/s].
+        qdd: accelerations, (B, n) [rad/s^2 or m/s^2].
+    """
+
+    q: Floats
+    qd: Floats
+    qdd: Floats
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the regressor beyond the links' ten parameters and rotor inertia.
+
+    Attributes:
+        name: parameter name, such as ``fv3``.
+        unit: unit of the parameter.
+        rows: indices of the joints it acts on, 0-based.
+        evaluate: its entries in those rows for a block, each (B,).
+    """
+
+    name: str
+    unit: str
+    rows: tuple[int, ...]
+    evaluate: Callable[[State], list[Floats]]

@@ -1,0 +1,158 @@
+"""Run a straight-line program on many samples at once with NumPy, without generating code.
+
+The program is bound to a robot's geometry, constants are folded, registers are reused as soon as their value is dead,
+and then the list of array operations is run on blocks of samples small enough to stay in the processor's cache.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.program import ADD, MUL, NEG, SUB, Program
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: Samples a block: large enough to hide the cost of starting an array operation, small enough for the cache (benchmarks/speed.py).
+BLOCK = 2048
+
+_FOLD: dict[int, Callable[[float, float], float]] = {
+    ADD: lambda a, b: a + b,
+    SUB: lambda a, b: a - b,
+    MUL: lambda a, b: a * b,
+    NEG: lambda a, _: -a,
+}
+_UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}
+
+
+def geometry(robot: Robot) -> dict[str, float]:
+    """Return the value of every geometric input of the regressor's program by its name."""
+    values = {f"g{x}": g for x, g in zip("xyz", robot.gravity, strict=True)}
+    for i, joint in enumerate(robot.joints, start=1):
+        values |= {f"a{i}": joint.a, f"d{i}": joint.d, f"ca{i}": math.cos(joint.twist), f"sa{i}": math.sin(joint.twist)}
+        if not joint.revolute:
+            values |= {f"c{i}": math.cos(joint.theta_offset), f"s{i}": math.sin(joint.theta_offset)}
+    return values
+
+
+class Kernel:
+    """A program bound to one robot, ready to run on blocks of samples.
+
+    Args:
+        program: the straight-line program.
+        robot: the robot whose geometry is used.
+    """
+
+    def __init__(self, program: Program, robot: Robot) -> None:
+        self._program, self._robot = program, robot
+        fixed = geometry(robot)
+        self._value: list[float | None] = [fixed.get(name) for name in program.inputs]
+        self._value += [float(constant) for constant in program.constants]
+        self._moving = [(slot, name) for slot, name in enumerate(program.inputs) if self._value[slot] is None]
+        self.rows, self.cols, self.shape = program.rows, program.cols, program.shape
+        self._fold()
+        self._assign()
+
+    def _fold(self) -> None:
+        """Compute what does not move once."""
+        program = self._program
+        self._steps: list[tuple[int, int, int, int]] = []
+        for k in range(program.flops):
+            op, lhs, rhs = int(program.op[k]), int(program.lhs[k]), int(program.rhs[k])
+            a, b = self._value[lhs], 0.0 if op == NEG else self._value[rhs]
+            if a is not None and b is not None:
+                self._value.append(_FOLD[op](a, b))
+            else:
+                self._value.append(None)
+                self._steps.append((op, lhs, rhs, program.first + k))
+
+    def _assign(self) -> None:
+        """Give each moving slot a register; entries of the matrix are their own registers."""
+        program = self._program
+        entry: dict[int, int] = {}
+        self._copies: list[tuple[int, int]] = []
+        for e, slot in enumerate(program.outputs.tolist()):
+            if slot >= program.first and self._value[slot] is None and slot not in entry:
+                entry[slot] = e
+            else:
+                self._copies.append((e, slot))
+        last: dict[int, int] = {}
+        for k, (op, lhs, rhs, _) in enumerate(self._steps):
+            last[lhs] = k
+            if op != NEG:
+                last[rhs] = k
+        for _, slot in self._copies:
+            last[slot] = len(self._steps)
+        register = {slot: r for r, (slot, _) in enumerate(self._moving)}
+        free: list[int] = []
+        size = len(register)
+        for k, (op, lhs, rhs, out) in enumerate(self._steps):
+            for slot in {lhs} if op == NEG else {lhs, rhs}:
+                if last[slot] == k and slot in register:
+                    free.append(register[slot])
+            if out not in entry:
+                if not free:
+                    free.append(size)
+                    size += 1
+                register[out] = free.pop()
+        self._pool = np.empty((size, BLOCK))
+        self._entries = np.empty((len(program.outputs), BLOCK))
+
+        def place(slot: int) -> Any:
+            if self._value[slot] is not None:
+                return self._value[slot]
+            return self._entries[entry[slot]] if slot in entry else self._pool[register[slot]]
+
+        self._calls: list[tuple[Any, Any, Any, Any]] = []
+        for op, lhs, rhs, out in self._steps:
+            if op == NEG:
+                self._calls.append((np.multiply, place(lhs), -1.0, place(out)))
+            else:
+                self._calls.append((_UFUNC[op], place(lhs), place(rhs), place(out)))
+        self._loads = [(self._pool[register[slot]], name) for slot, name in self._moving]
+        self._copied = [(self._entries[e], place(slot)) for e, slot in self._copies]
+
+    def run(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the entries of the matrix for at most ``BLOCK`` samples.
+
+        Args:
+            q: positions, (B, n).
+            qd: velocities, (B, n).
+            qdd: accelerations, (B, n).
+
+        Returns:
+            Entries in the order of ``rows`` and ``cols``, (E, B); overwritten by the next call.
+        """
+        count = len(q)
+        for target, name in self._loads:
+            target[:count] = _moving_input(name, self._robot, q, qd, qdd)
+            target[count:] = 0.0
+        for ufunc, a, b, out in self._calls:
+            ufunc(a, b, out)
+        for target, source in self._copied:
+            target[:] = source
+        return self._entries[:, :count]
+
+    def blocks(self, q: Floats, qd: Floats, qdd: Floats) -> Iterator[tuple[slice, Floats]]:
+        """Yield (samples, entries) block by block; the entries are overwritten by the next block."""
+        for start in range(0, len(q), BLOCK):
+            part = slice(start, min(start + BLOCK, len(q)))
+            yield part, self.run(q[part], qd[part], qdd[part])
+
+
+def _moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return one input that varies with the motion."""
+    kind, index = name.rstrip("0123456789"), int(name[len(name.rstrip("0123456789")) :]) - 1
+    if kind == "qd":
+        return qd[:, index]
+    if kind == "qdd":
+        return qdd[:, index]
+    if kind == "q":
+        return q[:, index]
+    angle = q[:, index] + robot.joints[index].theta_offset
+    return np.cos(angle) if kind == "c" else np.sin(angle)

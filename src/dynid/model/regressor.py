@@ -1,0 +1,155 @@
+"""The model of one arm: the rigid-body program and the friction columns as one regressor (Paper Eq. 8).
+
+Columns are the 11 parameters of every identified link in the order of Table 5, then the friction columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.dynamics import derive, parameter_names
+from dynid.model.effects import Column, State, coupled_motor_columns, joint_columns
+from dynid.model.kernels import Kernel
+from dynid.model.program import Program
+from dynid.robot import LINK_PARAMETERS, Robot
+
+Floats = NDArray[np.float64]
+
+_UNIT = {"m": "kg", "mc": "kg m", "I": "kg m^2"}
+
+
+@dataclass(frozen=True)
+class Model:
+    """The regressor of one arm.
+
+    Attributes:
+        robot: the arm.
+        rigid: program of the 11 n rigid-body columns, (n, 11 n).
+    """
+
+    robot: Robot
+    rigid: Program
+
+    @cached_property
+    def extra(self) -> tuple[Column, ...]:
+        """Friction columns and those of coupled motors."""
+        return (*joint_columns(self.robot), *coupled_motor_columns(self.robot))
+
+    @cached_property
+    def link_columns(self) -> NDArray[np.intp]:
+        """Which of the 11 n rigid-body columns are parameters of this model: identified links, wanted rotor inertias."""
+        kept = [
+            11 * (link - 1) + p
+            for link in self.robot.identified_links
+            for p in range(11)
+            if p < 10 or self.robot.joints[link - 1].motor_inertia
+        ]
+        return np.array(kept, dtype=np.intp)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        names = parameter_names(self.robot.n)
+        return tuple(names[k] for k in self.link_columns) + tuple(column.name for column in self.extra)
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Unit of each parameter by name."""
+        units = {}
+        for name in self.parameter_names[: len(self.link_columns)]:
+            kind = name.rstrip("0123456789")
+            units[name] = _UNIT["m" if kind == "m" else "mc" if kind.startswith("mc") else "I"]
+            if kind == "Im" and not self.robot.joints[int(name[2:]) - 1].revolute:
+                units[name] = "kg"
+        return units | {column.name: column.unit for column in self.extra}
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return len(self.parameter_names)
+
+    def observer(self, columns: NDArray[np.intp] | None = None) -> Observer:
+        """Return an evaluator of the given columns (all when None), in that order."""
+        return Observer(self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp))
+
+    def regressor(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Evaluate the full regressor P on samples (Paper Eq. 8).
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+
+        Returns:
+            P with tau = P gamma, (N, n, c).
+        """
+        return self.observer().dense(q, qd, qdd)
+
+
+class Observer:
+    """Evaluates chosen columns of a model on samples, entry by entry or dense.
+
+    Attributes:
+        rows: joint of each non-zero entry, (E,).
+        cols: column of each entry among the chosen ones, (E,).
+        shape: joints and chosen columns.
+    """
+
+    def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
+        links = model.link_columns
+        rigid = columns < len(links)
+        self._kernel = Kernel(model.rigid.restricted(links[columns[rigid]]), model.robot)
+        self._extra = [model.extra[k - len(links)] for k in columns[~rigid]]
+        place = np.flatnonzero(rigid)
+        rows = [self._kernel.rows, *(np.array(column.rows) for column in self._extra)]
+        cols = [place[self._kernel.cols], *(np.full(len(c.rows), k) for c, k in zip(self._extra, np.flatnonzero(~rigid), strict=True))]
+        self.rows = np.concatenate(rows).astype(np.intp)
+        self.cols = np.concatenate(cols).astype(np.intp)
+        self.shape = (model.robot.n, len(columns))
+
+    def blocks(self, q: Floats, qd: Floats, qdd: Floats) -> Iterator[tuple[slice, Floats]]:
+        """Yield (samples, entries (E, B)) block by block."""
+        for part, entries in self._kernel.blocks(q, qd, qdd):
+            if self._extra:
+                state = State(q[part], qd[part], qdd[part])
+                entries = np.vstack([entries, *(entry for column in self._extra for entry in column.evaluate(state))])
+            yield part, entries
+
+    def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the chosen columns as one array, (N, n, p)."""
+        full = np.zeros((len(q), *self.shape))
+        for part, entries in self.blocks(q, qd, qdd):
+            full[part, self.rows, self.cols] = entries.T
+        return full
+
+    def torque(self, theta: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the torques of given parameters without storing the regressor.
+
+        Args:
+            theta: values of the chosen columns, (p,).
+            q: positions, (N, n).
+            qd: velocities, (N, n).
+            qdd: accelerations, (N, n).
+
+        Returns:
+            tau, (N, n) [N m or N].
+        """
+        spread = np.zeros((self.shape[0], len(self.rows)))
+        spread[self.rows, np.arange(len(self.rows))] = theta[self.cols]
+        tau = np.empty((len(q), self.shape[0]))
+        for part, entries in self.blocks(q, qd, qdd):
+            tau[part] = (spread @ entries).T
+        return tau
+
+
+def build_model(robot: Robot) -> Model:
+    """Derive the model of an arm from its DH table."""
+    return Model(robot, derive(robot)[0])
+
+
+__all__ = ["LINK_PARAMETERS", "Model", "Observer", "build_model"]
