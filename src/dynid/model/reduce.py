@@ -1,0 +1,144 @@
+"""Base parameters by singular values: which columns stand alone, which vanish, which only count together (Eq. 13).
+
+The regressor is evaluated at random states of the arm, never on a measured motion: what the structure of the arm allows
+is one question, what a log excites is another. Columns are normalised first; without that slow motions hide the gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.regressor import Model
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+#: A column whose norm is below this share of the largest one is rounding noise.
+ZERO_COLUMN = 1e-10
+#: A normalised column left with less than this after projection on the ones before it depends on them. On random
+#: states the kept singular values end at about 0.2 and the dropped ones begin at 5e-15, so anything between serves.
+DEPENDENT = 1e-9
+#: Coefficients of a relation below this share of the largest one are rounding noise.
+ZERO_COEFFICIENT = 1e-9
+#: Speeds and accelerations of the random states, standard deviation [rad/s, rad/s^2]: large enough that no column is small.
+SPREAD = 2.0
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """The base parameters of a model: theta = K gamma and tau = P[:, base] theta.
+
+    Attributes:
+        names: names of all c columns.
+        base: indices of the p representatives: the leftmost independent columns in the order of Table 5.
+        K: how the base parameters combine all parameters, (p, c); the identity at ``base``.
+        alone: names of parameters identifiable alone (X_i).
+        none: names of parameters that no motion shows (X_ni).
+        combined: names of parameters identifiable only in linear combinations (X_1 and X_2).
+        singular_values: of the stacked, normalised regressor, (c,).
+        gap: smallest kept over largest dropped singular value; infinity when nothing was dropped.
+        method: ``"svd"`` or ``"exact"``.
+    """
+
+    names: tuple[str, ...]
+    base: Ints
+    K: Floats
+    alone: tuple[str, ...]
+    none: tuple[str, ...]
+    combined: tuple[str, ...]
+    singular_values: Floats
+    gap: float
+    method: str
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.base)
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Names of the base parameters; a combination is called after its representative with an R: ``Ixx2R``."""
+        single = set(self.alone)
+        return tuple(self.names[k] if self.names[k] in single else f"{self.names[k]}R" for k in self.base)
+
+    def terms(self, row: int) -> dict[str, float]:
+        """Return the parameters in one base parameter with their coefficients."""
+        return {self.names[k]: float(self.K[row, k]) for k in np.flatnonzero(self.K[row])}
+
+    def class_of(self, name: str) -> str:
+        """Return the class of a parameter: alone, combined or none."""
+        return "alone" if name in self.alone else "none" if name in self.none else "combined"
+
+
+def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
+    """Return random positions, velocities and accelerations, each (count, n)."""
+    rng = np.random.default_rng(seed)
+    reach = np.array([np.pi if joint.revolute else 1.0 for joint in robot.joints])
+    q = rng.uniform(-reach, reach, (count, robot.n))
+    qd, qdd = rng.normal(0.0, SPREAD, (2, count, robot.n))
+    return q, qd, qdd
+
+
+def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+    """Find the base parameters of a model by singular values on random states.
+
+    Args:
+        model: the model.
+        samples: number of random states.
+        seed: seed of the random states.
+        tolerance: relative size below which a normalised column counts as dependent.
+
+    Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
+    """
+    samples = max(samples, -(-2 * model.size // model.robot.n))
+    W = model.regressor(*random_states(model.robot, samples, seed)).reshape(-1, model.size)
+    norms = np.linalg.norm(W, axis=0)
+    present = norms > ZERO_COLUMN * norms.max()
+    scale = np.where(present, norms, 1.0)
+    W = np.where(present, W / scale, 0.0)
+    values, Vt = np.linalg.svd(W, full_matrices=False)[1:]
+    rank = int(np.sum(values > tolerance * values[0]))
+    gap = float(values[rank - 1] / values[rank]) if rank < model.size and values[rank] > 0 else np.inf
+    base, K = _regroup(W, present, tolerance)
+    K = K * scale / scale[base][:, None]
+    K[np.abs(K) < ZERO_COEFFICIENT * np.abs(K).max(axis=1, keepdims=True)] = 0.0
+    mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
+    names = model.parameter_names
+    pick = [(names[k], bool(present[k]), bool(mixed[k])) for k in range(model.size)]
+    return Reduction(
+        names=names,
+        base=base,
+        K=K,
+        alone=tuple(name for name, there, mix in pick if there and not mix),
+        none=tuple(name for name, there, _ in pick if not there),
+        combined=tuple(name for name, there, mix in pick if there and mix),
+        singular_values=values,
+        gap=gap,
+        method="svd",
+    )
+
+
+def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[Ints, Floats]:
+    """Return the leftmost independent columns and how the others are made of them, for normalised columns.
+
+    Gram-Schmidt from left to right, twice each: the second pass removes what rounding left of the first.
+    """
+    R = np.linalg.qr(W, mode="r")
+    Q = np.empty((R.shape[0], 0))
+    base: list[int] = []
+    for k in np.flatnonzero(present):
+        rest = R[:, k] - Q @ (Q.T @ R[:, k])
+        rest -= Q @ (Q.T @ rest)
+        size = np.linalg.norm(rest)
+        if size > tolerance:
+            base.append(int(k))
+            Q = np.column_stack([Q, rest / size])
+    chosen = np.array(base, dtype=np.intp)
+    K = np.linalg.lstsq(R[:, chosen], R, rcond=None)[0]
+    K[:, chosen] = np.eye(len(chosen))
+    K[:, ~present] = 0.0
+    return chosen, K

@@ -1,0 +1,162 @@
+"""regressor.npz and fullregressor.npz: the model of loop 1 on disk, keyed by the content of the robot file.
+
+The program is stored as integer arrays; loading it builds no code.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynid.errors import NotAnArtifact
+from dynid.files.artifact import Artifact, read_artifact, read_header, write_artifact
+from dynid.model.program import Program
+from dynid.model.reduce import Reduction, reduce
+from dynid.model.regressor import Model
+from dynid.robot import Robot
+
+REGRESSOR = "dynid/regressor/1"
+FULL = "dynid/fullregressor/1"
+#: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
+DERIVATION = 1
+
+
+@dataclass(frozen=True)
+class BaseModel:
+    """A model with its base parameters.
+
+    Attributes:
+        model: the full regressor.
+        reduction: the base parameters.
+    """
+
+    model: Model
+    reduction: Reduction
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.model.robot
+
+
+def key_of(robot: Robot) -> str:
+    """Return the key of a robot's model: content of the robot file and version of the derivation."""
+    return f"{robot.model_key}-{DERIVATION}"
+
+
+def paths(out: Path) -> tuple[Path, Path]:
+    """Return the paths of regressor.npz and fullregressor.npz in a folder."""
+    return out / "regressor.npz", out / "fullregressor.npz"
+
+
+def stored_key(path: Path) -> str | None:
+    """Return the key in a stored model, None when there is none."""
+    header = read_header(path) if path.is_file() else None
+    return str(header["key"]) if header and "key" in header else None
+
+
+def _header(robot: Robot, **facts: Any) -> dict[str, Any]:
+    geometry = [[j.type, j.a, j.twist, j.d, j.theta_offset] for j in robot.joints]
+    return {"key": key_of(robot), "robot": robot.name, "joints": list(robot.joint_names), "geometry": geometry,
+            "convention": robot.convention, "gravity": list(robot.gravity), **facts}  # fmt: skip
+
+
+def save_model(path: Path, model: Model) -> None:
+    """Write regressor.npz."""
+    p = model.rigid
+    arrays = {"op": p.op, "lhs": p.lhs, "rhs": p.rhs, "rows": p.rows, "cols": p.cols, "outputs": p.outputs}
+    header = _header(
+        model.robot,
+        inputs=list(p.inputs),
+        constants=list(p.constants),
+        shape=list(p.shape),
+        parameters=list(model.parameter_names),
+        operations=p.flops,
+    )
+    write_artifact(path, Artifact(REGRESSOR, header, arrays))
+
+
+def load_model(path: Path, robot: Robot) -> Model:
+    """Read regressor.npz of a robot."""
+    artifact = read_artifact(path, REGRESSOR)
+    h, a = artifact.header, artifact.arrays
+    try:
+        program = Program(
+            tuple(str(name) for name in h["inputs"]),
+            tuple(int(value) for value in h["constants"]),
+            a["op"], a["lhs"], a["rhs"], a["rows"], a["cols"], a["outputs"],
+            (int(h["shape"][0]), int(h["shape"][1])),
+        )  # fmt: skip
+    except (KeyError, ValueError, IndexError, TypeError) as error:
+        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+    return Model(robot, program)
+
+
+def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
+    """Write fullregressor.npz."""
+    header = _header(
+        model.robot,
+        parameters=list(reduction.names),
+        base=list(reduction.base_names),
+        rank=reduction.rank,
+        alone=list(reduction.alone),
+        none=list(reduction.none),
+        combined=list(reduction.combined),
+        gap=reduction.gap if np.isfinite(reduction.gap) else None,
+        method=reduction.method,
+    )
+    arrays = {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
+    write_artifact(path, Artifact(FULL, header, arrays))
+
+
+def load_reduction(path: Path) -> Reduction:
+    """Read fullregressor.npz."""
+    artifact = read_artifact(path, FULL)
+    h, a = artifact.header, artifact.arrays
+    try:
+        return Reduction(
+            names=tuple(h["parameters"]),
+            base=a["base"].astype(np.intp),
+            K=a["K"],
+            alone=tuple(h["alone"]),
+            none=tuple(h["none"]),
+            combined=tuple(h["combined"]),
+            singular_values=a["singular_values"],
+            gap=np.inf if h["gap"] is None else float(h["gap"]),
+            method=str(h["method"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+
+
+def obtain_model(robot: Robot, out: Path, *, rebuild: bool = False) -> tuple[Model, float | None]:
+    """Return the model of a robot from the folder, or derive and write it.
+
+    Returns:
+        The model and the seconds of the derivation, None when the stored one was used.
+    """
+    path = paths(out)[0]
+    if not rebuild and stored_key(path) == key_of(robot):
+        return load_model(path, robot), None
+    from dynid.model.regressor import build_model
+
+    start = time.perf_counter()
+    model = build_model(robot)
+    seconds = time.perf_counter() - start
+    save_model(path, model)
+    return model, seconds
+
+
+def obtain_base_model(robot: Robot, out: Path, *, rebuild: bool = False, samples: int = 200) -> BaseModel:
+    """Return model and base parameters of a robot from the folder, or make and write what is missing or stale."""
+    model, seconds = obtain_model(robot, out, rebuild=rebuild)
+    path = paths(out)[1]
+    if seconds is None and stored_key(path) == key_of(robot):
+        return BaseModel(model, load_reduction(path))
+    reduction = reduce(model, samples=samples)
+    save_reduction(path, model, reduction)
+    return BaseModel(model, reduction)
