@@ -33,6 +33,7 @@ class Log:
         topic: ROS topic, or "".
         tau_unit: "Nm" or "A", as far as the file says; "" when it does not.
         motor_side: whether q and tau are on the motor side of the gears.
+        dh: whether the columns are DH quantities of the robot already, in its joint order and SI units.
         findings: what was noticed while reading.
         extra: further arrays, such as the commanded positions ``q_ref`` (N, n).
     """
@@ -47,6 +48,7 @@ class Log:
     topic: str = ""
     tau_unit: str = ""
     motor_side: bool = False
+    dh: bool = False
     findings: tuple[Finding, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
 

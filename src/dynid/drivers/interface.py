@@ -1,0 +1,101 @@
+"""The port to a robot driver: which topic holds the joint states, what of it to believe."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Mapping
+from typing import ClassVar
+
+from dynid.errors import Finding, TopicMissing, WrongMessageType
+from dynid.log import Log
+from dynid.robot import Robot
+
+JOINT_STATE = "sensor_msgs/JointState"
+
+
+class Driver(ABC):
+    """Facts about one robot driver; the generic driver knows none.
+
+    Attributes:
+        kind: its name in the robot file.
+        default_topics: endings of the topics it publishes joint states on, the best first.
+        velocity_trusted: whether the reported velocity is what the joint does.
+        rate_fix: how to make it publish faster.
+        gravity_fix: how to make it publish the whole torque.
+    """
+
+    kind: ClassVar[str]
+    default_topics: ClassVar[tuple[str, ...]] = ("joint_states", "joint_state")
+    velocity_trusted: ClassVar[bool] = True
+    rate_fix: ClassVar[str] = "raise the driver's publishing rate"
+    gravity_fix: ClassVar[str] = (
+        "make the driver publish the measured torque, or say `torque: {source: gravity_free}` in the robot file"
+    )
+
+    def ignores(self, name: str) -> bool:
+        """Return whether a column is known not to be a joint of the arm."""
+        return False
+
+    def choose_topic(self, topics: Mapping[str, str], asked: str | None, robot: Robot, bag: str) -> str:
+        """Return the topic to read.
+
+        Args:
+            topics: message type of every topic in the bag.
+            asked: the topic that the user named, None to choose.
+            robot: the robot, whose file may name a topic.
+            bag: name of the bag, for messages.
+
+        Raises:
+            TopicMissing: the topic is not there, or several could be meant.
+            WrongMessageType: the topic does not hold joint states.
+        """
+        wanted = asked or (robot.driver.topic if robot.driver else None)
+        states = [name for name, kind in topics.items() if kind == JOINT_STATE]
+        if wanted is None:
+            return self._default_topic(states, topics, bag)
+        if wanted not in topics:
+            better = f"--topic {states[0]}" if len(states) == 1 else "name one of them with --topic"
+            raise TopicMissing(f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}", where=bag, fix=better)
+        if topics[wanted] != JOINT_STATE:
+            self.refuse_type(wanted, topics, bag)
+        return wanted
+
+    def refuse_type(self, topic: str, topics: Mapping[str, str], bag: str) -> None:
+        """Raise when the topic's messages cannot be used, naming the topic that can."""
+        states = [name for name, kind in topics.items() if kind == JOINT_STATE]
+        note = self.type_note(topics[topic])
+        instead = f"; use {states[0]}" if states else f"; {bag} has no {JOINT_STATE} topic"
+        fix = f"--topic {states[0]}" if states else "record the driver's joint state topic"
+        raise WrongMessageType(f"{topic} is {topics[topic]}{note}{instead}", where=bag, fix=fix)
+
+    def type_note(self, kind: str) -> str:
+        """Return what is wrong with a message type, in brackets, or an empty text."""
+        return ""
+
+    def findings(self, log: Log, robot: Robot) -> tuple[Finding, ...]:
+        """Return what is worth knowing about a log of this driver."""
+        return ()
+
+    def _default_topic(self, states: list[str], topics: Mapping[str, str], bag: str) -> str:
+        known = [name for ending in self.default_topics for name in states if name.endswith(ending)]
+        if len(states) == 1 or len(set(known)) == 1:
+            return known[0] if known else states[0]
+        if not states:
+            raise TopicMissing(
+                f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}",
+                where=bag,
+                fix="record the driver's joint state topic",
+            )
+        raise TopicMissing(
+            f"{bag} has several joint state topics: {', '.join(states)}",
+            where=bag,
+            fix=f"name one of them: --topic {states[0]}",
+        )
+
+
+def _listed(topics: Mapping[str, str]) -> str:
+    shown = [f"{name} ({kind.split('/')[-1]})" for name, kind in topics.items()]
+    # Why: a bag of a whole robot has a hundred topics; joint states are what is looked for.
+    shown.sort(key=lambda text: "JointState)" not in text)
+    more = f" and {len(shown) - 8} more" if len(shown) > 8 else ""
+    return (", ".join(shown[:8]) + more) if shown else "no messages"

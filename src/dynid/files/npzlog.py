@@ -1,0 +1,116 @@
+"""The .npz log: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header; also plain npz files of other people.
+
+A plain file has no header: the order of its columns is assumed to be the robot's (finding W320). ``q_motor`` and
+``tau_motor`` in the place of ``q`` and ``tau`` say that the numbers are on the motor side of the gears.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid import __version__
+from dynid.errors import LogLayout, LogNotFound, NewerSchema
+from dynid.files.artifact import HEADER, Artifact, sha256, write_artifact
+from dynid.log import Log
+
+Floats = NDArray[np.float64]
+SCHEMA = "dynid/log/1"
+
+
+def read_npz_log(path: Path) -> Log:
+    """Read an .npz log; the columns of a plain file have no names.
+
+    Raises:
+        LogNotFound: not an .npz file, or a dynid result of another kind.
+        NewerSchema: written by a newer dynid.
+        LogLayout: arrays are missing or their sizes differ.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header: dict[str, Any] = json.loads(str(arrays.pop(HEADER))) if HEADER in arrays else {}
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise LogNotFound(f"{path.name} is not an .npz log, or is damaged", where=str(path)) from error
+    if header:
+        _check_schema(path, header)
+    motor = "q_motor" in arrays
+    position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
+    for key in ("t", position, torque):
+        if key not in arrays:
+            have = ", ".join(sorted(arrays)) or "no arrays"
+            raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
+    t = _floats(path, "t", arrays["t"]).reshape(-1)
+    shape = (len(t), _floats(path, position, arrays[position]).reshape(len(t), -1).shape[1]) if len(t) else (0, 0)
+    columns = {
+        key: _columns(path, key, arrays[key], shape) for key in (position, torque, "qd", "q_ref") if key in arrays
+    }
+    names = tuple(str(name) for name in header.get("names", ()))
+    if names and len(names) != shape[1]:
+        raise LogLayout(f"{path.name} names {len(names)} joints but has {shape[1]} columns", where=str(path))
+    return Log(
+        t=t,
+        q=columns[position],
+        tau=columns[torque],
+        names=names,
+        qd=columns.get("qd"),
+        source=path,
+        sha256=sha256(path),
+        topic=str(header.get("topic", "")),
+        tau_unit=str(header.get("units", {}).get("tau", "")),
+        motor_side=motor or bool(header.get("motor_side", False)),
+        dh=bool(header.get("dh", False)),
+        extra={"q_ref": columns["q_ref"]} if "q_ref" in columns else {},
+    )
+
+
+def write_log(path: Path, log: Log) -> None:
+    """Write a log whole, with names and units in the header."""
+    arrays: dict[str, Any] = {"t": log.t, "q": log.q, "tau": log.tau}
+    if log.qd is not None:
+        arrays["qd"] = log.qd
+    if "q_ref" in log.extra:
+        arrays["q_ref"] = log.extra["q_ref"]
+    header = {
+        "names": list(log.names),
+        "units": {"t": "s", "tau": log.tau_unit},
+        "topic": log.topic,
+        "motor_side": log.motor_side,
+        "dh": log.dh,
+        "source": {"file": log.source.name if log.source else "", "sha256": log.sha256},
+        "findings": [{"code": f.code, "level": f.level, "text": f.text} for f in log.findings],
+    }
+    write_artifact(path, Artifact(SCHEMA, header, arrays))
+
+
+def _check_schema(path: Path, header: dict[str, Any]) -> None:
+    schema = str(header.get("schema", ""))
+    kind, _, number = schema.rpartition("/")
+    if kind == "dynid/log" and number.isdigit() and int(number) > 1:
+        writer = header.get("dynid", "?")
+        raise NewerSchema(
+            f"{path.name} was written by dynid {writer} (schema {number}); this is {__version__}; upgrade",
+            where=str(path),
+        )
+    if schema != SCHEMA:
+        raise LogNotFound(f"{path.name} holds {schema or 'something else'}, not a log", where=str(path))
+
+
+def _floats(path: Path, key: str, array: NDArray[Any]) -> Floats:
+    if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array) or not array.size:
+        raise LogLayout(f"{path.name}: array '{key}' holds no numbers", where=str(path))
+    return array.astype(float)
+
+
+def _columns(path: Path, key: str, array: NDArray[Any], shape: tuple[int, int]) -> Floats:
+    values = _floats(path, key, array)
+    if values.ndim == 1 and shape[1] == 1:
+        values = values[:, None]
+    if values.shape != shape:
+        raise LogLayout(f"{path.name}: array '{key}' is {values.shape}, expected {shape}", where=str(path))
+    return values

@@ -1,0 +1,198 @@
+"""Text logs: the paper's folder of position.txt, velocity.txt, torque.txt, and CSV with one column a quantity.
+
+Reads text, writes nothing. One row a sample, one column a joint; white space or commas; an optional line of names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import LogLayout, LogNotFound, WrongUsage
+from dynid.files.artifact import sha256
+from dynid.log import Log
+
+Floats = NDArray[np.float64]
+
+#: Names of a column that is time.
+TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
+_SPLIT = re.compile(r"[,;\s]+")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One text file.
+
+    Attributes:
+        path: the file.
+        names: header words, () without header.
+        values: (N, columns).
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    values: Floats
+
+
+def read_folder(path: Path, rate: float | None = None) -> Log:
+    """Read the paper's text files from a folder.
+
+    Args:
+        path: folder with position.txt, torque.txt and, if recorded, velocity.txt and time.txt.
+        rate: samples per second where no file has the time [Hz].
+
+    Raises:
+        LogNotFound: position.txt or torque.txt is not there.
+        LogLayout: rows or columns do not agree.
+        WrongUsage: nothing tells the time.
+    """
+    for name in ("position.txt", "torque.txt"):
+        if not (path / name).is_file():
+            raise LogNotFound(f"{path} has no {name}", where=str(path))
+    position = _read_table(path / "position.txt")
+    t, position = _time(path, position, rate)
+    tables = {"position": position}
+    for key in ("velocity", "torque"):
+        if (path / f"{key}.txt").is_file():
+            tables[key] = _without_time(_read_table(path / f"{key}.txt"))
+    names = next((table.names for table in tables.values() if table.names), ())
+    for table in tables.values():
+        _check_rows(table, len(t))
+    arrays = {key: _in_order(table, names, position.values.shape[1]) for key, table in tables.items()}
+    return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path, sha256=sha256(path))
+
+
+def read_csv(path: Path, rate: float | None = None) -> Log:
+    """Read a CSV log: t, q_<name>, optional qd_<name>, and tau_<name> (or i_<name> for currents in A)."""
+    table = _read_table(path)
+    if not table.names:
+        raise LogLayout(f"{path.name}:1: no header; expected t, q_<joint>, tau_<joint>", where=f"{path}:1")
+    columns = {name: table.values[:, i] for i, name in enumerate(table.names)}
+    time = next((name for name in table.names if name.lower() in TIME_NAMES), None)
+    if time is None and rate is None:
+        raise LogLayout(
+            f"{path.name}:1: no column 't'; it has {', '.join(table.names)}",
+            where=f"{path}:1",
+            fix="add the column t, or give --rate",
+        )
+    names = tuple(name[2:] for name in table.names if name.startswith("q_"))
+    if not names:
+        raise LogLayout(f"{path.name}:1: no column q_<joint>; it has {', '.join(table.names)}", where=f"{path}:1")
+    torque = "tau" if f"tau_{names[0]}" in columns else "i"
+    for name in names:
+        if f"{torque}_{name}" not in columns:
+            missing = f"tau_{name}"
+            raise LogLayout(f"{path.name}:1: joint '{name}' has q_{name} but no {missing}", where=f"{path}:1")
+    measured = all(f"qd_{name}" in columns for name in names)
+    n_rows = len(table.values)
+    t = columns[time] if time is not None else np.arange(n_rows) / _positive(rate)
+    return Log(
+        t,
+        np.column_stack([columns[f"q_{name}"] for name in names]),
+        np.column_stack([columns[f"{torque}_{name}"] for name in names]),
+        names,
+        np.column_stack([columns[f"qd_{name}"] for name in names]) if measured else None,
+        source=path,
+        sha256=sha256(path),
+        tau_unit="A" if torque == "i" else "",
+    )
+
+
+def _read_table(path: Path) -> Table:
+    """Read one text file; its first line may hold names."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+    except UnicodeDecodeError as error:
+        raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
+    lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    names: tuple[str, ...] = ()
+    if lines and not _is_numbers(lines[0][1].lstrip("#% ")):
+        names = tuple(_words(lines[0][1].lstrip("#% ")))
+        lines = lines[1:]
+    rows = [(i, line) for i, line in lines if line[0] not in "#%"]
+    if not rows:
+        raise LogLayout(f"{path.name} has no samples", where=str(path))
+    width = len(names) or len(_words(rows[0][1]))
+    return Table(path, names, np.array([_row(path, i, line, width) for i, line in rows], dtype=float))
+
+
+def _words(line: str) -> list[str]:
+    """Split at commas if there are any (an empty cell stays a cell), else at white space."""
+    if "," in line or ";" in line:
+        return [word.strip().strip('"') for word in re.split("[,;]", line.rstrip(",; "))]
+    return _SPLIT.split(line)
+
+
+def _is_numbers(line: str) -> bool:
+    try:
+        _ = [float(word) for word in _words(line) if word]
+    except ValueError:
+        return False
+    return True
+
+
+def _row(path: Path, number: int, line: str, width: int) -> list[float]:
+    words = _words(line)
+    if len(words) != width:
+        raise LogLayout(f"{path.name}:{number}: {len(words)} numbers, expected {width}", where=f"{path}:{number}")
+    try:
+        return [float(word) if word else float("nan") for word in words]
+    except ValueError:
+        bad = next(word for word in words if not _is_numbers(word))
+        raise LogLayout(f"{path.name}:{number}: '{bad}' is not a number", where=f"{path}:{number}") from None
+
+
+def _time(path: Path, position: Table, rate: float | None) -> tuple[Floats, Table]:
+    """Return the time and the position table without its time column."""
+    if (path / "time.txt").is_file():
+        time = _read_table(path / "time.txt")
+        _check_rows(time, len(position.values))
+        return time.values[:, 0], _without_time(position)
+    if position.names and position.names[0].lower() in TIME_NAMES:
+        return position.values[:, 0], _without_time(position)
+    if rate is None:
+        raise WrongUsage(
+            f"{path} has no time.txt and position.txt no time column",
+            where=str(path),
+            why="derivatives need the time of each sample",
+            fix="give the sample rate: --rate 100",
+        )
+    return np.arange(len(position.values)) / _positive(rate), position
+
+
+def _positive(rate: float | None) -> float:
+    if rate is None or not np.isfinite(rate) or rate <= 0:
+        raise WrongUsage(f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100")
+    return rate
+
+
+def _without_time(table: Table) -> Table:
+    if table.names and table.names[0].lower() in TIME_NAMES:
+        return Table(table.path, table.names[1:], table.values[:, 1:])
+    return table
+
+
+def _check_rows(table: Table, rows: int) -> None:
+    if len(table.values) != rows:
+        raise LogLayout(f"{table.path.name} has {len(table.values)} rows, expected {rows}", where=str(table.path))
+
+
+def _in_order(table: Table, names: Sequence[str], width: int) -> Floats:
+    """Return the columns in the order of ``names``; a file without header has the order of the others."""
+    if table.values.shape[1] != width:
+        raise LogLayout(
+            f"{table.path.name} has {table.values.shape[1]} columns, position.txt {width}", where=str(table.path)
+        )
+    if not table.names or tuple(table.names) == tuple(names):
+        return table.values
+    missing = [name for name in names if name not in table.names]
+    if missing:
+        raise LogLayout(f"{table.path.name}:1: no column '{missing[0]}'", where=f"{table.path}:1")
+    return table.values[:, [table.names.index(name) for name in names]]

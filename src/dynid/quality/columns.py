@@ -1,0 +1,162 @@
+"""A driver's columns -> DH quantities of one robot: by name, in SI units, with sign, offset and coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers import driver_of
+from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
+from dynid.log import Log
+from dynid.robot import Robot
+from dynid.units import EFFORT, POSITION, VELOCITY
+
+Floats = NDArray[np.float64]
+
+
+def matched(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
+    """Return the column of each joint of the robot, and the names of the columns that are left over.
+
+    Raises:
+        JointCountDiffers: the log has fewer columns than the robot has joints.
+        JointNamesDiffer: names of the robot file are not in the log.
+    """
+    if not log.names:
+        if log.n != robot.n:
+            raise JointCountDiffers(f"{_file(log)} has {log.n} joints, {robot.name} has {robot.n}", where=_file(log))
+        return list(range(robot.n)), []
+    for names in (robot.log_names, robot.joint_names):
+        if set(names) <= set(log.names):
+            return [log.names.index(name) for name in names], [name for name in log.names if name not in names]
+    raise _differ(log, robot)
+
+
+def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
+    driver = driver_of(robot)
+    joints = [name for name in log.names if not driver.ignores(name)]
+    if len(joints) < robot.n:
+        return JointCountDiffers(
+            f"{_file(log)} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}", where=_file(log)
+        )
+    missing = [name for name in robot.log_names if name not in log.names]
+    lost = f"{_short(missing)} " if len(missing) < robot.n else ""
+    names = f"[{', '.join(joints[: robot.n])}]"
+    return JointNamesDiffer(
+        f"{_file(log)} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
+        + (f"; missing: {lost.strip()}" if lost else ""),
+        where=_file(log),
+        fix=f"map them in chain order under `driver:` in {robot.path or 'the robot file'}: joint_names: {names}",
+    )
+
+
+def _short(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+
+
+def _file(log: Log) -> str:
+    return log.source.name if log.source else "the log"
+
+
+def units(log: Log, robot: Robot) -> dict[str, str]:
+    """Return the units of the log's columns: the robot file's, SI for a log that is in DH quantities already."""
+    found = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+    if robot.driver and not log.dh:
+        found |= robot.driver.units
+    if log.tau_unit == "A" and found["effort"] not in ("A", "mA"):
+        found["effort"] = "A"
+    return found
+
+
+def in_amperes(log: Log, robot: Robot) -> bool:
+    """Return whether the effort column is a motor current."""
+    if log.dh:
+        return log.tau_unit == "A"
+    return units(log, robot)["effort"] in ("A", "mA") or robot.torque.source == "motor_current"
+
+
+def selected(log: Log, robot: Robot) -> Log:
+    """Return the log with the robot's columns only, in chain order, still in the driver's quantities."""
+    columns, _ = matched(log, robot)
+    extra = {key: value[:, columns] if key == "q_ref" else value for key, value in log.extra.items()}
+    qd = log.qd[:, columns] if log.qd is not None else None
+    return replace(log, q=log.q[:, columns], tau=log.tau[:, columns], qd=qd, names=robot.joint_names, extra=extra)
+
+
+def in_si(log: Log, robot: Robot) -> Log:
+    """Return a log of the robot's columns in SI units (a current stays in A)."""
+    unit = units(log, robot)
+    turning = np.array([joint.revolute for joint in robot.joints])
+
+    def factor(name: str, table: dict[str, float]) -> Floats:
+        # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
+        angular = name in ("rad", "deg", "rad/s", "deg/s", "rpm")
+        return np.where(turning == angular, table[name], 1.0)
+
+    position = factor(unit["position"], POSITION)
+    extra = {key: value * position if key == "q_ref" else value for key, value in log.extra.items()}
+    return replace(
+        log,
+        q=log.q * position,
+        qd=log.qd * factor(unit["velocity"], VELOCITY) if log.qd is not None else None,
+        tau=log.tau * EFFORT[unit["effort"]],
+        tau_unit="A" if in_amperes(log, robot) else "Nm",
+        extra=extra,
+    )
+
+
+def to_dh(log: Log, robot: Robot) -> Log:
+    """Return a log in SI units as DH quantities: gain, coupling, then sign and offset.
+
+    q_motor = M q and tau_joint = M^T tau_motor undo the gears; q_dh = sign q + offset and tau_dh = sign tau follow.
+
+    Raises:
+        LogLayout: motor-side numbers, but the robot file has no coupling.
+    """
+    if log.dh:
+        return log
+    tau, unit = _with_gain(log, robot)
+    q, qd, reference = log.q, log.qd, log.extra.get("q_ref")
+    if robot.coupling is not None:
+        matrix = np.array(robot.coupling.matrix)
+        back = np.linalg.inv(matrix).T
+        q, tau = q @ back, tau @ matrix
+        qd = qd @ back if qd is not None else None
+        reference = reference @ back if reference is not None else None
+    elif log.motor_side:
+        raise LogLayout(
+            f"{_file(log)} holds motor positions and torques, but the robot file has no gear ratios",
+            where=_file(log),
+            fix="add `coupling: {reduction: [...]}` to the robot file",
+        )
+    sign, offset = _map(robot)
+    extra = dict(log.extra)
+    if reference is not None:
+        extra["q_ref"] = reference * sign + offset
+    return replace(
+        log, q=q * sign + offset, tau=tau * sign, qd=qd * sign if qd is not None else None,
+        tau_unit=unit, motor_side=False, dh=True, extra=extra,
+    )  # fmt: skip
+
+
+def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
+    """Return which joints' torques a motor's torque goes into, (n motors, n joints)."""
+    if robot.coupling is None:
+        return np.eye(robot.n, dtype=bool)
+    return np.array(robot.coupling.matrix) != 0.0
+
+
+def _map(robot: Robot) -> tuple[Floats, Floats]:
+    if robot.driver is None:
+        return np.ones(robot.n), np.zeros(robot.n)
+    return np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
+
+
+def _with_gain(log: Log, robot: Robot) -> tuple[Floats, str]:
+    """Return torques where every gain is known, else the currents."""
+    gain = robot.torque.gain
+    if log.tau_unit != "A" or gain is None or any(value is None for value in gain):
+        return log.tau, log.tau_unit
+    return log.tau * np.array(gain, dtype=float), "Nm"
