@@ -171,5 +171,6 @@ def _bullet() -> Any:  # noqa: ANN401 - the module has no types
     try:
         import pybullet
     except ImportError as error:
-        raise PackageMissing("pybullet is not installed", fix="pip install pybullet, on Python 3.11 or older") from error
+        fix = "pip install pybullet, with Python 3.11 or older"
+        raise PackageMissing("pybullet is not installed", fix=fix) from error
     return pybullet
