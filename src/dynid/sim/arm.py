@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
-from dynid.files.robotfile import rotation_rpy
-from dynid.robot import Body, Limits, Robot
+from dynid.robot import Body, Limits, Robot, rotation_rpy
 from dynid.sim.urdf import write_urdf
 
 Floats = NDArray[np.float64]

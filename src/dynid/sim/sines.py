@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken
-from dynid.files.robotfile import rotation_rpy
 from dynid.motion import Motion
-from dynid.robot import Joint, Robot
+from dynid.robot import Joint, Robot, rotation_rpy
 from dynid.sim.urdf import after, before
 
 Floats = NDArray[np.float64]

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files.artifact import write_text
-from dynid.files.robotfile import rotation_rpy
 from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
-from dynid.robot import Body, Joint, Robot
+from dynid.robot import Body, Joint, Robot, rotation_rpy
 
 Floats = NDArray[np.float64]
 
