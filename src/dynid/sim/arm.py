@@ -1,0 +1,175 @@
+"""One arm in PyBullet that is stepped by joint torques, with friction and rotor inertia that Bullet does not know.
+
+Nothing here uses dynid's own equations of motion. Bullet's damping is off and its inertias are the given ones.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import PackageMissing
+from dynid.robot import Body, Limits, Robot, rotation_rpy
+from dynid.sim.urdf import write_urdf
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction of all joints: viscous * qd + coulomb * tanh(qd / velocity) + offset.
+
+    Attributes:
+        viscous: (n,) [N m s/rad or N s/m].
+        coulomb: (n,) [N m or N].
+        offset: (n,) [N m or N].
+        velocity: where the Coulomb part has reached 76 % of its size, (n,) [rad/s or m/s].
+    """
+
+    viscous: tuple[float, ...]
+    coulomb: tuple[float, ...]
+    offset: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+    @classmethod
+    def none(cls, n: int) -> Friction:
+        """Return no friction at n joints."""
+        return cls((0.0,) * n, (0.0,) * n, (0.0,) * n, (0.01,) * n)
+
+    def torque(self, qd: Floats) -> Floats:
+        """Return the torque that the drives need against friction at a velocity, (..., n)."""
+        smooth_sign = np.tanh(qd / np.array(self.velocity))
+        return np.asarray(np.array(self.viscous) * qd + np.array(self.coulomb) * smooth_sign + np.array(self.offset))
+
+    def slope(self, qd: Floats) -> Floats:
+        """Return the derivative of ``torque`` by the velocity, (..., n)."""
+        steepness = 1 - np.tanh(qd / np.array(self.velocity)) ** 2
+        return np.asarray(np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness)
+
+
+class Arm:
+    """A simulated arm; ``step`` moves it, ``state`` reads it.
+
+    Args:
+        robot: geometry and gravity.
+        bodies: true body of each link in its DH frame; what the robot file believes when None.
+        friction: true friction; none when None.
+        rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg]; none when None.
+        dt: step of the physics [s].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        bodies: Sequence[Body] | None = None,
+        friction: Friction | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+        dt: float = 5e-4,
+    ) -> None:
+        self.robot = robot
+        self.friction = friction or Friction.none(robot.n)
+        self.rotor_inertia = np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
+        self.dt = dt
+        self._bullet = _bullet()
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._body, self._joints = self._load(bodies)
+
+    def __enter__(self) -> Arm:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the physics server."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the physics server."""
+        self._bullet.disconnect(self._client)
+
+    def _load(self, bodies: Sequence[Body] | None) -> tuple[int, list[int]]:
+        bullet, client = self._bullet, self._client
+        # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
+        flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "arm.urdf"
+            write_urdf(_without_stops(self.robot), bodies, path)
+            body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+        gravity = rotation_rpy(self.robot.base_rpy) @ np.array(self.robot.gravity)
+        bullet.setGravity(*gravity.tolist(), physicsClientId=client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, numSubSteps=0, physicsClientId=client)
+        joints = list(range(self.robot.n))
+        for link in (-1, *joints):
+            free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
+            bullet.changeDynamics(body, link, **free, physicsClientId=client)
+        # Why: Bullet holds every joint with a motor of its own until told otherwise.
+        idle = {"controlMode": bullet.VELOCITY_CONTROL, "forces": [0.0] * len(joints)}
+        bullet.setJointMotorControlArray(body, joints, **idle, physicsClientId=client)
+        return body, joints
+
+    def reset(self, q: Floats, qd: Floats | None = None) -> None:
+        """Put the arm at a state, at rest when ``qd`` is None."""
+        speeds = np.zeros(self.robot.n) if qd is None else qd
+        for joint, position, speed in zip(self._joints, q, speeds, strict=True):
+            self._bullet.resetJointState(self._body, joint, float(position), float(speed), physicsClientId=self._client)
+
+    def state(self) -> tuple[Floats, Floats]:
+        """Return joint positions and velocities, (n,) each."""
+        rows = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return Bullet's rigid-body torques without friction and rotors, (n,) [N m or N]."""
+        inputs = (q.tolist(), qd.tolist(), qdd.tolist())
+        return np.array(self._bullet.calculateInverseDynamics(self._body, *inputs, physicsClientId=self._client))
+
+    def mass_matrix(self, q: Floats) -> Floats:
+        """Return Bullet's mass matrix without rotors, (n, n)."""
+        return np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client))
+
+    def required_torque(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the drive torques of a motion with friction and rotors, (n,) [N m or N]."""
+        return self.inverse_dynamics(q, qd, qdd) + self.friction.torque(qd) + self.rotor_inertia * qdd
+
+    def step(self, tau: Floats) -> None:
+        """Apply drive torques for one step of the physics.
+
+        Bullet knows neither rotors nor our friction, so it gets the torque that is left for the links:
+        tau - friction - Im qdd, with qdd from (M + Im + dt dF/dqd) qdd = tau - friction - h. The last term on the left
+        takes friction at the end of the step, which keeps the steep Coulomb part stable on light links.
+
+        Args:
+            tau: torques of the drives, (n,) [N m or N].
+        """
+        q, qd = self.state()
+        bias = self.inverse_dynamics(q, qd, np.zeros_like(q))
+        slope = self.dt * self.friction.slope(qd)
+        drive = tau - self.friction.torque(qd)
+        qdd = np.linalg.solve(self.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
+        left = drive - (self.rotor_inertia + slope) * qdd
+        bullet = self._bullet
+        forces = {"controlMode": bullet.TORQUE_CONTROL, "forces": left.tolist()}
+        bullet.setJointMotorControlArray(self._body, self._joints, **forces, physicsClientId=self._client)
+        bullet.stepSimulation(physicsClientId=self._client)
+
+
+def _without_stops(robot: Robot) -> Robot:
+    """Return the arm without limits: a mechanical stop would be a torque that no model here has."""
+    return replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
+
+
+def _bullet() -> Any:  # noqa: ANN401 - the module has no types
+    try:
+        import pybullet
+    except ImportError as error:
+        fix = "pip install pybullet, with Python 3.11 or older"
+        raise PackageMissing("pybullet is not installed", fix=fix) from error
+    return pybullet

@@ -1,0 +1,118 @@
+"""A motion that excites every joint: sums of sines under a window, inside the limits and above the floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import LimitBroken
+from dynid.motion import Motion
+from dynid.robot import Joint, Robot, rotation_rpy
+from dynid.sim.urdf import after, before
+
+Floats = NDArray[np.float64]
+
+#: Sines of each joint, and the highest harmonic of the period among them.
+SINES, HIGHEST = 6, 14
+#: The window rises over this time [s] after a rest of the other one, and falls likewise.
+RISE, REST = 2.5, 0.5
+#: A sliding or turning joint without limits gets half a turn, or 0.3 m, to either side.
+FREE_REACH = {True: math.pi, False: 0.3}
+_TRIES = 300
+
+
+@dataclass(frozen=True)
+class SineSpec:
+    """What a motion of sines may use.
+
+    Attributes:
+        duration: [s].
+        period: of the lowest sine [s].
+        reach: share of the position limits.
+        speed: share of the velocity limits.
+        acceleration: share of the acceleration limits.
+        floor: height in the world that no joint or tool goes below [m].
+    """
+
+    duration: float
+    period: float
+    reach: float
+    speed: float
+    acceleration: float
+    floor: float
+
+
+def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> Motion:
+    """Return a random motion at rest at both ends, sampled every ``dt`` seconds.
+
+    Raises:
+        LimitBroken: none of many tries stays above the floor.
+    """
+    t = np.arange(0.0, spec.duration, dt)
+    window = _window(t, spec.duration)
+    for _ in range(_TRIES):
+        shapes = [_shape(t, window, spec.period, rng) for _ in robot.joints]
+        columns = [_fitted(joint, shape, spec) for joint, shape in zip(robot.joints, shapes, strict=True)]
+        q, qd, qdd = (np.column_stack(parts) for parts in zip(*columns, strict=True))
+        coarse = max(1, round(0.05 / dt))
+        if lowest_point(robot, q[::coarse]) > spec.floor:
+            return Motion(t, q, qd, qdd)
+    raise LimitBroken(f"{_TRIES} random motions came lower than {spec.floor:g} m", fix="lower the floor or the reach")
+
+
+def _window(t: Floats, duration: float) -> tuple[Floats, Floats, Floats]:
+    """Return a smooth 0-1-0 window with its first two derivatives, (N,) each."""
+    rising = np.clip((t - REST) / RISE, 0.0, 1.0)
+    falling = np.clip((duration - REST - t) / RISE, 0.0, 1.0)
+    s = np.minimum(rising, falling)
+    sign = np.where(rising < falling, 1.0, -1.0) / RISE
+    value = s**3 * (10 - 15 * s + 6 * s**2)
+    return value, sign * 30 * s**2 * (1 - s) ** 2, sign**2 * 60 * s * (1 - s) * (1 - 2 * s)
+
+
+def _shape(
+    t: Floats, window: tuple[Floats, Floats, Floats], period: float, rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Return one windowed sum of sines of arbitrary size with its derivatives, (N,) each."""
+    omega = 2 * np.pi / period * rng.choice(np.arange(1, HIGHEST + 1), SINES, replace=False)
+    size = rng.uniform(0.3, 1.0, SINES) / omega
+    phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, SINES)
+    s, sd, sdd = np.sin(phase) @ size, np.cos(phase) @ (size * omega), -np.sin(phase) @ (size * omega**2)
+    w, wd, wdd = window
+    return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
+
+
+def _fitted(joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec) -> tuple[Floats, Floats, Floats]:
+    """Scale a shape to the first limit it meets, about the middle of the joint's travel."""
+    limits = joint.limits
+    free = FREE_REACH[joint.revolute]
+    lower, upper = limits.position or (-free, free)
+    allowed = (
+        spec.reach * (upper - lower) / 2,
+        spec.speed * (limits.velocity or math.inf),
+        spec.acceleration * (limits.acceleration or math.inf),
+    )
+    scale = min(limit / float(np.abs(part).max()) for limit, part in zip(allowed, shape, strict=True))
+    q, qd, qdd = (scale * part for part in shape)
+    return q + (lower + upper) / 2, qd, qdd
+
+
+def lowest_point(robot: Robot, q: Floats) -> float:
+    """Return the smallest height in the world of any link's origin but the first over a motion, (N, n) -> [m]."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
+    poses, heights = np.broadcast_to(pose, (len(q), 4, 4)), []
+    for i, joint in enumerate(robot.joints):
+        moved = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
+        if joint.revolute:
+            c, s = np.cos(q[:, i]), np.sin(q[:, i])
+            moved[:, 0, 0], moved[:, 0, 1], moved[:, 1, 0], moved[:, 1, 1] = c, -s, s, c
+        else:
+            moved[:, 2, 3] = q[:, i]
+        poses = poses @ before(joint, robot.convention) @ moved @ after(joint, robot.convention)
+        if i:
+            heights.append(float(poses[:, 2, 3].min()))
+    return min(heights, default=math.inf)

@@ -1,0 +1,132 @@
+"""A URDF from the DH table and one body a link, for PyBullet and for pictures.
+
+A URDF link's frame is its joint's frame, so link i of the URDF is DH frame i moved by a constant (``after``); the
+joint variable of the URDF is q of the robot file. Reads a ``Robot`` and bodies; writes one file.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.files.artifact import write_text
+from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
+from dynid.robot import Body, Joint, Robot, rotation_rpy
+
+Floats = NDArray[np.float64]
+
+#: Stand-ins for limits that the robot file leaves out; the URDF format demands numbers.
+_NO_TRAVEL, _NO_LIMIT = 10.0, 1e3
+
+
+def _pose(x: float = 0.0, z: float = 0.0, turn_x: float = 0.0, turn_z: float = 0.0) -> Floats:
+    """Return a shift along x and z together with a turn about x or z, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_rpy((turn_x, 0.0, turn_z))
+    pose[:3, 3] = x, 0.0, z
+    return pose
+
+
+def before(joint: Joint, convention: str) -> Floats:
+    """Return the pose of the joint's frame at q = 0 in the previous DH frame, (4, 4)."""
+    own = _pose(turn_z=joint.theta_offset) @ _pose(z=0.0 if joint.revolute else joint.d)
+    return own if convention == "standard" else _pose(x=joint.a, turn_x=joint.twist) @ own
+
+
+def after(joint: Joint, convention: str) -> Floats:
+    """Return the pose of the DH frame in the joint's moving frame, (4, 4)."""
+    slide = _pose(z=joint.d if joint.revolute else 0.0)
+    return slide @ _pose(x=joint.a, turn_x=joint.twist) if convention == "standard" else slide
+
+
+def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
+    """Write the arm as a URDF whose root link ``base`` is the world.
+
+    Args:
+        robot: the arm; ``base_xyz`` and ``base_rpy`` place frame 0, the prior's radius gives the shapes.
+        bodies: one body a link in its DH frame; what the robot file believes when None.
+        path: the file to write.
+    """
+    write_text(path, urdf_text(robot, bodies))
+
+
+def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
+    """Return the text that ``write_urdf`` writes."""
+    root = ET.Element("robot", name=robot.slug)
+    base = ET.SubElement(root, "link", name="base")
+    # Why: Bullet complains on standard output about a link without mass, which would break --json.
+    _inertial(base, Body(1.0, inertia_com=(1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), np.eye(4))
+    previous = np.eye(4)
+    previous[:3, :3], previous[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
+    shapes = link_cylinders(robot)
+    for i, body in enumerate(prior_bodies(robot) if bodies is None else bodies):
+        joint = robot.joints[i]
+        to_dh = after(joint, robot.convention)
+        link = ET.SubElement(root, "link", name=f"link_{i + 1}")
+        _inertial(link, body, to_dh)
+        for tag in ("visual", "collision"):
+            _shape(ET.SubElement(link, tag), shapes[i], to_dh)
+        _joint(root, joint, i, previous @ before(joint, robot.convention))
+        previous = to_dh
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
+    limits = joint.limits
+    kind = "prismatic" if not joint.revolute else "continuous" if limits.position is None else "revolute"
+    element = ET.SubElement(root, "joint", name=joint.name, type=kind)
+    ET.SubElement(element, "parent", link=f"link_{i}" if i else "base")
+    ET.SubElement(element, "child", link=f"link_{i + 1}")
+    _origin(element, origin)
+    ET.SubElement(element, "axis", xyz="0 0 1")
+    bounds = {"effort": limits.torque or _NO_LIMIT, "velocity": limits.velocity or _NO_LIMIT}
+    if kind != "continuous":
+        bounds["lower"], bounds["upper"] = limits.position or (-_NO_TRAVEL, _NO_TRAVEL)
+    ET.SubElement(element, "limit", {key: repr(float(value)) for key, value in bounds.items()})
+
+
+def _inertial(link: ET.Element, body: Body, to_dh: Floats) -> None:
+    """Add mass and inertia, given along its principal axes: Bullet finds those itself only to 1e-7."""
+    tensor = np.zeros((3, 3))
+    i, j = np.triu_indices(3)
+    tensor[i, j] = tensor[j, i] = body.inertia_com
+    moments, axes = np.linalg.eigh(tensor)
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), body.com
+    element = ET.SubElement(link, "inertial")
+    _origin(element, to_dh @ frame)
+    ET.SubElement(element, "mass", value=repr(float(body.mass)))
+    xx, yy, zz = (repr(float(moment)) for moment in moments)
+    ET.SubElement(element, "inertia", ixx=xx, ixy="0", ixz="0", iyy=yy, iyz="0", izz=zz)
+
+
+def _shape(element: ET.Element, cylinder: Cylinder, to_dh: Floats) -> None:
+    """Add a cylinder; that of a URDF lies along its own z axis about its middle."""
+    start, end = np.array(cylinder.start), np.array(cylinder.end)
+    x, y, z = (end - start) / cylinder.length
+    frame = np.eye(4)
+    frame[:3, :3] = rotation_rpy((0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)))
+    frame[:3, 3] = (start + end) / 2
+    _origin(element, to_dh @ frame)
+    geometry = ET.SubElement(element, "geometry")
+    ET.SubElement(geometry, "cylinder", radius=repr(float(cylinder.radius)), length=repr(float(cylinder.length)))
+
+
+def _origin(element: ET.Element, pose: Floats) -> None:
+    xyz = " ".join(repr(float(value)) for value in pose[:3, 3])
+    rpy = " ".join(repr(value) for value in roll_pitch_yaw(pose[:3, :3]))
+    ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
+
+
+def roll_pitch_yaw(R: Floats) -> tuple[float, float, float]:
+    """Return fixed-axis roll, pitch, yaw of a rotation matrix [rad], exact to rounding at a pitch of 90 degrees too."""
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    # Why: with the yaw taken off first, whatever it came out as near 90 degrees, the other two are well determined.
+    rest = rotation_rpy((0.0, 0.0, -yaw)) @ R
+    return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw

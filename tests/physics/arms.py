@@ -1,0 +1,104 @@
+"""Random arms, and the same arms built by hand in Pinocchio: no code of dynid between the DH table and the engine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from dynid.robot import Body, Joint, Robot
+
+#: How often an arm has 2, 3, ... 8 joints: deriving a long one takes half a second, so there are fewer of those.
+SIZES = (0.24, 0.22, 0.2, 0.13, 0.1, 0.06, 0.05)
+RIGHT_ANGLES = np.array([-np.pi / 2, 0.0, np.pi / 2, np.pi])
+
+
+def random_robot(rng, n=None, convention=None):
+    """A robot of 2 to 8 joints; half of its numbers are the special ones of real DH tables."""
+    n = n or int(rng.choice(range(2, 9), p=SIZES))
+    joints = tuple(
+        Joint(
+            name=f"joint {i + 1}",
+            type="revolute" if rng.random() < 0.7 else "prismatic",
+            a=_some_zero(rng),
+            twist=_angle(rng),
+            d=_some_zero(rng),
+            theta_offset=_angle(rng) if rng.random() < 0.5 else 0.0,
+        )
+        for i in range(n)
+    )
+    gravity = rng.normal(size=3)
+    return Robot(
+        name="random",
+        convention=convention or str(rng.choice(["standard", "modified"])),
+        joints=joints,
+        gravity=tuple((9.81 * gravity / np.linalg.norm(gravity)).tolist()),
+        base_xyz=tuple(rng.normal(size=3).tolist()),
+        base_rpy=tuple(rng.choice([0.0, np.pi / 2, np.pi, 0.3, -1.1], 3).tolist()),
+    )
+
+
+def random_bodies(rng, n):
+    """Physically consistent bodies: each a cloud of six point masses."""
+    bodies = []
+    for _ in range(n):
+        masses, points = rng.uniform(0.1, 1.0, 6), rng.uniform(-0.2, 0.2, (6, 3))
+        com = masses @ points / masses.sum()
+        arms = points - com
+        tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True))
+        bodies.append(Body(float(masses.sum()), tuple(com), tuple(tensor[np.triu_indices(3)])))
+    return tuple(bodies)
+
+
+def random_states(rng, n, count):
+    return tuple(rng.uniform(-size, size, (count, n)) for size in (3.0, 2.0, 5.0))
+
+
+def tensor_of(body):
+    xx, xy, xz, yy, yz, zz = body.inertia_com
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def placements(robot):
+    """Return for each joint the pose of its axis in the previous moving frame, and of the DH frame in its own."""
+    previous, found = pin.SE3.Identity(), []
+    for j in robot.joints:
+        turn, lift = (j.theta_offset, 0.0) if j.revolute else (j.theta_offset, j.d)
+        entry = pin.SE3(pin.utils.rotate("z", turn), np.array([0.0, 0.0, lift]))
+        bend = pin.SE3(pin.utils.rotate("x", j.twist), np.array([j.a, 0.0, 0.0]))
+        rise = pin.SE3(np.eye(3), np.array([0.0, 0.0, j.d if j.revolute else 0.0]))
+        if robot.convention == "standard":
+            found.append((previous * entry, rise * bend))
+        else:
+            found.append((previous * bend * entry, rise))
+        previous = found[-1][1]
+    return found
+
+
+def pinocchio_model(robot, bodies, rotor_inertia=None):
+    """Return the arm with frame 0 at Pinocchio's origin."""
+    model, parent = pin.Model(), 0
+    model.gravity.linear = np.array(robot.gravity)
+    for joint, body, (place, to_dh) in zip(robot.joints, bodies, placements(robot), strict=True):
+        kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
+        parent = model.addJoint(parent, kind, place, joint.name)
+        model.appendBodyToJoint(parent, pin.Inertia(body.mass, np.array(body.com), tensor_of(body)), to_dh)
+    if rotor_inertia is not None:
+        model.armature = np.array(rotor_inertia)
+    return model
+
+
+def pinocchio_torques(model, q, qd, qdd):
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+
+
+def relative_error(found, expected):
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def _some_zero(rng):
+    return 0.0 if rng.random() < 0.4 else float(rng.uniform(-0.5, 0.5))
+
+
+def _angle(rng):
+    return float(rng.choice(RIGHT_ANGLES)) if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
