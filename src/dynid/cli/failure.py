@@ -1,0 +1,186 @@
+"""What a person sees when something goes wrong: four short lines and an exit status, never a traceback unasked.
+
+Everything here writes to stderr; stdout stays empty so that ``dynid ... --json | jq`` fails cleanly.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TextIO
+
+import click
+
+from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
+from dynid.files.xdg import cache_folder
+
+#: Errors of the machine that a person can do something about; anything else is a mistake of dynid.
+_MACHINE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE}
+
+
+@dataclass
+class Told:
+    """What is known about the run when it fails.
+
+    Attributes:
+        words: the command line after ``dynid``.
+        meta: shared notes of the click contexts: ``dynid.debug`` and ``dynid.color``.
+    """
+
+    words: Sequence[str]
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def debug(self) -> bool:
+        """Whether tracebacks are wanted."""
+        return bool(self.meta.get("dynid.debug")) or "--debug" in self.words
+
+    @property
+    def color(self) -> str:
+        """The value of --color as far as it was read."""
+        return str(self.meta.get("dynid.color", "auto"))
+
+
+def use_color(stream: TextIO, mode: str) -> bool:
+    """Return whether escape codes may go to a stream; the flag beats NO_COLOR, which beats the terminal."""
+    if mode != "auto":
+        return mode == "always"
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM", "dumb") in ("dumb", "unknown")
+    return not plain and is_terminal(stream)
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether a stream is an open terminal."""
+    try:
+        return stream is not None and stream.isatty()
+    except ValueError:  # closed
+        return False
+
+
+def utf8_locale() -> bool:
+    """Return whether the locale promises UTF-8; Python alone does not tell, because it upgrades the C locale."""
+    name = os.environ.get("LC_ALL") or os.environ.get("LC_CTYPE") or os.environ.get("LANG") or "C"
+    return "utf" in name.lower() or sys.platform in ("win32", "darwin")
+
+
+def prepare_streams() -> None:
+    """Make stdout and stderr survive any text, and say ASCII where the locale does; open what was closed."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(encoding=None if utf8_locale() else "ascii", errors="backslashreplace")
+
+
+def silence_streams() -> None:
+    """Send the rest of the output nowhere, because its reader has left."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(nowhere, stream.fileno())
+
+
+def visible(text: str) -> str:
+    """Return text on one line with control characters written out, so that a name cannot steer the terminal."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text)
+
+
+def report(error: DynidError, told: Told) -> int:
+    """Print an error of the catalogue and return its exit status."""
+    if told.debug:
+        _say("".join(traceback.format_exception(error)).rstrip())
+    head = f"error[{error.code}]"
+    if use_color(sys.stderr, told.color):
+        head = click.style(head, fg="red", bold=True)
+    _say(f"{head} {visible(error.what)}")
+    for label, text in (("where", error.where), ("why", error.why), ("fix", error.fix)):
+        # Why: file:line usually opens the message already; saying it twice would hide the rest.
+        if text and not (label == "where" and text in error.what):
+            _say(f"  {label:<7} {visible(text)}")
+    return int(error.status)
+
+
+def usage_error(error: click.ClickException) -> DynidError:
+    """Return a mistake that click found in the style of the catalogue."""
+    ctx = getattr(error, "ctx", None)
+    path = ctx.command_path if ctx else "dynid"
+    text = " ".join(error.format_message().split()).rstrip(".")
+    if isinstance(error, click.NoSuchOption):
+        text = f"no such option: {error.option_name}"
+        text += f"; did you mean '{error.possibilities[0]}'?" if error.possibilities else ""
+    place = ""
+    if isinstance(error, click.BadParameter) and ctx is not None and error.param is not None:
+        place = ctx.meta.get("dynid.places", {}).get(error.param.name, "")
+        source = ctx.get_parameter_source(error.param.name or "")
+        place = place if source is click.core.ParameterSource.DEFAULT_MAP else ""
+    return WrongUsage(
+        text[:1].lower() + text[1:], where=place or path, why="the command line cannot be understood", fix=f"{path} -h"
+    )
+
+
+def is_users(error: OSError) -> bool:
+    """Return whether an error of the system is about a file or the machine, not a mistake of dynid."""
+    return error.errno in _MACHINE or error.filename is not None
+
+
+def os_error(error: OSError) -> DynidError:
+    """Return an error of the system in the style of the catalogue."""
+    place = str(error.filename) if error.filename is not None else "the output"
+    return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
+
+
+def interrupted() -> int:
+    """Say that the run was stopped."""
+    _say("interrupted")
+    return int(ExitStatus.INTERRUPTED)
+
+
+def crash(error: BaseException, told: Told) -> int:
+    """Write a crash file, say where it is, and return status 70."""
+    trace = "".join(traceback.format_exception(error))
+    if told.debug:
+        _say(trace.rstrip())
+    file = _crash_file(f"{_facts(told)}\n{trace}")
+    _say(f"internal error: {type(error).__name__}: {visible(str(error))[:200]}")
+    if file:
+        _say(f"  details in {file}; report it with that file, or run again with --debug")
+    else:
+        _say("  no crash file could be written; run again with --debug to see the details")
+    return int(ExitStatus.INTERNAL)
+
+
+def _facts(told: Told) -> str:
+    from dynid.cli.machine import version_lines
+
+    command = " ".join(["dynid", *told.words])
+    return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {Path.cwd()}", ""])
+
+
+def _crash_file(text: str) -> Path | None:
+    name = f"crash-{datetime.now().astimezone():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
+    for folder in (cache_folder(), Path(tempfile.gettempdir())):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8", errors="backslashreplace")
+        except OSError:
+            continue
+        return folder / name
+    return None
+
+
+def _say(line: str) -> None:
+    try:
+        click.echo(line, err=True, color=True)
+    except BrokenPipeError:
+        silence_streams()

@@ -1,0 +1,36 @@
+"""Versions of what dynid stands on, found without importing any of it."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import platform
+
+from dynid import __version__
+
+
+def version_of(package: str) -> str | None:
+    """Return the version of an installed package, or None."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def has_module(name: str) -> bool:
+    """Return whether a module could be imported, without importing it."""
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def version_lines() -> list[str]:
+    """Return dynid's version and those it depends on most."""
+    return [
+        f"dynid    {__version__}",
+        f"Python   {platform.python_version()}",
+        f"numpy    {version_of('numpy') or 'absent'}",
+        f"PyBullet {version_of('pybullet') or 'absent'}",
+        f"ROS 1    {'present' if has_module('rospy') else 'absent'} (rospy)",
+    ]

@@ -1,0 +1,242 @@
+"""The entry point: finds the command, runs it, and turns whatever goes wrong into a message and an exit status.
+
+Command modules are imported only when they run, so that ``dynid --help`` stays fast; the table below holds their help.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import click
+
+from dynid import __version__
+from dynid.cli import failure
+from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, WrongUsage
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the table of commands.
+
+    Attributes:
+        loop: heading of the map that it stands under; "" for the line of small commands.
+        help: what it does.
+        writes: what it writes.
+    """
+
+    loop: str
+    help: str
+    writes: str = ""
+
+
+COMMANDS: dict[str, Entry] = {
+    "model": Entry("Loop 1", "DH robot file", "regressor.npz, fullregressor.npz"),
+    "trajectory": Entry("Loop 2", "plan and preview", "trajectory.npz"),
+    "record": Entry("Loop 2", "move the arm and log", "log.bag, log.npz            (needs ROS 1)"),
+    "parameters": Entry("Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"),
+    "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
+    "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
+    "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
+    "check": Entry("", "look for mistakes in a robot file, a log or a result"),
+    "compare": Entry("", "one table over many results"),
+    "report": Entry("", "rebuild report.html"),
+    "export": Entry("", "write the identified model as URDF, YAML or code"),
+    "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
+    "doctor": Entry("", "what works on this machine and what does not"),
+    "explain": Entry("", "what an error or warning code means"),
+    "completion": Entry("", "shell completion for bash, zsh or fish"),
+}
+
+EXAMPLES = (
+    "dynid                              the map of the loops",
+    "dynid model kinova_gen2            base regressor of a bundled arm",
+    "dynid check my_arm.yaml            look for mistakes in a robot file",
+    "dynid help COMMAND                 the same as dynid COMMAND -h",
+)
+
+
+def available() -> dict[str, Entry]:
+    """Return the commands whose module exists."""
+    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(f"dynid.cli.{name}")}
+
+
+class LazyGroup(click.Group):
+    """The command ``dynid``; imports a command's module when it is called, never for help."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands that exist."""
+        return list(available())
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in available():
+            return None
+        command = importlib.import_module(f"dynid.cli.{cmd_name}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, or suggest one."""
+        if args and not args[0].startswith("-") and args[0] not in available():
+            from dynid.files.yamlfile import closest
+
+            raise WrongUsage(
+                f"no command '{args[0]}'{closest(args[0], available())}",
+                why=f"the commands are {', '.join(available())}",
+                fix="dynid -h",
+            )
+        return super().resolve_command(ctx, args)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write examples, commands, options, exit statuses."""
+        self.format_usage(ctx, formatter)
+        _block(formatter, "Examples", EXAMPLES)
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.help) for name, entry in available().items()])
+        self.format_options_only(ctx, formatter)
+        with formatter.section("Exit statuses"):
+            formatter.write_dl([(str(int(status)), meaning) for status, meaning in EXIT_MEANING.items()])
+        formatter.write("\nDocs: docs/index.md\n")
+
+    def format_options_only(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options of ``dynid`` itself."""
+        records = [record for param in self.get_params(ctx) if (record := param.get_help_record(ctx))]
+        with formatter.section("Options (each command has more: dynid COMMAND -h)"):
+            formatter.write_dl(records)
+
+
+def _block(formatter: click.HelpFormatter, title: str, lines: Sequence[str]) -> None:
+    with formatter.section(title):
+        for line in lines:
+            formatter.write(f"  {line}\n")
+
+
+def loop_map() -> str:
+    """Return the map of the loops, with the commands that exist."""
+    here = available()
+    lines = [f"dynid {__version__}   identify the dynamic parameters of a robot arm", ""]
+    previous = ""
+    for name, entry in here.items():
+        if not entry.loop:
+            continue
+        heading = entry.loop if entry.loop != previous else ""
+        previous = entry.loop
+        arrow = f"{entry.help:<20} -> {entry.writes}" if entry.writes else entry.help
+        lines.append(f"  {heading:<8} {name:<11} {arrow}")
+    small = [name for name, entry in here.items() if not entry.loop]
+    lines += [f"  {'Also':<8} {'  '.join(small)}", ""]
+    if "demo" in here:
+        lines.append(f"{'First time?   dynid demo':<40}whole workflow on a simulated arm, no robot, under a minute")
+    start = f"{'Your robot?   dynid check my_arm.yaml':<40}" if "check" in here else ""
+    lines.append(f"{start}Help: dynid COMMAND -h     Docs: docs/index.md")
+    return "\n".join(lines)
+
+
+def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        from dynid.cli.machine import version_lines
+
+        click.echo("\n".join(version_lines()))
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show versions and exit."
+)
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Identify the dynamic parameters of a robot arm."""
+    if ctx.invoked_subcommand is None:
+        click.echo(loop_map())
+
+
+def run(args: Sequence[str]) -> int:
+    """Run one command line and return its exit status; nothing escapes as a traceback."""
+    words = [*args[1:], "--help"] if args[:1] == ["help"] else list(args)
+    told = failure.Told(words)
+    with _terminated_like_interrupted():
+        try:
+            status = _invoke(words, told)
+            sys.stdout.flush()
+            return status
+        except click.exceptions.Exit as done:
+            return _flushed(done.exit_code)
+        except DynidError as error:
+            return failure.report(error, told)
+        except click.ClickException as error:
+            return failure.report(failure.usage_error(error), told)
+        except (KeyboardInterrupt, click.Abort):
+            return failure.interrupted()
+        except BrokenPipeError:
+            failure.silence_streams()
+            return int(ExitStatus.DONE)
+        except OSError as error:
+            if not failure.is_users(error):
+                return failure.crash(error, told)
+            return failure.report(failure.os_error(error), told)
+        except Exception as error:  # noqa: BLE001
+            return failure.crash(error, told)
+
+
+def _invoke(words: list[str], told: failure.Told) -> int:
+    with cli.make_context("dynid", words) as ctx:
+        told.meta = ctx.meta
+        result: Any = cli.invoke(ctx)
+    return int(result) if isinstance(result, int) else int(ExitStatus.DONE)
+
+
+def _flushed(status: int) -> int:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        failure.silence_streams()
+    return status
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM end the program the way Ctrl-C does: files closed and temporary ones removed."""
+
+    def stop(number: int, frame: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    previous: Callable[..., Any] | int | None = None
+    try:
+        previous = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not the main thread: the caller handles signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+def _complete() -> None:
+    """Answer the shell's request for completions."""
+    from click.shell_completion import shell_complete
+
+    sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", os.environ["_DYNID_COMPLETE"]))
+
+
+def main() -> NoReturn:
+    """Run ``dynid``."""
+    failure.prepare_streams()
+    if "_DYNID_COMPLETE" in os.environ:
+        _complete()
+    sys.exit(run(sys.argv[1:]))

@@ -1,0 +1,196 @@
+"""The options every command has, and the rule who wins: flag, DYNID_* variable, ./dynid.yaml, user's file, default.
+
+A command is a function ``command(common, ...)`` under ``@dynid_command("name", examples=(...))``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, update_wrapper
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynid.cli.settings import load_settings
+
+if TYPE_CHECKING:
+    from dynid.cli.terminal import Terminal
+
+
+@dataclass(frozen=True)
+class Common:
+    """The values of the common options.
+
+    Attributes:
+        out: folder of the results; None for ``out/<robot>``.
+        force: overwrite without asking.
+        yes: answer questions with yes, except those about moving the arm.
+        no_input: ask nothing.
+        json: print one JSON object on stdout instead of tables.
+        quiet: no stages and no progress.
+        verbose: 0, 1 or 2.
+        color: ``"auto"``, ``"always"`` or ``"never"``.
+        config: configuration file given with --config.
+        log_file: file that gets a copy of everything said on stderr.
+        seed: of every random choice.
+        debug: show tracebacks.
+    """
+
+    out: Path | None = None
+    force: bool = False
+    yes: bool = False
+    no_input: bool = False
+    json: bool = False
+    quiet: bool = False
+    verbose: int = 0
+    color: str = "auto"
+    config: Path | None = None
+    log_file: Path | None = None
+    seed: int = 0
+    debug: bool = False
+
+    @cached_property
+    def terminal(self) -> Terminal:
+        """The two consoles of this run."""
+        from dynid.cli.terminal import Terminal
+
+        return Terminal(self)
+
+    def folder(self, slug: str) -> Path:
+        """Return the folder of the results of a robot."""
+        return self.out or Path("out") / slug
+
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
+    """Remember a value that error messages need, even when later options are wrong."""
+    ctx.meta[f"dynid.{param.name}"] = value
+    return value
+
+
+def _configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    """Read the configuration files, whose values become this command's defaults."""
+    settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command))
+    ctx.default_map = settings.values
+    ctx.meta["dynid.places"] = settings.places
+    return value
+
+
+COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
+    click.option(
+        "-o",
+        "--out",
+        type=click.Path(file_okay=False, path_type=Path),
+        metavar="DIR",
+        help="Folder of the results (default: out/ROBOT).",
+    ),
+    click.option("-f", "--force", is_flag=True, help="Overwrite results without asking."),
+    click.option("-y", "--yes", is_flag=True, help="Answer questions with yes; never those that move the arm."),
+    click.option("--no-input", is_flag=True, help="Ask nothing, take the documented answers."),
+    click.option("--json", is_flag=True, help="Print one JSON object on stdout."),
+    click.option("-q", "--quiet", is_flag=True, help="Only the answer, warnings and errors."),
+    click.option("-v", "--verbose", count=True, help="More detail; twice for all."),
+    click.option(
+        "--color",
+        type=click.Choice(["auto", "always", "never"]),
+        default="auto",
+        is_eager=True,
+        callback=_note,
+        help="Colour on the terminal.",
+    ),
+    click.option(
+        "--config",
+        type=click.Path(dir_okay=False, exists=True, path_type=Path),
+        metavar="FILE",
+        is_eager=True,
+        callback=_configure,
+        help="Configuration file instead of ./dynid.yaml and the user's.",
+    ),
+    click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice."),
+    click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
+)
+
+COMMON_NAMES = tuple(field.name for field in fields(Common))
+
+
+def known_keys(command: click.Command) -> tuple[str, ...]:
+    """Return the keys a configuration file may set for a command: long option names with underscores."""
+    return tuple(
+        param.name
+        for param in command.params
+        if isinstance(param, click.Option) and param.name and param.name != "config" and param.allow_from_autoenv
+    )
+
+
+class Command(click.Command):
+    """A command with examples in its help, variables for its options, and the common options set apart."""
+
+    examples: Sequence[str] = ()
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
+        super().__init__(*args, **kwargs)
+        for param in self.params:
+            # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
+            if isinstance(param, click.Option) and param.allow_from_autoenv and param.envvar is None and param.name:
+                name = param.name.upper()
+                param.envvar = [f"DYNID_{(self.name or '').upper()}_{name}", f"DYNID_{name}"]
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write usage, what it does, examples, options, common options."""
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        if self.examples:
+            with formatter.section("Examples"):
+                for line in self.examples:
+                    formatter.write(f"  {line}\n")
+        self.format_options(ctx, formatter)
+        formatter.write(f"\nDocs: docs/reference/cli.md#{self.name}\n")
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the command's own options, then the common ones."""
+        own, common = [], []
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record and (isinstance(param, click.Option) or record[1]):
+                (common if param.name in COMMON_NAMES or param.name == "help" else own).append(record)
+        for title, records in (("Options", own), ("Common options", common)):
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def dynid_command(name: str, *, examples: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Command]:
+    """Make a command of a function that takes ``common`` first and its own options by keyword.
+
+    Args:
+        name: name of the command, the same as its module.
+        examples: lines for the help.
+
+    Returns:
+        A decorator; put it above the function's own ``@click.option`` and ``@click.argument``.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Command:
+        def callback(**values: Any) -> Any:  # noqa: ANN401
+            common = Common(**{key: values.pop(key) for key in COMMON_NAMES})
+            with common.terminal:
+                return function(common, **values)
+
+        update_wrapper(callback, function)
+        options: Mapping[str, Any] = {
+            "cls": Command,
+            "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 100},
+        }
+        decorated: Any = callback
+        for option in reversed(COMMON_OPTIONS):
+            decorated = option(decorated)
+        made = click.command(name, **options)(decorated)
+        made.examples = examples
+        return made
+
+    return decorate

@@ -1,0 +1,219 @@
+"""The two streams: stdout carries the answer and nothing else, stderr everything else.
+
+No text from outside is ever read as markup or as an escape code; colour never carries meaning alone.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from enum import Enum
+from math import isfinite
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TextIO
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from dynid.cli.bar import Bar
+from dynid.cli.failure import is_terminal, silence_streams, use_color, visible
+from dynid.errors import CannotWrite, Finding
+
+if TYPE_CHECKING:
+    from dynid.cli.options import Common
+
+#: Width of the first column of stage lines.
+LABEL = 11
+#: Width of tables that go to a file or a pipe: nothing is folded there.
+UNLIMITED = 400
+
+#: A cell is text, or text with a rich style; the style must not be the only thing that says it.
+Cell = str | tuple[str, str]
+
+
+class QuietConsole(Console):
+    """A console that goes on working when the reader of its stream has left."""
+
+    def on_broken_pipe(self) -> None:
+        """Send the rest nowhere, so that the command still finishes its job."""
+        silence_streams()
+
+
+class Terminal:
+    """Both streams of one run, as the common options want them.
+
+    Args:
+        common: the common options.
+    """
+
+    def __init__(self, common: Common) -> None:
+        self.common = common
+        self.out = _console(sys.stdout, common.color)
+        self.err = _console(sys.stderr, common.color)
+        self._copy: TextIO | None = None
+        if common.log_file is not None:
+            try:
+                common.log_file.parent.mkdir(parents=True, exist_ok=True)
+                self._copy = common.log_file.open("a", encoding="utf-8", errors="backslashreplace")
+            except OSError as error:
+                what = f"cannot write {common.log_file}: {error.strerror}"
+                raise CannotWrite(what, where=str(common.log_file), fix="give another --log-file") from error
+
+    def __enter__(self) -> Terminal:
+        """Begin the run."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the copy; what ended the run is its last line."""
+        if self._copy is not None:
+            if error is not None:
+                self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
+            self._copy.close()
+
+    # ------------------------------------------------------------ stderr
+    def say(self, text: str, style: str = "") -> None:
+        """Say a line on stderr."""
+        line = visible(text)
+        self._copied(line)
+        self.err.print(Text(line, style=style), soft_wrap=True)
+
+    def stage(self, name: str, text: str) -> None:
+        """Say what a stage found: a short label and a sentence; not with --quiet."""
+        line = f"{name:<{LABEL}}{text}"
+        if self.common.quiet:
+            self._copied(visible(line))
+        else:
+            self.say(line)
+
+    def detail(self, name: str, text: str, level: int = 1) -> None:
+        """Say a stage only with -v (level 1) or -vv (level 2); it always reaches --log-file."""
+        if self.common.verbose >= level:
+            self.stage(name, text)
+        else:
+            self._copied(visible(f"{name:<{LABEL}}{text}"))
+
+    def wrote(self, path: Path, note: str = "") -> None:
+        """Say what was written."""
+        self.stage("wrote", f"{path}{'       (' + note + ')' if note else ''}")
+
+    def next(self, command: str) -> None:
+        """Say the next sensible command."""
+        self.stage("next", command)
+
+    def finding(self, finding: Finding) -> None:
+        """Say a warning, or with -v an information."""
+        line = visible(f"{finding.level}[{finding.code}] {finding.text}")
+        if finding.level == "info" and not self.common.verbose:
+            self._copied(line)
+            return
+        self._copied(line)
+        head, _, rest = line.partition(" ")
+        style = "yellow" if finding.level == "warning" else "cyan"
+        self.err.print(Text.assemble((head, style), " ", rest), soft_wrap=True)
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say several findings."""
+        for finding in findings:
+            self.finding(finding)
+
+    def progress(self) -> Bar:
+        """Return a progress report for the library, to be used in a ``with`` block."""
+        return Bar(self)
+
+    def _copied(self, line: str) -> None:
+        if self._copy is not None:
+            self._copy.write(f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S} {line}\n")
+            self._copy.flush()
+
+    # ------------------------------------------------------------ stdout
+    def answer(self, text: str = "", style: str = "") -> None:
+        """Print lines of the answer on stdout; nothing with --json."""
+        if not self.common.json:
+            for line in text.split("\n"):
+                self.out.print(Text(visible(line), style=style), soft_wrap=True)
+
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, numbers: bool = True) -> None:
+        """Print a table on stdout; nothing with --json.
+
+        Args:
+            columns: headings; the first column is text on the left.
+            rows: cells, each text or (text, style).
+            numbers: whether the columns after the first are aligned on the right.
+        """
+        if self.common.json:
+            return
+        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+        for i, column in enumerate(columns):
+            table.add_column(Text(visible(column)), justify="right" if numbers and i else "left", no_wrap=True)
+        for row in rows:
+            table.add_row(*(_cell(cell) for cell in row))
+        if table.__rich_measure__(self.out, self.out.options.update(width=UNLIMITED)).maximum > self.out.width:
+            self._records(columns, rows)
+        else:
+            self._print_trimmed(table)
+
+    def _records(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
+        """Print one line a cell, because the table is wider than the terminal."""
+        width = max(len(column) for column in columns)
+        for row in rows:
+            for i, (column, cell) in enumerate(zip(columns, row, strict=True)):
+                self.out.print(Text.assemble("  " if i else "", f"{column:<{width}}  ", _cell(cell)), soft_wrap=True)
+
+    def _print_trimmed(self, table: Table) -> None:
+        for line in self.out.render_lines(table, pad=False, new_lines=False):
+            text = Text.assemble(*((segment.text, segment.style or "") for segment in line if not segment.control))
+            text.rstrip()
+            self.out.print(text, soft_wrap=True)
+
+    def emit_json(self, answer: Mapping[str, Any]) -> None:
+        """Print the one JSON object on stdout; nothing without --json."""
+        if self.common.json:
+            self.out.out(json.dumps(plain(answer), indent=2, allow_nan=False), highlight=False)
+
+
+def _console(stream: TextIO, mode: str) -> Console:
+    color = use_color(stream, mode)
+    terminal = is_terminal(stream)
+    return QuietConsole(
+        file=stream,
+        color_system="auto" if color and terminal else "standard" if color else None,
+        force_terminal=color,
+        no_color=not color,
+        markup=False,
+        emoji=False,
+        highlight=False,
+        width=None if terminal else _columns(),
+    )
+
+
+def _columns() -> int:
+    given = os.environ.get("COLUMNS", "")
+    return int(given) if given.isdigit() and int(given) > 0 else UNLIMITED
+
+
+def _cell(cell: Cell) -> Text:
+    return Text(visible(cell)) if isinstance(cell, str) else Text(visible(cell[0]), style=cell[1])
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON knows it: arrays as lists, paths as text, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    return str(value)

@@ -1,0 +1,27 @@
+"""Where files outside the working folder go: the XDG cache and configuration folders, nothing else."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def cache_folder() -> Path:
+    """Return the folder for models and crash files; it may not exist yet."""
+    return _base("XDG_CACHE_HOME", ".cache") / "dynid"
+
+
+def config_file() -> Path:
+    """Return the user's configuration file; it may not exist."""
+    return _base("XDG_CONFIG_HOME", ".config") / "dynid" / "config.yaml"
+
+
+def _base(variable: str, default: str) -> Path:
+    # Why: the XDG specification says that a relative path in these variables must be ignored.
+    given = Path(os.environ.get(variable, ""))
+    if given.is_absolute():
+        return given
+    try:
+        return Path.home() / default
+    except RuntimeError:  # no HOME and no entry in the password database
+        return Path(os.path.sep) / default
