@@ -72,7 +72,7 @@ def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noq
     return value
 
 
-def _configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Read the configuration files, whose values become this command's defaults."""
     settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command))
     ctx.default_map = settings.values
@@ -80,6 +80,15 @@ def _configure(ctx: click.Context, param: click.Parameter, value: Path | None) -
     return value
 
 
+CONFIG_OPTION = click.option(
+    "--config",
+    type=click.Path(dir_okay=False, exists=True, path_type=Path),
+    metavar="FILE",
+    is_eager=True,
+    callback=configure,
+    help="Configuration file instead of ./dynid.yaml and the user's.",
+)
+#: --config comes first: eager options are read in this order, and --color may stand in the file.
 COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option(
         "-o",
@@ -101,14 +110,6 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         is_eager=True,
         callback=_note,
         help="Colour on the terminal.",
-    ),
-    click.option(
-        "--config",
-        type=click.Path(dir_okay=False, exists=True, path_type=Path),
-        metavar="FILE",
-        is_eager=True,
-        callback=_configure,
-        help="Configuration file instead of ./dynid.yaml and the user's.",
     ),
     click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
     click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice."),
@@ -164,12 +165,15 @@ class Command(click.Command):
                     formatter.write_dl(records)
 
 
-def dynid_command(name: str, *, examples: Sequence[str] = ()) -> Callable[[Callable[..., Any]], Command]:
+def dynid_command(
+    name: str, *, examples: Sequence[str] = (), config: Callable[[Any], Any] | None = None
+) -> Callable[[Callable[..., Any]], Command]:
     """Make a command of a function that takes ``common`` first and its own options by keyword.
 
     Args:
         name: name of the command, the same as its module.
         examples: lines for the help.
+        config: stands in for the common option --config.
 
     Returns:
         A decorator; put it above the function's own ``@click.option`` and ``@click.argument``.
@@ -187,7 +191,7 @@ def dynid_command(name: str, *, examples: Sequence[str] = ()) -> Callable[[Calla
             "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 100},
         }
         decorated: Any = callback
-        for option in reversed(COMMON_OPTIONS):
+        for option in reversed((config or CONFIG_OPTION, *COMMON_OPTIONS)):
             decorated = option(decorated)
         made = click.command(name, **options)(decorated)
         made.examples = examples

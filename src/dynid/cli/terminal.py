@@ -139,6 +139,10 @@ class Terminal:
             for line in text.split("\n"):
                 self.out.print(Text(visible(line), style=style), soft_wrap=True)
 
+    def fact(self, name: str, text: str) -> None:
+        """Print a line of the answer: a short label and a sentence; nothing with --json."""
+        self.answer(f"{name:<{LABEL}}{text}")
+
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, numbers: bool = True) -> None:
         """Print a table on stdout; nothing with --json.
 

@@ -1,0 +1,201 @@
+"""``dynid doctor``: what works on this machine and what does not, and where each option's value comes from."""
+
+from __future__ import annotations
+
+import os
+import platform
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import click
+
+from dynid.cli.machine import has_module, version_of
+from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, known_keys
+from dynid.cli.settings import LOCAL, load_settings, settings_files
+from dynid.errors import ExitStatus
+from dynid.files.xdg import cache_folder, config_file
+
+#: What dynid cannot do without.
+REQUIRED = ("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich", "rosbags", "jinja2")
+#: A master in the same laboratory answers in milliseconds; longer means there is none [s].
+MASTER_PATIENCE = 2.0
+#: Value of --config that means: show the configuration.
+SHOW = Path("?show")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes:
+        name: what.
+        ok: whether it works; None where it is only information.
+        value: what was found.
+        lost: what does not work without it.
+    """
+
+    name: str
+    ok: bool | None
+    value: str
+    lost: str = ""
+
+
+def checks() -> Iterator[Check]:
+    """Look at Python, packages, simulator, ROS, display and folders."""
+    yield Check("Python", sys.version_info >= (3, 10), platform.python_version(), "dynid needs Python 3.10 or newer")
+    for package in REQUIRED:
+        version = version_of(package)
+        yield Check(package, version is not None, version or "absent", f"dynid as a whole: pip install {package}")
+    bullet = version_of("pybullet")
+    lost = 'preview, collision check, demo: pip install "pybullet>=3.2.5" (wheels exist for Python 3.8-3.11)'
+    yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
+    rospy = has_module("rospy")
+    lost = "record: apt-get install python3-rospy, or source /opt/ros/noetic/setup.bash; reading bags works without"
+    yield Check("rospy", rospy, "present" if rospy else "absent", lost)
+    uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
+    answered = master_answers(uri)
+    state = "answers" if answered else "does not answer"
+    yield Check("ROS master", answered, f"{uri} {state}", "record: start roscore, or set ROS_MASTER_URI")
+    display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+    yield Check("display", bool(display), display or "none", "preview window: pictures are saved instead")
+    yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
+    cache = cache_folder()
+    yield _folder("cache", cache, "models are built anew each time", f"{_size(cache) / 1e6:.1f} MB")
+    for file in (LOCAL, config_file()):
+        yield Check("configuration", None, f"{file} {'is read' if file in settings_files(None) else 'does not exist'}")
+
+
+def master_answers(uri: str, patience: float = MASTER_PATIENCE) -> bool:
+    """Return whether something listens at a ROS master's address, within a limit that holds for name look-up too."""
+    found: list[bool] = []
+
+    def knock() -> None:
+        try:
+            place = urlsplit(uri)
+            with socket.create_connection((place.hostname or "localhost", place.port or 11311), timeout=patience):
+                found.append(True)
+        except (OSError, ValueError):
+            found.append(False)
+
+    thread = threading.Thread(target=knock, daemon=True)
+    thread.start()
+    thread.join(patience)
+    return bool(found and found[0])
+
+
+def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
+    nearest = next(p for p in (path, *path.parents) if p.exists())
+    writable = os.access(nearest, os.W_OK)
+    words = [str(path), *([note] if note else []), "" if writable else "cannot be written"]
+    return Check(name, writable, "  ".join(word for word in words if word), lost)
+
+
+def _size(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) if folder.is_dir() else 0
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One option's value and where it comes from."""
+
+    command: str
+    option: str
+    value: Any
+    source: str
+
+
+def settings(given: Path | None) -> Iterator[Setting]:
+    """Yield the common options, then those options of the commands that no longer have their default."""
+    from dynid.cli.main import LazyGroup, cli
+
+    assert isinstance(cli, LazyGroup)
+    group = click.Context(cli)
+    for name in ["doctor", *(name for name in cli.list_commands(group) if name != "doctor")]:
+        command = cli.get_command(group, name)
+        assert isinstance(command, Command)
+        found = load_settings(given, name, known_keys(command))
+        for param in command.params:
+            if not isinstance(param, click.Option) or param.name is None or param.name not in known_keys(command):
+                continue
+            value, source = _resolved(param, found.values, found.places)
+            if name == "doctor" and param.name in COMMON_NAMES:
+                yield Setting("", param.name, value, source)
+            elif source != "default" and param.name not in COMMON_NAMES:
+                yield Setting(name, param.name, value, source)
+
+
+def _resolved(param: click.Option, values: dict[str, Any], places: dict[str, str]) -> tuple[Any, str]:
+    ctx = click.get_current_context()
+    name = str(param.name)
+    if param in ctx.command.params and ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+        return ctx.params[name], "command line"
+    for variable in param.envvar if isinstance(param.envvar, list) else []:
+        if os.environ.get(variable):
+            return os.environ[variable], variable
+    if name in values:
+        return values[name], places[name]
+    default = param.get_default(ctx)
+    return default if isinstance(default, (bool, int, float, str)) else None, "default"
+
+
+def _show_or_configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    configure(ctx, param, None if value == SHOW else value)
+    return value
+
+
+def _show_settings(common: Common) -> None:
+    terminal = common.terminal
+    found = list(settings(None if common.config == SHOW else common.config))
+    terminal.emit_json({"schema": "dynid/doctor/1", "settings": [asdict(setting) for setting in found]})
+    rows = [(f"{s.command} {s.option}".strip(), "-" if s.value is None else str(s.value), s.source) for s in found]
+    terminal.table(("option", "value", "source"), rows, numbers=False)
+    terminal.stage("note", "options of single commands are listed when they differ from their default")
+
+
+@dynid_command(
+    "doctor",
+    examples=(
+        "dynid doctor               what works and what does not",
+        "dynid doctor --config      each option's value",
+    ),
+    config=click.option(
+        "--config",
+        type=click.Path(dir_okay=False, path_type=Path),
+        metavar="[FILE]",
+        is_flag=False,
+        flag_value=str(SHOW),
+        is_eager=True,
+        callback=_show_or_configure,
+        help="Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
+    ),
+)
+def command(common: Common) -> ExitStatus:
+    """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
+    if common.config is not None:
+        _show_settings(common)
+        return ExitStatus.DONE
+    terminal = common.terminal
+    found = list(checks())
+    missing = [check for check in found if check.ok is False]
+    broken = [check.name for check in missing if check.name in ("Python", *REQUIRED)]
+    terminal.emit_json(
+        {
+            "schema": "dynid/doctor/1",
+            "checks": [asdict(check) for check in found],
+            "works": [check.name for check in found if check.ok],
+            "does_not_work": [check.name for check in missing],
+        }
+    )
+    words = {True: "ok", False: ("missing", "yellow"), None: ""}
+    terminal.table(("what", "state", "found"), [(c.name, words[c.ok], c.value) for c in found], numbers=False)
+    terminal.answer()
+    terminal.fact("works", ", ".join(check.name for check in found if check.ok))
+    for check in missing:
+        terminal.fact("does not", f"{check.name}; lost: {check.lost}")
+    return ExitStatus.MACHINE if broken else ExitStatus.DONE
