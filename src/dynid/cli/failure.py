@@ -82,7 +82,7 @@ def prepare_streams() -> None:
 
 
 def silence_streams() -> None:
-    """Send the rest of the output nowhere, because its reader has left."""
+    """Flush; where that fails, send the rest nowhere: the reader has left, or the disk is full."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -239,4 +239,6 @@ def main() -> NoReturn:
     failure.prepare_streams()
     if "_DYNID_COMPLETE" in os.environ:
         _complete()
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    failure.silence_streams()
+    sys.exit(status)
