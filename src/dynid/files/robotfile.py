@@ -20,7 +20,7 @@ from dynid.errors import (
     RobotNotFound,
     WrongRobotFile,
 )
-from dynid.files.yamlfile import Value, closest, read_yaml
+from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
 from dynid.robot import (
     FRICTION_PARAMETERS,
     Body,
@@ -85,7 +85,15 @@ def find_robot(name: str) -> Path:
 def load_robot(name: str | Path) -> Robot:
     """Read a robot by name or path; what was noticed is in ``robot.findings``."""
     path = find_robot(str(name))
-    root = read_yaml(path)
+    return _robot(read_yaml(path), path)
+
+
+def parse_robot(text: str, path: Path) -> Robot:
+    """Read a robot from the text of its file."""
+    return _robot(parse_yaml(text, path), path)
+
+
+def _robot(root: Value, path: Path) -> Robot:
     if not root.is_mapping:
         raise NotYaml(f"{path} has no keys; it is not a robot file", where=str(path))
     top = root.mapping(_TOP, required=("name", "joints"))

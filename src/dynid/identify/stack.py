@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.identify.least_squares import accumulate, merge
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
 from dynid.quality.condition import Filter, Segment
@@ -38,6 +39,7 @@ class Rows:
         tau: torques after the parallel filter, (M, n).
         usable: rows that count, (M, n).
         block: number of the block of time they belong to.
+        starts_segment: whether a stretch without gaps begins here.
     """
 
     t: Floats
@@ -45,6 +47,7 @@ class Rows:
     tau: Floats
     usable: NDArray[np.bool_]
     block: int
+    starts_segment: bool
 
 
 @dataclass(frozen=True)
@@ -97,20 +100,7 @@ def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first
     W[:, observer.rows, observer.cols] = entries.T
     centre = part.start + (taps - 1) // 2
     t = segment.t[centre : centre + (last - first - 1) * step + 1 : step]
-    return Rows(t, W, np.ascontiguousarray(tau.T), spoilt.T < 0.5, block)
-
-
-@dataclass(frozen=True)
-class Factor:
-    """Triangular factor of the rows of one joint in one block of time: [W tau] = Q R.
-
-    Attributes:
-        R: (p + 1, p + 1) upper triangular, or fewer rows; the last column belongs to the torque.
-        count: number of rows in it.
-    """
-
-    R: Floats
-    count: int
+    return Rows(t, W, np.ascontiguousarray(tau.T), spoilt.T < 0.5, block, first == 0)
 
 
 @dataclass(frozen=True)
@@ -120,33 +110,37 @@ class Stack:
     Attributes:
         names: base parameters, (p,).
         joints: joint names, (n,).
-        factors: one a log, block of time and joint: ``factors[b][j]``.
-        logs: number of the log of each block.
-        start: time of the first row of each block [s].
-        sources: the logs, for methods that need single rows.
+        factors: factor of [W tau] for each block of time and joint, (B, n, p + 1, p + 1).
+        rows: number of rows in each, (B, n).
+        logs: number of the log of each block, (B,).
+        start: time of the first row of each block, (B,) [s].
+        sources: the logs, for methods that look at single rows.
         observer: the columns.
     """
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
-    factors: tuple[tuple[Factor, ...], ...]
-    logs: tuple[int, ...]
-    start: tuple[float, ...]
+    factors: Floats
+    rows: NDArray[np.int64]
+    logs: NDArray[np.int64]
+    start: Floats
     sources: tuple[Source, ...] = field(default=(), repr=False, compare=False)
     observer: Observer | None = field(default=None, repr=False, compare=False)
 
     @property
+    def blocks(self) -> int:
+        """Number of blocks of time."""
+        return len(self.factors)
+
+    @property
     def samples(self) -> int:
         """Number of instants in the stack."""
-        return sum(max(factor.count for factor in block) for block in self.factors)
+        return int(self.rows.max(axis=1).sum()) if len(self.rows) else 0
 
-    def joint_factor(self, joint: int, blocks: Sequence[int] | None = None) -> Factor:
-        """Return the factor of one joint over some blocks (all when None)."""
-        chosen = range(len(self.factors)) if blocks is None else blocks
-        parts = [self.factors[b][joint] for b in chosen]
-        stacked = np.concatenate([part.R for part in parts]) if parts else np.zeros((0, len(self.names) + 1))
-        R = np.linalg.qr(stacked, mode="r") if len(stacked) > len(self.names) + 1 else stacked
-        return Factor(R, sum(part.count for part in parts))
+    def joint_factors(self, chosen: NDArray[np.bool_] | None = None) -> tuple[Floats, NDArray[np.int64]]:
+        """Return one factor a joint over the chosen blocks, (n, p + 1, p + 1), and its number of rows, (n,)."""
+        mask = np.ones(self.blocks, dtype=bool) if chosen is None else chosen
+        return np.array([merge(part) for part in self.factors[mask].swapaxes(0, 1)]), self.rows[mask].sum(axis=0)
 
 
 def stack(
@@ -165,33 +159,37 @@ def stack(
         joints: joint names.
         progress: told how far the work is.
     """
-    factors: list[list[Factor]] = []
+    n, size = len(joints), len(names) + 1
+    factors: list[Floats] = []
+    counts: list[NDArray[np.int64]] = []
     logs: list[int] = []
     start: list[float] = []
-    active = [np.unique(observer.cols[observer.rows == j]) for j in range(len(joints))]
+    active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
     for number, source in enumerate(sources):
-        offset = len(factors)
+        first = len(factors)
         expected = sum(len(s) for s in source.segments)
         done = 0
         for rows in rows_of(source, observer):
-            if rows.block + offset == len(factors):
-                factors.append([Factor(np.zeros((0, len(names) + 1)), 0) for _ in joints])
+            if rows.block + first == len(factors):
+                factors.append(np.zeros((n, size, size)))
+                counts.append(np.zeros(n, dtype=np.int64))
                 logs.append(number)
                 start.append(float(rows.t[0]))
-            current = factors[-1]
-            for j in range(len(joints)):
-                current[j] = _folded(current[j], rows, j, active[j])
+            for j in range(n):
+                counts[-1][j] += _fold(factors[-1][j], rows, j, active[j])
             done += len(rows.t) * source.chosen.second_step
             progress.advance(number + min(1.0, done / expected), len(sources), source.name)
-    return Stack(names, joints, tuple(tuple(block) for block in factors), tuple(logs), tuple(start), tuple(sources), observer)
+    shape = (len(factors), n, size, size)
+    return Stack(
+        names, joints, np.array(factors).reshape(shape), np.array(counts, dtype=np.int64).reshape(shape[:2]),
+        np.array(logs), np.array(start), tuple(sources), observer,
+    )  # fmt: skip
 
 
-def _folded(factor: Factor, rows: Rows, joint: int, active: NDArray[np.intp]) -> Factor:
-    """Add rows of one joint to its factor; only the columns that this joint has are worked on."""
+def _fold(R: Floats, rows: Rows, joint: int, active: NDArray[np.intp]) -> int:
+    """Add the rows of one joint to its factor in place; only the columns that this joint has are worked on."""
     good = rows.usable[:, joint]
     columns = np.append(active, rows.W.shape[2])
-    block = np.column_stack([rows.W[good][:, joint, active], rows.tau[good, joint]])
-    small = np.linalg.qr(np.concatenate([factor.R[:, columns], block]), mode="r")
-    R = np.zeros((len(small), rows.W.shape[2] + 1))
-    R[:, columns] = small
-    return Factor(R, factor.count + int(good.sum()))
+    small = accumulate(R[np.ix_(columns, columns)], rows.W[good][:, joint, active], rows.tau[good, joint])
+    R[np.ix_(columns, columns)] = small
+    return int(good.sum())

@@ -141,13 +141,16 @@ def choose_filter(log: Log, cutoff: float | None = None) -> Filter:
     return Filter(log.rate, cutoff, first, second)
 
 
-def condition(log: Log, chosen: Filter, exclude: Sequence[tuple[float, float]] = ()) -> list[Segment]:
+def condition(
+    log: Log, chosen: Filter, exclude: Sequence[tuple[float, float]] = (), *, measured_velocity: bool = False
+) -> list[Segment]:
     """Resample, filter and differentiate a log, one segment a stretch without gaps.
 
     Args:
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
         exclude: stretches to leave out, in seconds of the log's own time.
+        measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
 
     Raises:
         LogTooShort: no stretch is longer than the filters.
@@ -159,7 +162,8 @@ def condition(log: Log, chosen: Filter, exclude: Sequence[tuple[float, float]] =
     step = 1.0 / chosen.rate
     cuts = np.flatnonzero((np.diff(index) > 1) | (np.diff(log.t[index]) > (GAP_SAMPLES + 0.5) * step)) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
-    segments = [_segment(log, part, chosen) for part in np.split(index, cuts) if len(part) > needed]
+    parts = [part for part in np.split(index, cuts) if len(part) > needed]
+    segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None) for part in parts]
     if not segments:
         longest = max((len(part) for part in np.split(index, cuts)), default=0) * step
         raise LogTooShort(
@@ -170,7 +174,7 @@ def condition(log: Log, chosen: Filter, exclude: Sequence[tuple[float, float]] =
     return segments
 
 
-def _segment(log: Log, index: NDArray[np.intp], chosen: Filter) -> Segment:
+def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) -> Segment:
     """Filter one stretch, block by block so that only the thinned result is stored."""
     t = log.t[index]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
@@ -184,13 +188,13 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter) -> Segment:
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step))
+        pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step, measured))
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     return Segment(*joined)
 
 
 def _block(
-    log: Log, index: NDArray[np.intp], grid: Floats, even: slice | None, kernels: Floats, step: int
+    log: Log, index: NDArray[np.intp], grid: Floats, even: slice | None, kernels: Floats, step: int, measured: bool
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, NDArray[np.bool_], Floats, Floats, Floats]:
     taps = kernels.shape[1]
     half = (taps - 1) // 2
@@ -200,6 +204,8 @@ def _block(
 
     q, tau = column(log.q), column(log.tau)
     filtered = decimate(np.ascontiguousarray(q.T), kernels, step)
+    if measured and log.qd is not None:
+        filtered[1:] = decimate(np.ascontiguousarray(column(log.qd).T), kernels[:2], step)
     smooth_tau = decimate(np.ascontiguousarray(tau.T), kernels[:1], step)[0]
     centres = slice(half, half + (filtered.shape[2] - 1) * step + 1, step)
     clipped = log.extra.get("clipped")

@@ -1,0 +1,235 @@
+"""Ordinary, weighted and regularised least squares from small triangular factors (Paper Eq. 24).
+
+Any number of rows ``[W tau]`` is represented by the R factor of their QR decomposition, (p + 1, p + 1): same solution,
+same residual sum of squares, and factors of several blocks or logs are merged by another QR. One factor per joint is
+kept, because joints differ in noise. Recursive least squares is ``accumulate`` on an old factor.
+
+Source: Demmel et al. 2012, "Communication-optimal parallel and sequential QR" (TSQR).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import LogTooShort
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Rows factored at once: larger blocks leave the cache.
+CHUNK = 512
+#: Singular value of the column-normalised matrix, relative to the largest, below which a direction is not excited.
+RANK_TOLERANCE = 1e-8
+
+
+def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
+    """Add rows to a triangular factor.
+
+    Args:
+        R: factor of the rows so far, (p + 1, p + 1), or None.
+        W: new rows of the regressor, (N, p).
+        tau: their torques, (N,).
+
+    Returns:
+        The factor of all rows, (p + 1, p + 1) upper triangular.
+    """
+    p = W.shape[1]
+    R = np.zeros((p + 1, p + 1)) if R is None else R
+    for k in range(0, len(W), CHUNK):
+        R = _triangle(np.vstack([R, np.column_stack([W[k : k + CHUNK], tau[k : k + CHUNK]])]))
+    return R
+
+
+def merge(factors: Floats, weights: Floats | None = None) -> Floats:
+    """Merge factors into the factor of all their rows, each multiplied by its weight.
+
+    Args:
+        factors: (B, p + 1, p + 1).
+        weights: (B,); None for ones.
+
+    Returns:
+        (p + 1, p + 1) upper triangular.
+    """
+    scaled = factors if weights is None else factors * weights[:, None, None]
+    return _triangle(scaled.reshape(-1, factors.shape[-1]))
+
+
+def _triangle(rows: Floats) -> Floats:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The least-squares solution of one factor.
+
+    Attributes:
+        theta: parameters, (p,); the shortest in normalised columns where the rank is short.
+        inverse: inverse of W^T W, (p, p).
+        residual: sum of squares that remains.
+        rank: number of directions that the rows excite.
+        condition_number: of W, columns as they are; infinite where the rank is short.
+        condition_number_scaled: of W with columns of unit length.
+        weak: directions that the rows leave open, columns in parameter space, (p, p - rank).
+    """
+
+    theta: Floats
+    inverse: Floats
+    residual: float
+    rank: int
+    condition_number: float
+    condition_number_scaled: float
+    weak: Floats
+
+
+def solve(R: Floats) -> Solution:
+    """Solve a triangular factor for the parameters.
+
+    Args:
+        R: factor of [W tau], (p + 1, p + 1).
+
+    Returns:
+        The solution. Columns are normalised first: slow motion would otherwise look like a lost rank.
+    """
+    A, b = R[:-1, :-1], R[:-1, -1]
+    length = np.linalg.norm(A, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    U, S, Vt = np.linalg.svd(A / length)
+    rank = int(np.sum(S > RANK_TOLERANCE * S[0])) if S[0] > 0.0 else 0
+    V = Vt[:rank].T / S[:rank]
+    projected = U.T @ b
+    raw = np.linalg.svd(A, compute_uv=False)
+    full = rank == len(S)
+    return Solution(
+        theta=(V @ projected[:rank]) / length,
+        inverse=(V @ V.T) / np.outer(length, length),
+        residual=float(R[-1, -1] ** 2 + projected[rank:] @ projected[rank:]),
+        rank=rank,
+        condition_number=float(raw[0] / raw[-1]) if full else float("inf"),
+        condition_number_scaled=float(S[0] / S[-1]) if full else float("inf"),
+        weak=Vt[rank:].T / length[:, None],
+    )
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters fitted to the factors of all joints.
+
+    Attributes:
+        theta: parameters, (p,).
+        noise: standard deviation of each joint's residual, (n,) [N m].
+        rms: root mean square of each joint's residual, (n,) [N m].
+        whitened: factor of all rows divided by their noise, (p + 1, p + 1); 1/2 chi^2 is its natural cost.
+        covariance: textbook covariance, honest for white residuals only, (p, p).
+        solution: rank and condition numbers of the whitened rows.
+    """
+
+    theta: Floats
+    noise: Floats
+    rms: Floats
+    whitened: Floats
+    covariance: Floats
+    solution: Solution
+
+
+def ordinary(factors: Floats, rows: Ints) -> Fit:
+    """Fit by ordinary least squares: every N m of every joint counts the same (the paper's choice).
+
+    Args:
+        factors: one factor a joint, (n, p + 1, p + 1).
+        rows: number of rows of each joint, (n,).
+
+    Returns:
+        The fit; the noise is the same for all joints.
+    """
+    solution = solve(merge(factors))
+    noise = (solution.residual / _freedom(rows.sum(), solution.rank)) ** 0.5
+    return _fit(factors, rows, np.full(len(rows), max(noise, _floor(factors, rows).min())))
+
+
+def weighted(factors: Floats, rows: Ints, prior: Floats | None = None, max_rounds: int = 50) -> Fit:
+    """Fit with each joint divided by its own noise, found from the residuals and iterated.
+
+    Args:
+        factors: one factor a joint, (n, p + 1, p + 1).
+        rows: number of rows of each joint, (n,).
+        prior: factor of prior rows in units of their standard deviation, (p + 1, p + 1); see ``prior_rows``.
+        max_rounds: limit of the iteration.
+
+    Returns:
+        The fit.
+    """
+    fit = ordinary(factors, rows)
+    noise = _joint_noise(factors, rows, fit)
+    for _ in range(max_rounds):
+        fit = _fit(factors, rows, noise, prior)
+        before, noise = noise, _joint_noise(factors, rows, fit)
+        if np.all(np.abs(noise - before) <= 1e-4 * before):
+            break
+    return _fit(factors, rows, noise, prior)
+
+
+def ridge(factors: Floats, rows: Ints, prior: Floats, prior_covariance: Floats) -> Fit:
+    """Fit near prior base parameters: the weighted pseudo-inverse with prior data of the paper.
+
+    Args:
+        factors: one factor a joint, (n, p + 1, p + 1).
+        rows: number of rows of each joint, (n,).
+        prior: base parameters believed before measuring, (p,).
+        prior_covariance: how well they are believed, (p, p).
+
+    Returns:
+        The fit, weighted by joint; its covariance includes the prior.
+    """
+    return weighted(factors, rows, prior_rows(prior, prior_covariance))
+
+
+def prior_rows(prior: Floats, covariance: Floats) -> Floats:
+    """Return prior parameters with covariance as a factor like that of measured rows, (p + 1, p + 1)."""
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    return _triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
+
+
+def joint_rms(factors: Floats, rows: Ints, theta: Floats) -> Floats:
+    """Return the root mean square of each joint's residual for any parameters, (n,) [N m]."""
+    residual = factors @ np.append(theta, -1.0)
+    return np.asarray(np.sqrt(np.sum(residual**2, axis=-1) / np.maximum(rows, 1)))
+
+
+def relative_error(factors: Floats, theta: Floats) -> float:
+    """Return 100 * |tau - W theta| / |tau| over all rows [%]."""
+    residual = factors @ np.append(theta, -1.0)
+    return float(100.0 * np.linalg.norm(residual) / np.linalg.norm(factors[..., -1]))
+
+
+def _fit(factors: Floats, rows: Ints, noise: Floats, prior: Floats | None = None) -> Fit:
+    whitened = merge(factors, 1.0 / noise)
+    if prior is not None:
+        whitened = merge(np.stack([whitened, prior]))
+    solution = solve(whitened)
+    return Fit(
+        solution.theta, noise, joint_rms(factors, rows, solution.theta), whitened, solution.inverse, solution
+    )
+
+
+def _joint_noise(factors: Floats, rows: Ints, fit: Fit) -> Floats:
+    """Return residual rms per joint, corrected for the parameters that each joint's own rows have spent."""
+    scaled = factors[:, :, :-1] / fit.noise[:, None, None]
+    spent = np.einsum("jab,bc,jac->j", scaled, fit.covariance, scaled, optimize=True)
+    rms = joint_rms(factors, rows, fit.theta)
+    noise = rms * np.sqrt(rows / np.array([_freedom(N, used) for N, used in zip(rows, spent, strict=True)]))
+    return np.asarray(np.maximum(noise, _floor(factors, rows)))
+
+
+def _floor(factors: Floats, rows: Ints) -> Floats:
+    """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
+    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(rows, 1))
+    return np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30))
+
+
+def _freedom(rows: float, spent: float) -> float:
+    if rows <= spent:
+        raise LogTooShort(f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion")
+    return float(rows - spent)

@@ -1,0 +1,57 @@
+"""fullnumericregressor.npz: the stack of loop 3 before anything is identified.
+
+It holds the conditioned motion that rows are made from and one triangular factor of [W tau] for each joint: all that
+least squares needs, and small however long the log was. The stacked matrix itself is never stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynid.errors import NotAnArtifact
+from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.identify.stack import Source, Stack
+from dynid.quality.condition import Filter, Segment
+
+SCHEMA = "dynid/fullnumericregressor/1"
+_ARRAYS = tuple(field.name for field in fields(Segment))
+
+
+def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
+    """Write fullnumericregressor.npz."""
+    segments = [(k, segment) for k, source in enumerate(stack.sources) for segment in source.segments]
+    arrays = {name: np.concatenate([getattr(segment, name) for _, segment in segments]) for name in _ARRAYS}
+    factors, rows = stack.joint_factors()
+    arrays |= {"R": factors, "rows": rows}
+    facts = {
+        **header,
+        "base": list(stack.names),
+        "joints": list(stack.joints),
+        "lengths": [len(segment) for _, segment in segments],
+        "source_of_segment": [k for k, _ in segments],
+        "sources": [{"name": s.name, "rate": s.chosen.rate, "cutoff": s.chosen.cutoff, "first_step": s.chosen.first_step,
+                     "second_step": s.chosen.second_step} for s in stack.sources],
+    }  # fmt: skip
+    write_artifact(path, Artifact(SCHEMA, facts, arrays))
+
+
+def load(path: Path) -> tuple[list[Source], dict[str, Any]]:
+    """Read fullnumericregressor.npz: the conditioned logs and the header."""
+    artifact = read_artifact(path, SCHEMA)
+    h, a = dict(artifact.header), artifact.arrays
+    try:
+        edges = np.cumsum([0, *h["lengths"]])
+        segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        owners: Sequence[int] = h["source_of_segment"]
+        sources = []
+        for k, s in enumerate(h["sources"]):
+            chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
+            sources.append(Source([segment for segment, owner in zip(segments, owners, strict=True) if owner == k], chosen, str(s["name"])))
+        return sources, h
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -1,0 +1,79 @@
+"""From recordings to what rows are made of: read, checked, conditioned, torques of links that are not identified taken off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dynid.errors import Finding
+from dynid.files.logs import read_log
+from dynid.identify.stack import Source
+from dynid.log import Log
+from dynid.model.prior import prior_parameters
+from dynid.model.regressor import Model
+from dynid.quality.checks import prepare
+from dynid.quality.condition import Segment, choose_filter, condition
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How logs are read and conditioned.
+
+    Attributes:
+        topic: ROS topic, None for the driver's.
+        rate: sample rate of text files without time [Hz].
+        cutoff: cut-off of the parallel filter [Hz], None to choose it from the motion.
+        velocity: ``"derived"`` from positions or ``"measured"`` by the driver.
+        exclude: stretches to leave out [s].
+        sort_time: sort shuffled stamps.
+    """
+
+    topic: str | None = None
+    rate: float | None = None
+    cutoff: float | None = None
+    velocity: str = "derived"
+    exclude: tuple[tuple[float, float], ...] = ()
+    sort_time: bool = False
+
+
+def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log]:
+    """Read one log into what rows are made from.
+
+    Args:
+        path: the log.
+        model: the model whose rows are wanted.
+        reading: how to read it.
+
+    Returns:
+        The conditioned log and the prepared one, whose findings are worth showing.
+    """
+    robot = model.robot
+    raw = read_log(path, robot=robot, topic=reading.topic, rate=reading.rate)
+    log = prepare(raw, robot, exclude=reading.exclude, sort_time=reading.sort_time)
+    if reading.velocity == "measured" and log.qd is None:
+        text = f"{path.name} has no velocity; the derived one is used"
+        log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
+    chosen = choose_filter(log, reading.cutoff)
+    segments = condition(log, chosen, reading.exclude, measured_velocity=reading.velocity == "measured")
+    return Source(without_known(segments, model), chosen, path.name), log
+
+
+def common_cutoff(sources: Sequence[Source]) -> float:
+    """Return the largest cut-off of several logs [Hz]: one filter has to serve all that are stacked."""
+    return max(source.chosen.cutoff for source in sources)
+
+
+def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:
+    """Subtract the torque of links that keep their prior values, so that the rest fits the identified columns."""
+    others = tuple(k for k in range(1, model.robot.n + 1) if k not in model.robot.identified_links)
+    if not others:
+        return list(segments)
+    frozen = tuple(replace(joint, friction=(), motor_inertia=False) for joint in model.robot.joints)
+    rest = Model(replace(model.robot, links=others, joints=frozen, coupling=None), model.rigid)
+    prior = prior_parameters(model.robot).reshape(-1, 10)[np.array(others) - 1].ravel()
+    observer = rest.observer()
+    return [replace(s, tau=s.tau - observer.torque(prior, s.q, s.qd, s.qdd)) for s in segments]
+

@@ -1,0 +1,1 @@
+"""Pictures and pages of results; the only place that draws with matplotlib."""
