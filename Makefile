@@ -1,0 +1,46 @@
+# make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
+# make test    all tests
+# make lint    style, types, import direction
+# make reference    the pages of docs/reference that are made from the code
+
+# PyBullet has wheels up to Python 3.11, so that one is preferred; any Python from 3.10 on will do.
+PYTHON ?= $(shell for p in python3.11 python3.10 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null && { echo $$p; break; }; done)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint reference clean
+
+demo: $(VENV)/.ready
+	$(BIN)/dynid demo
+
+test: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/.ready-lint
+	$(BIN)/ruff check src tests
+	$(BIN)/mypy
+
+reference: $(VENV)/.ready
+	$(BIN)/dynid explain --markdown > docs/reference/errors.md
+
+$(VENV)/.ready: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.ready-%: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$*]'
+	@touch $@
+
+# Debian's python3 comes without ensurepip: virtualenv stands in, or apt brings it when we may use it.
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "dynid needs Python 3.10 or newer: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@echo "making $(VENV) with $(PYTHON)"
+	@rm -rf $(VENV); $(PYTHON) -m venv $(VENV) 2>/dev/null && $@ -m pip --version >/dev/null 2>&1 || { \
+		rm -rf $(VENV); virtualenv --quiet --python $(PYTHON) $(VENV) 2>/dev/null; } || { \
+		test "$$(id -u)" = 0 && apt-get update -qq && apt-get install -y -qq python3-venv >/dev/null && \
+		rm -rf $(VENV) && $(PYTHON) -m venv $(VENV); } || { \
+		rm -rf $(VENV); echo "no virtual environment: install python3-venv or virtualenv" >&2; exit 1; }
+
+clean:
+	rm -rf $(VENV) out
