@@ -140,16 +140,36 @@ def kind_of(path: str) -> str:
     "check",
     examples=(
         "dynid check my_arm.yaml                           a robot file",
+        "dynid check log.bag --robot my_arm.yaml           a log of that arm",
+        "dynid check log.bag --robot my_arm --convert      the same, and write out/my_arm/log.npz",
         "dynid check out/my_arm/parameters.npz             the header of a result",
     ),
 )
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True)
+@click.option("--robot", metavar="ROBOT", help="The arm of the logs; by default the robot file among the paths.")
+@click.option("--topic", help="ROS topic of the joint states.")
+@click.option("--rate", type=float, metavar="HZ", help="Sample rate of text logs without a time column.")
+@click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out this stretch of the log, in seconds.")
+@click.option("--sort-time", is_flag=True, help="Put shuffled samples in the order of their stamps.")
+@click.option("--convert", is_flag=True, help="Write log.npz: all columns as they were recorded.")
+@click.option("--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when there are warnings.")
-def command(common: Common, paths: Sequence[str], strict: bool) -> ExitStatus:
-    """Look for mistakes in robot files and results."""
+def command(common: Common, paths: Sequence[str], robot: str | None, strict: bool, **options: Any) -> ExitStatus:  # noqa: ANN401
+    """Look for mistakes in robot files, logs and results."""
+    from dynid.cli.checklog import LogOptions, check_log
     from dynid.files.robotfile import load_robot
 
-    found = [check_robot(load_robot(path)) if kind_of(path) == "robot" else check_result(Path(path)) for path in paths]
+    kinds = [kind_of(path) for path in paths]
+    robots = {path: load_robot(path) for path, kind in zip(paths, kinds, strict=True) if kind == "robot"}
+    arm = load_robot(robot) if robot else next(iter(robots.values()), None)
+    found = []
+    for path, kind in zip(paths, kinds, strict=True):
+        if kind == "robot":
+            found.append(check_robot(robots[path]))
+        elif kind == "result":
+            found.append(check_result(Path(path)))
+        else:
+            found.append(check_log(common, Path(path), arm, LogOptions(**options)))
     return _tell(common, found, strict)
 
 

@@ -5,6 +5,8 @@ A command is a function ``command(common, ...)`` under ``@dynid_command("name", 
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, update_wrapper
@@ -61,6 +63,10 @@ class Common:
     def folder(self, slug: str) -> Path:
         """Return the folder of the results of a robot."""
         return self.out or Path("out") / slug
+
+    def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
+        """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
+        return {"command": shlex.join(["dynid", *sys.argv[1:]]), "seed": self.seed, "inputs": dict(inputs)}
 
 
 _FILE = click.Path(dir_okay=False, path_type=Path)

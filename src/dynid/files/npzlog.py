@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -69,14 +70,21 @@ def read_npz_log(path: Path) -> Log:
     )
 
 
-def write_log(path: Path, log: Log) -> None:
-    """Write a log whole, with names and units in the header."""
+def write_log(path: Path, log: Log, run: Mapping[str, Any] | None = None) -> None:
+    """Write a log whole, with names and units in the header.
+
+    Args:
+        path: the file.
+        log: what to write.
+        run: facts about the run that made it: command line, seed, hashes of inputs.
+    """
     arrays: dict[str, Any] = {"t": log.t, "q": log.q, "tau": log.tau}
     if log.qd is not None:
         arrays["qd"] = log.qd
     if "q_ref" in log.extra:
         arrays["q_ref"] = log.extra["q_ref"]
     header = {
+        **(run or {}),
         "names": list(log.names),
         "units": {"t": "s", "tau": log.tau_unit},
         "topic": log.topic,
