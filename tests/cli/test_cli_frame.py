@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from dynid.cli.main import available, loop_map
 from dynid.errors import EXIT_MEANING, catalogue
@@ -353,3 +354,25 @@ def test_doctor_shows_value_and_source_of_each_option(dynid):
     assert found["", "quiet"] == ("1", "DYNID_QUIET")
     assert found["explain", "markdown"] == ("yes", "dynid.yaml:3")
     assert found["", "color"] == ("auto", "default")
+
+
+# ---------------------------------------------------------------- run.yaml
+def test_a_run_can_be_repeated_without_the_variables_and_files_it_was_made_with(dynid):
+    (dynid.folder / "log.csv").write_text("t\n1\n")
+    (dynid.folder / "dynid.yaml").write_text("seed: 7\n")
+    assert dynid("toy", "write", "log.csv", "--not-given", DYNID_SAMPLES="5").status == 0
+    (dynid.folder / "dynid.yaml").unlink()
+    run = yaml.safe_load((dynid.folder / "out/arm/run.yaml").read_text())["toy"]
+    assert run["arguments"][:2] == ["write", "log.csv"]
+    assert sorted(run["arguments"][2:]) == sorted(["--seed", "7", "--not-given", "--samples", "5"])
+    assert set(run["inputs"]) == {"log", "options"}
+    assert dynid("toy", "--from", "out/arm/run.yaml").err.startswith("reused")
+    assert "options sha" in dynid("toy", "--from", "out/arm/run.yaml", "--samples", "6").err
+
+
+def test_a_run_of_another_command_cannot_be_repeated(dynid):
+    (dynid.folder / "run.yaml").write_text("model: {arguments: [kinova_gen2]}\n")
+    done = dynid("toy", "--from", "run.yaml")
+    assert done.status == 2
+    assert "holds no run of 'toy'; it has model" in done.err
+    assert dynid("toy", "--from", "nowhere.yaml").status == 2

@@ -12,6 +12,7 @@ import click
 from dynid.cli import main as frame
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import ask, input_hashes, may_write, typed
+from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, NotFinite
 from dynid.files.artifact import Artifact, write_artifact, write_text, written_whole
 
@@ -32,6 +33,7 @@ def writes(common, word, samples, **_):
     if may_write(common, path, inputs):
         write_artifact(path, Artifact("dynid/toy/1", {"inputs": inputs}, {}))
         common.terminal.wrote(path)
+        write_run(path.parent, inputs)
 
 
 def writes_text(common, **_):
@@ -101,7 +103,7 @@ JOBS = {
 }  # fmt: skip
 
 
-@dynid_command("toy", examples=("dynid toy ask P1",))
+@dynid_command("toy", examples=("dynid toy ask P1",), repeatable=True)
 @click.argument("job", type=click.Choice(list(JOBS)))
 @click.argument("word", required=False)
 @click.option("--given/--not-given", default=None, help="Answer of the question.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -132,7 +133,8 @@ def kind_of(path: str) -> str:
     file = Path(path)
     if file.suffix == ".npz" and file.is_file():
         header = read_header(file)
-        return "result" if header and not str(header.get("schema", "")).startswith("dynid/log/") else "log"
+        plain = header is None and zipfile.is_zipfile(file)
+        return "log" if plain or str((header or {}).get("schema", "")).startswith("dynid/log/") else "result"
     return "log" if file.is_dir() or file.suffix not in (*ROBOT_SUFFIXES, "") else "robot"
 
 

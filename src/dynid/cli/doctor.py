@@ -10,16 +10,19 @@ import threading
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import click
 
 from dynid.cli.machine import has_module, version_of
-from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, known_keys
+from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
 from dynid.cli.settings import LOCAL, load_settings, settings_files
 from dynid.errors import ExitStatus
 from dynid.files.xdg import cache_folder, config_file
+
+if TYPE_CHECKING:
+    from dynid.cli.terminal import Cell
 
 #: What dynid cannot do without.
 REQUIRED = ("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich", "rosbags", "jinja2")
@@ -119,15 +122,16 @@ def settings(given: Path | None) -> Iterator[Setting]:
     for name in ["doctor", *(name for name in cli.list_commands(group) if name != "doctor")]:
         command = cli.get_command(group, name)
         assert isinstance(command, Command)
-        found = load_settings(given, name, known_keys(command))
+        keys = known_keys(command)
+        found = load_settings(given, name, keys)
         for param in command.params:
-            if not isinstance(param, click.Option) or param.name is None or param.name not in known_keys(command):
+            if not isinstance(param, click.Option) or key_of(param) not in keys:
                 continue
             value, source = _resolved(param, found.values, found.places)
             if name == "doctor" and param.name in COMMON_NAMES:
-                yield Setting("", param.name, value, source)
+                yield Setting("", key_of(param), value, source)
             elif source != "default" and param.name not in COMMON_NAMES:
-                yield Setting(name, param.name, value, source)
+                yield Setting(name, key_of(param), value, source)
 
 
 def _resolved(param: click.Option, values: dict[str, Any], places: dict[str, str]) -> tuple[Any, str]:
@@ -192,7 +196,7 @@ def command(common: Common) -> ExitStatus:
             "does_not_work": [check.name for check in missing],
         }
     )
-    words = {True: "ok", False: ("missing", "yellow"), None: ""}
+    words: dict[bool | None, Cell] = {True: "ok", False: ("missing", "yellow"), None: ""}
     terminal.table(("what", "state", "found"), [(c.name, words[c.ok], c.value) for c in found], numbers=False)
     terminal.answer()
     terminal.fact("works", ", ".join(check.name for check in found if check.ok))

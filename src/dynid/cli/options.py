@@ -86,6 +86,14 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     return value
 
 
+FROM_OPTION = click.option(
+    "--from",
+    "from_",
+    metavar="RUN.yaml",
+    expose_value=False,
+    allow_from_autoenv=False,
+    help="Repeat a run of a results folder; arguments and options given besides win.",
+)
 CONFIG_OPTION = click.option(
     "--config",
     type=click.Path(dir_okay=False, exists=True, path_type=Path),
@@ -125,27 +133,41 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
 COMMON_NAMES = tuple(field.name for field in fields(Common))
 
 
-def known_keys(command: click.Command) -> tuple[str, ...]:
-    """Return the keys a configuration file may set for a command: long option names with underscores."""
-    return tuple(
-        param.name
+def key_of(option: click.Option) -> str:
+    """Return the name of an option in variables and configuration files: its long name with underscores."""
+    return next(word for word in option.opts if word.startswith("--"))[2:].replace("-", "_")
+
+
+def known_keys(command: click.Command) -> dict[str, str]:
+    """Return the keys a configuration file may set for a command, each with the name of the parameter it sets."""
+    return {
+        key_of(param): str(param.name)
         for param in command.params
-        if isinstance(param, click.Option) and param.name and param.name != "config" and param.allow_from_autoenv
-    )
+        if isinstance(param, click.Option) and param.name != "config" and param.allow_from_autoenv
+    }
 
 
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
 
     examples: Sequence[str] = ()
+    repeatable = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
         super().__init__(*args, **kwargs)
         for param in self.params:
             # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
-            if isinstance(param, click.Option) and param.allow_from_autoenv and param.envvar is None and param.name:
-                name = param.name.upper()
+            if isinstance(param, click.Option) and param.allow_from_autoenv and param.envvar is None:
+                name = key_of(param).upper()
                 param.envvar = [f"DYNID_{(self.name or '').upper()}_{name}", f"DYNID_{name}"]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the words of the command line, those of a former run first."""
+        if self.repeatable and not ctx.resilient_parsing:
+            from dynid.cli.runfile import repeated
+
+            args = repeated(str(self.name), args)
+        return super().parse_args(ctx, args)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write usage, what it does, examples, options, common options."""
@@ -160,7 +182,8 @@ class Command(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the common ones."""
-        own, common = [], []
+        own: list[tuple[str, str]] = []
+        common: list[tuple[str, str]] = []
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record and (isinstance(param, click.Option) or record[1]):
@@ -172,13 +195,14 @@ class Command(click.Command):
 
 
 def dynid_command(
-    name: str, *, examples: Sequence[str] = (), config: Callable[[Any], Any] | None = None
+    name: str, *, examples: Sequence[str] = (), repeatable: bool = False, config: Callable[[Any], Any] | None = None
 ) -> Callable[[Callable[..., Any]], Command]:
     """Make a command of a function that takes ``common`` first and its own options by keyword.
 
     Args:
         name: name of the command, the same as its module.
         examples: lines for the help.
+        repeatable: whether it has ``--from run.yaml``; such a command calls ``write_run``.
         config: stands in for the common option --config.
 
     Returns:
@@ -199,8 +223,11 @@ def dynid_command(
         decorated: Any = callback
         for option in reversed((config or CONFIG_OPTION, *COMMON_OPTIONS)):
             decorated = option(decorated)
-        made = click.command(name, **options)(decorated)
-        made.examples = examples
+        if repeatable:
+            decorated = FROM_OPTION(decorated)
+        make: Callable[[Callable[..., Any]], Command] = click.command(name, **options)
+        made = make(decorated)
+        made.examples, made.repeatable = examples, repeatable
         return made
 
     return decorate

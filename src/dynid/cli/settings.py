@@ -6,7 +6,7 @@ that command's options. ``./dynid.yaml`` wins over the user's file, and ``--conf
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,8 +25,8 @@ class Settings:
     """What the configuration files say for one command.
 
     Attributes:
-        values: option name to text or list of texts, as on the command line.
-        places: option name to ``file:line``.
+        values: parameter name to text or list of texts, as on the command line.
+        places: parameter name to ``file:line``.
     """
 
     values: dict[str, str | list[str]] = field(default_factory=dict)
@@ -40,8 +40,13 @@ def settings_files(given: Path | None) -> list[Path]:
     return [path for path in (config_file(), LOCAL) if path.is_file()]
 
 
-def load_settings(given: Path | None, command: str, keys: Sequence[str]) -> Settings:
-    """Read what the configuration files say about the options ``keys`` of a command.
+def load_settings(given: Path | None, command: str, keys: Mapping[str, str]) -> Settings:
+    """Read what the configuration files say about the options of a command.
+
+    Args:
+        given: the file of --config, or None.
+        command: name of the command.
+        keys: key in the file and name of the parameter that it sets.
 
     Raises:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
@@ -52,7 +57,7 @@ def load_settings(given: Path | None, command: str, keys: Sequence[str]) -> Sett
     return settings
 
 
-def _read(path: Path, command: str, keys: Sequence[str], settings: Settings) -> None:
+def _read(path: Path, command: str, keys: Mapping[str, str], settings: Settings) -> None:
     from dynid.cli.main import COMMANDS
     from dynid.cli.options import COMMON_NAMES
     from dynid.files.yamlfile import read_yaml
@@ -60,15 +65,15 @@ def _read(path: Path, command: str, keys: Sequence[str], settings: Settings) -> 
     common = [name for name in COMMON_NAMES if name != "config"]
     try:
         top = read_yaml(path).mapping([*common, *COMMANDS])
-        own = top[command].mapping(keys) if command in top and not top[command].is_null else {}
+        own = top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}
     except UnknownKey as error:
         raise UnknownKey(
             error.what, where=error.where, fix="rename or remove the key; keys are long option names"
         ) from error
     for key, value in {**{k: v for k, v in top.items() if k in common}, **own}.items():
         if not value.is_null:
-            settings.values[key] = _words(value)
-            settings.places[key] = value.where
+            settings.values[keys.get(key, key)] = _words(value)
+            settings.places[keys.get(key, key)] = value.where
 
 
 def _words(value: Value) -> str | list[str]:

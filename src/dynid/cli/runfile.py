@@ -1,0 +1,112 @@
+"""run.yaml: what was run in a results folder, enough to run it again with ``--from run.yaml``.
+
+One section a command. The stored arguments hold every option that differed from its default, wherever it came from,
+so that the run does not depend on variables and configuration files of that day.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import click
+from click.core import ParameterSource
+
+from dynid import __version__
+from dynid.errors import WrongUsage
+
+NAME = "run.yaml"
+#: Of the common options only these change a result; the others are about the terminal.
+_REPEATED = ("out", "seed")
+_KEYS = ("dynid", "command", "arguments", "inputs")
+
+
+def arguments_of(ctx: click.Context) -> list[str]:
+    """Return a command line that gives the same values: arguments, then options that differ from their default."""
+    from dynid.cli.options import COMMON_NAMES
+
+    words: list[str] = []
+    flags: list[str] = []
+    for param in ctx.command.params:
+        value = ctx.params.get(str(param.name))
+        values = value if isinstance(value, (list, tuple)) else [value]
+        if value is None or ctx.get_parameter_source(str(param.name)) is ParameterSource.DEFAULT:
+            continue
+        if isinstance(param, click.Argument):
+            words += [str(item) for item in values]
+        elif isinstance(param, click.Option) and (param.name in _REPEATED or param.name not in COMMON_NAMES):
+            flags += _flag(param, value, values)
+    return words + flags
+
+
+def _flag(option: click.Option, value: object, values: Sequence[object]) -> list[str]:
+    name = next(word for word in option.opts if word.startswith("--"))
+    if isinstance(value, bool):
+        other = option.secondary_opts[0] if option.secondary_opts else None
+        return [name] if value else [other] if other else []
+    if option.count:
+        return [name] * int(str(value))
+    return [word for item in values for word in (name, str(item))]
+
+
+def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
+    """Write this run's section of run.yaml in a results folder; sections of other commands stay.
+
+    Args:
+        folder: results folder.
+        inputs: sha256 of every input by name.
+    """
+    import yaml
+
+    from dynid.files.artifact import write_text
+
+    ctx = click.get_current_context()
+    arguments = arguments_of(ctx)
+    path = folder / NAME
+    runs = _others(path)
+    runs[str(ctx.info_name)] = {
+        "dynid": __version__,
+        "command": shlex.join(["dynid", str(ctx.info_name), *arguments]),
+        "arguments": arguments,
+        "inputs": dict(inputs),
+    }
+    write_text(path, yaml.safe_dump(runs, sort_keys=True, allow_unicode=True, width=10**6))
+    return path
+
+
+def _others(path: Path) -> dict[str, object]:
+    import yaml
+
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return {}
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def repeated(command: str, args: Sequence[str]) -> list[str]:
+    """Return a command line with ``--from FILE`` replaced by the stored arguments; what is given besides wins.
+
+    Raises:
+        WrongUsage: there is no such file, or it holds no run of this command.
+    """
+    words = list(args)
+    for i, word in enumerate(words):
+        if word == "--from" and i + 1 < len(words):
+            return _stored(command, Path(words[i + 1])) + words[:i] + words[i + 2 :]
+        if word.startswith("--from="):
+            return _stored(command, Path(word.removeprefix("--from="))) + words[:i] + words[i + 1 :]
+    return words
+
+
+def _stored(command: str, path: Path) -> list[str]:
+    from dynid.cli.main import COMMANDS
+    from dynid.files.yamlfile import read_yaml
+
+    if not path.is_file():
+        raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
+    runs = read_yaml(path).mapping(tuple(COMMANDS))
+    if command not in runs:
+        raise WrongUsage(f"{path} holds no run of '{command}'; it has {', '.join(runs)}", where=str(path))
+    return [item.text() for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()]
