@@ -1,0 +1,273 @@
+"""``dynid identify ROBOT [LOG...]``: base parameters from logs, with honest errors and a held-out figure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynid.cli.loop3 import base_model, hashes, percent, read_sources, reading_of, reading_options, stack_sources
+from dynid.cli.options import Common, dynid_command
+from dynid.cli.prompt import may_write
+from dynid.errors import ExitStatus, LogNotFound, WrongUsage
+
+if TYPE_CHECKING:
+    from dynid.identify.estimate import HoldOut
+    from dynid.identify.result import Identification
+    from dynid.identify.stack import Stack
+    from dynid.model.store import BaseModel
+    from dynid.robot import Robot
+
+DEFAULTS: dict[str, Any] = {
+    "method": "wls", "holdout": "20%", "drop_weak": False, "cutoff": "auto", "velocity": "derived", "exclude": (),
+    "topic": None, "rate": None, "sort_time": False,
+}  # fmt: skip
+
+
+@dynid_command(
+    "identify",
+    examples=(
+        "dynid identify kuka_lwr4plus run.bag",
+        "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
+        "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
+    ),
+)
+@click.argument("robot")
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
+@click.option("--method", type=click.Choice(["wls", "ols"]), default=DEFAULTS["method"], show_default=True, help="Estimator.")
+@click.option("--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back.")
+@click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters.")
+@click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
+@reading_options
+def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[str, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
+    """Identify the base parameters of an arm by least squares."""
+    limits = [parsed_limit(text) for text in fail_if]
+    facts = run_identify(common, robot, logs, **options)
+    return ExitStatus.LIMIT_NOT_MET if any([broken(common, facts, *limit) for limit in limits]) else ExitStatus.DONE
+
+
+def run_identify(common: Common, robot: str, logs: tuple[Path, ...], *, show: bool = True, **given: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Identify, write the results, print them, and return the JSON answer."""
+    from dynid.files.robotfile import load_robot
+    from dynid.identify import result as results
+
+    options = DEFAULTS | given
+    arm = load_robot(robot)
+    common.terminal.findings(arm.findings)
+    folder = common.folder(arm.slug)
+    base = base_model(common, arm)
+    inputs = needed_inputs(arm, folder, logs, options)
+    path = folder / "parameters.npz"
+    if may_write(common, path, inputs):
+        stack, header = obtain_stack(common, base, folder, logs, options, inputs)
+        found = fitted(common, base, stack, options)
+        wrote = write_results(common, folder, base, stack, found, {**header, "inputs": inputs})
+    else:
+        found, wrote = results.load(path).identification, []
+    facts = answer_of(base, found, wrote)
+    if show:
+        common.terminal.emit_json(facts)
+        show_result(common, base, found)
+        common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
+    return facts
+
+
+def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, str]:
+    """Return the hashes that the result depends on; without logs, those of the stack that is there."""
+    from dynid.files.artifact import read_header
+
+    if logs:
+        extra = (Path(options["holdout"]),) if _is_log(options["holdout"]) else ()
+        return hashes(robot, (*logs, *extra), options)
+    path = folder / "fullnumericregressor.npz"
+    header = read_header(path) if path.is_file() else None
+    if header is None:
+        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.slug} LOG")
+    if header.get("key") != robot.model_key:
+        raise LogNotFound(f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG")
+    return dict(header["inputs"]) | {"method": str(options["method"]), "holdout": str(options["holdout"])}
+
+
+def _is_log(text: str) -> bool:
+    return text != "none" and not re.fullmatch(r"[\d.]+%?", text)
+
+
+def obtain_stack(
+    common: Common, base: BaseModel, folder: Path, logs: tuple[Path, ...], options: dict[str, Any], inputs: dict[str, str]
+) -> tuple[Stack, dict[str, Any]]:
+    """Return the stack of the given logs, or of ``dynid parameters``."""
+    from dynid.identify import numeric
+
+    if logs:
+        sources, findings = read_sources(common, base, logs, reading_of(options))
+        header = {
+            "robot": base.robot.name,
+            "key": base.robot.model_key,
+            "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
+            "logs": [str(log) for log in logs],
+            "cutoff_hz": sources[0].chosen.cutoff,
+            "log_findings": [asdict(f) for f in findings],
+        }
+        stack = stack_sources(common, base, sources)
+        numeric.save(folder / "fullnumericregressor.npz", stack, {**header, "inputs": inputs})
+        common.terminal.wrote(folder / "fullnumericregressor.npz")
+        return stack, header
+    path = folder / "fullnumericregressor.npz"
+    sources, stored = numeric.load(path)
+    common.terminal.stage("log", f"from {path}: {', '.join(stored['logs'])}")
+    header = {key: stored[key] for key in ("robot", "key", "log_sha256", "logs", "cutoff_hz", "log_findings")}
+    return stack_sources(common, base, sources), header
+
+
+def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> Identification:
+    """Fit the stack."""
+    from dynid.identify.estimate import estimate
+
+    holdout = held_out(common, base, stack, options)
+    found = estimate(stack, base, method=options["method"], holdout=holdout, drop_weak=options["drop_weak"])
+    method = {"wls": "weighted least squares, one noise level a joint", "ols": "ordinary least squares"}[options["method"]]
+    condition = f"condition number {found.condition_number_scaled:.3g} with normalised columns ({found.condition_number:.3g} without)"
+    common.terminal.stage("estimate", f"{method}; {len(found.names)} base parameters; held out: {found.heldout}")
+    common.terminal.stage("excited", condition)
+    common.terminal.findings(found.findings)
+    return found
+
+
+def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> HoldOut | None:
+    """Return what is held out, as --holdout says."""
+    import numpy as np
+
+    from dynid.identify.estimate import HoldOut, last_share
+
+    text = options["holdout"]
+    if text == "none":
+        return None
+    if not _is_log(text):
+        return last_share(stack, percent(text, "--holdout"))
+    reading = reading_of({**options, "cutoff": str(stack.sources[0].chosen.cutoff), "exclude": ()})
+    sources, _ = read_sources(common, base, (Path(text),), reading)
+    test = stack_sources(common, base, sources)
+    return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), text)
+
+
+def write_results(
+    common: Common, folder: Path, base: BaseModel, stack: Stack, found: Identification, header: dict[str, Any]
+) -> list[Path]:
+    """Write parameters.npz, parameters.yaml and estimatedmotion.npz."""
+    from dynid.identify import result
+    from dynid.validate import predict
+
+    assert stack.observer is not None
+    motions = [predict.predict(source, stack.observer, found.theta) for source in stack.sources]
+    predict.save(folder / "estimatedmotion.npz", motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
+    facts = {
+        "schema": "dynid/parameters-table/1",
+        "robot": base.robot.name,
+        "logs_sha256": list(header["log_sha256"]),
+        "method": found.method,
+        "cutoff_hz": float(f"{header['cutoff_hz']:.6g}"),
+        "coulomb": {"shape": base.robot.coulomb_shape.shape, "velocity": list(base.robot.coulomb_shape.velocity)},
+        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
+    }
+    # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
+    result.write_yaml(folder / "parameters.yaml", found, base, facts)
+    result.save(folder / "parameters.npz", found, base, header)
+    wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
+    for path in wrote:
+        common.terminal.wrote(path)
+    return wrote
+
+
+def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict[str, Any]:
+    """Return the JSON answer."""
+    from dynid.identify.result import parameter_table
+
+    joints = [
+        {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent, "heldout_rms_nm": j.heldout_rms}
+        for j in found.joints
+    ]
+    return {
+        "schema": "dynid/identify/1",
+        "robot": base.robot.name,
+        "method": found.method,
+        "rank": found.rank,
+        "samples": found.samples,
+        "condition_number": found.condition_number,
+        "condition_number_scaled": found.condition_number_scaled,
+        "relative_error_percent": found.relative_error_percent,
+        "heldout": found.heldout,
+        "heldout_relative_error_percent": found.heldout_relative_error_percent,
+        "joints": joints,
+        "parameters": parameter_table(found, base),
+        "physically_consistent": None,
+        "links": None,
+        "findings": [asdict(f) for f in found.findings],
+        "wrote": wrote,
+    }
+
+
+def show_result(common: Common, base: BaseModel, found: Identification) -> None:
+    """Print the table of joints, the list of parameters and how well they are known."""
+    terminal = common.terminal
+    units = [joint.torque_unit for joint in base.robot.joints]
+    rows = []
+    for quality, unit in zip(found.joints, units, strict=True):
+        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms:.3g} {unit}"
+        rows.append([quality.joint, f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %", held])
+    terminal.table(["joint", "rms error", "torque rms", "unexplained", "held out"], rows)
+    held_total = found.heldout_relative_error_percent
+    total = f"total relative error {found.relative_error_percent:.2f} %"
+    terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
+    terminal.answer()
+    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(base, found))
+    counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
+    terminal.answer()
+    terminal.fact("known", f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log")
+
+
+def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
+    """Return one line a base parameter, with the digits that its error leaves."""
+    from dynid.identify.result import parameter_table
+
+    rows = []
+    for row in parameter_table(found, base):
+        error = row["std_error"]
+        value = "not determined" if error is None else f"{row['value']:.4g}"
+        prior = "-" if row["prior"] is None else f"{row['prior']:.4g}"
+        rows.append([row["name"], value, "-" if error is None else f"{error:.2g}", row["unit"], row["class"], row["known"], prior])
+    return rows
+
+
+LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
+
+
+def parsed_limit(text: str) -> tuple[str, str, float]:
+    """Read a limit such as ``max_rms_nm > 1.5``."""
+    match = LIMIT.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError
+        return match[1], match[2], float(match[3])
+    except ValueError:
+        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix="such as --fail-if 'max_rms_nm > 1.5'") from None
+
+
+def broken(common: Common, facts: dict[str, Any], name: str, sign: str, limit: float) -> bool:
+    """Return whether a limit is broken, and say so."""
+    from dynid.files.yamlfile import closest
+
+    values = {key: value for key, value in facts.items() if isinstance(value, (int, float)) and not isinstance(value, bool)}
+    values["max_rms_nm"] = max(joint["rms_nm"] for joint in facts["joints"])
+    held = [joint["heldout_rms_nm"] for joint in facts["joints"] if joint["heldout_rms_nm"] is not None]
+    if held:
+        values["max_heldout_rms_nm"] = max(held)
+    if name not in values:
+        raise WrongUsage(f"--fail-if: no figure '{name}'{closest(name, values)}", fix=f"one of {', '.join(sorted(values))}")
+    value = values[name]
+    holds = {"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign]
+    if holds:
+        common.terminal.say(f"limit      {name} = {value:.4g} {sign} {limit:g}")
+    return holds

@@ -1,0 +1,183 @@
+"""What the commands of loop 3 share: reading logs, stacking, and the options for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynid.cli.options import Common
+from dynid.cli.prompt import input_hashes
+from dynid.errors import DynidError, Finding, WrongUsage
+
+if TYPE_CHECKING:
+    from dynid.identify.sources import Reading
+    from dynid.identify.stack import Source, Stack
+    from dynid.model.store import BaseModel
+    from dynid.robot import Robot
+
+READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
+    click.option("--cutoff", metavar="auto|HZ", default="auto", show_default=True, help="Cut-off over torque and columns."),
+    click.option(
+        "--velocity", type=click.Choice(["derived", "measured"]), default="derived", show_default=True,
+        help="Velocity from the positions, or the driver's.",
+    ),
+    click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out a stretch [s]; may be given several times."),
+    click.option("--topic", metavar="TOPIC", help="ROS topic of the joint states."),
+    click.option("--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", help="Rate of text logs without time."),
+    click.option("--sort-time", is_flag=True, help="Sort samples whose time stamps are only shuffled."),
+)  # fmt: skip
+
+
+def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of reading a log to a command."""
+    for option in reversed(READING_OPTIONS):
+        function = option(function)
+    return function
+
+
+def reading_of(options: dict[str, Any]) -> Reading:
+    """Return how to read logs, from the command's options."""
+    from dynid.identify.sources import Reading
+
+    return Reading(
+        topic=options["topic"],
+        rate=options["rate"],
+        cutoff=_cutoff(options["cutoff"]),
+        velocity=options["velocity"],
+        exclude=tuple(_stretch(text) for text in options["exclude"]),
+        sort_time=options["sort_time"],
+    )
+
+
+def _cutoff(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise WrongUsage(f"--cutoff '{text}' is neither auto nor a frequency in Hz", fix="such as --cutoff 8")
+    return value
+
+
+def _stretch(text: str) -> tuple[float, float]:
+    start, dash, end = text.strip().partition("-")
+    try:
+        found = (float(start), float(end))
+    except ValueError:
+        found = (1.0, 0.0)
+    if not dash or found[0] > found[1]:
+        raise WrongUsage(f"--exclude '{text}' is not a stretch of time", fix="such as --exclude 3.2-3.4")
+    return found
+
+
+def percent(text: str, option: str) -> float:
+    """Return a share written as ``20%`` or ``0.2``."""
+    try:
+        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < 1:
+        raise WrongUsage(f"{option} '{text}' is not a share between 0 and 100 %", fix=f"such as {option} 20%")
+    return value
+
+
+@dataclass(frozen=True)
+class Stacked:
+    """Logs ready to be identified from.
+
+    Attributes:
+        base: model and base parameters.
+        stack: the stacked rows.
+        findings: what was noticed in the logs.
+        inputs: hashes that the results depend on.
+        header: facts for the results' headers.
+    """
+
+    base: BaseModel
+    stack: Stack
+    findings: tuple[Finding, ...]
+    inputs: dict[str, str]
+    header: dict[str, Any]
+
+
+def base_model(common: Common, robot: Robot) -> BaseModel:
+    """Return the robot's model with base parameters, derived when it is not there yet or stale."""
+    from dynid.model.store import key_of, obtain_base_model, paths, stored_key
+
+    path = paths(common.folder(robot.slug))[1]
+    fresh = stored_key(path) == key_of(robot)
+    with common.terminal.progress() as progress:
+        progress.stage("model", "")
+        base = obtain_base_model(robot, path.parent)
+    if not fresh:
+        made = f"{len(base.reduction.names)} -> {base.reduction.rank} base parameters"
+        common.terminal.stage("model", f"derived for {robot.name}: {made}, stored in {path.parent}")
+    return base
+
+
+def hashes(robot: Robot, logs: Sequence[Path], options: dict[str, Any]) -> dict[str, str]:
+    """Return what a result depends on: robot, logs, options."""
+    for log in logs:
+        if not log.exists():
+            from dynid.files.logs import read_log
+
+            read_log(log, robot=robot)
+    named = {f"log {k + 1}": log for k, log in enumerate(logs)}
+    return {"robot": robot.model_key, **input_hashes(named, options)}
+
+
+def read_sources(common: Common, base: BaseModel, logs: Sequence[Path], reading: Reading) -> tuple[list[Source], list[Finding]]:
+    """Read and condition logs, all with the same cut-off, and say what was noticed."""
+    from dynid.identify.sources import common_cutoff, read_source
+
+    terminal = common.terminal
+    sources: list[Source] = []
+    findings: list[Finding] = []
+    with terminal.progress() as progress:
+        for path in logs:
+            progress.stage("read", "")
+            source, log = _located(path, lambda path=path: read_source(path, base.model, reading))
+            sources.append(source)
+            findings += log.findings
+            terminal.stage("log", f"{path}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+            terminal.findings(log.findings)
+        cutoff = common_cutoff(sources)
+        if any(source.chosen.cutoff != cutoff for source in sources):
+            again = replace(reading, cutoff=cutoff)
+            sources = [_located(path, lambda path=path: read_source(path, base.model, again))[0] for path in logs]
+    chosen = sources[0].chosen
+    how = "from the motion's band" if reading.cutoff is None else "as given"
+    terminal.stage(
+        "filter",
+        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}; positions at "
+        f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
+    )
+    return sources, findings
+
+
+def _located(path: Path, read: Callable[[], Any]) -> Any:  # noqa: ANN401
+    """Read a log; a mistake that does not say which log it was found in gets its path."""
+    try:
+        return read()
+    except DynidError as error:
+        error.where = error.where or str(path)
+        raise
+
+
+def stack_sources(common: Common, base: BaseModel, sources: Sequence[Source]) -> Stack:
+    """Stack conditioned logs."""
+    from dynid.identify.stack import stack
+
+    reduction = base.reduction
+    with common.terminal.progress() as progress:
+        progress.stage("stack", "")
+        result = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names, progress)
+    rows = f"{result.samples} samples x {len(result.joints)} joints"
+    common.terminal.stage("stacked", f"{rows} -> W {int(result.rows.sum())} x {len(result.names)}")
+    return result

@@ -1,0 +1,124 @@
+"""``dynid parameters ROBOT LOG...``: the regressor on a log, before anything is identified."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynid.cli.loop3 import base_model, hashes, read_sources, reading_of, reading_options, stack_sources
+from dynid.cli.options import Common, dynid_command
+from dynid.cli.prompt import Answer, ask, may_write
+
+if TYPE_CHECKING:
+    from dynid.errors import Finding
+    from dynid.identify.stack import Stack
+    from dynid.model.store import BaseModel
+    from dynid.robot import Robot
+
+
+@dynid_command(
+    "parameters",
+    examples=(
+        "dynid parameters kuka_lwr4plus run.bag             stack, ask, identify",
+        "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
+    ),
+)
+@click.argument("robot")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@reading_options
+@click.option("--identify/--no-identify", "identify_now", default=None, help="Identify afterwards without asking.")
+def command(common: Common, robot: str, logs: tuple[Path, ...], identify_now: bool | None, **options: Any) -> None:  # noqa: ANN401
+    """Filter logs, stack the base regressor over them, and say what they excite."""
+    from dynid.files.robotfile import load_robot
+
+    arm = load_robot(robot)
+    common.terminal.findings(arm.findings)
+    while True:
+        facts = stack_and_write(common, arm, logs, options)
+        common.terminal.emit_json(facts)
+        answer = ask(common, "P5", given=identify_now)
+        if answer is not Answer.RETRY:
+            break
+        options["cutoff"] = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
+        common = replace(common, force=True)
+    if answer is Answer.YES:
+        from dynid.cli.identify import run_identify
+
+        run_identify(common, robot, (), show=not common.json)
+    else:
+        common.terminal.next(f"dynid identify {robot}")
+
+
+def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, Any]:
+    """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
+    from dynid.identify import numeric
+
+    folder = common.folder(robot.slug)
+    path = folder / "fullnumericregressor.npz"
+    inputs = hashes(robot, logs, options)
+    base = base_model(common, robot)
+    if not may_write(common, path, inputs):
+        sources, header = numeric.load(path)
+        return answer_of(base, stack_sources(common, base, sources), [], header["log_findings"], [])
+    sources, findings = read_sources(common, base, logs, reading_of(options))
+    stack = stack_sources(common, base, sources)
+    header = {
+        "inputs": inputs,
+        "robot": robot.name,
+        "key": robot.model_key,
+        "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
+        "logs": [str(log) for log in logs],
+        "cutoff_hz": sources[0].chosen.cutoff,
+        "log_findings": [asdict(f) for f in findings],
+    }
+    wrote = write_stack(common, folder, base, stack, header)
+    return answer_of(base, stack, findings, [asdict(f) for f in findings], wrote)
+
+
+def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, header: dict[str, Any]) -> list[Path]:
+    """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz."""
+    import numpy as np
+
+    from dynid.identify import numeric
+    from dynid.identify.estimate import prior_base
+    from dynid.validate import predict
+
+    assert stack.observer is not None
+    numeric.save(folder / "fullnumericregressor.npz", stack, header)
+    prior = np.nan_to_num(prior_base(base))
+    motions = [predict.predict(source, stack.observer, prior) for source in stack.sources]
+    estimated = {**header, "joints": list(stack.joints), "torque_from": "the prior; dynid identify puts the identified torque here"}
+    predict.save(folder / "estimatedmotion.npz", motions, estimated)
+    wrote = [folder / "fullnumericregressor.npz", folder / "estimatedmotion.npz"]
+    for path in wrote:
+        common.terminal.wrote(path)
+    return wrote
+
+
+def answer_of(
+    base: BaseModel, stack: Stack, findings: list[Finding], stored: list[dict[str, Any]], wrote: list[Path]
+) -> dict[str, Any]:
+    """Return the JSON answer: what the log excites."""
+    from dynid.identify.least_squares import merge, solve
+
+    factors, _ = stack.joint_factors()
+    solution = solve(merge(factors))
+    chosen = stack.sources[0].chosen
+    return {
+        "schema": "dynid/parameters/1",
+        "robot": base.robot.name,
+        "samples": stack.samples,
+        "rate_hz": chosen.rate,
+        "cutoff_hz": chosen.cutoff,
+        "kept_rate_hz": chosen.kept_rate,
+        "delay_s": None,
+        "rank": solution.rank,
+        "structural_rank": base.reduction.rank,
+        "condition_number": solution.condition_number,
+        "condition_number_scaled": solution.condition_number_scaled,
+        "findings": stored or [asdict(f) for f in findings],
+        "wrote": wrote,
+    }
