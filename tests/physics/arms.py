@@ -8,7 +8,7 @@ import pinocchio as pin
 from dynid.robot import Body, Joint, Robot
 
 #: How often an arm has 2, 3, ... 8 joints: deriving a long one takes half a second, so there are fewer of those.
-SIZES = (0.24, 0.22, 0.2, 0.13, 0.1, 0.06, 0.05)
+SIZES = (0.28, 0.25, 0.2, 0.13, 0.07, 0.04, 0.03)
 RIGHT_ANGLES = np.array([-np.pi / 2, 0.0, np.pi / 2, np.pi])
 
 

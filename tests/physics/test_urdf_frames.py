@@ -1,0 +1,106 @@
+"""The URDF against the DH table and against the arm built by hand."""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import pinocchio_model, pinocchio_torques, placements, random_bodies, random_robot, random_states
+
+from dynid.robot import Body, Joint, Limits, Robot
+from dynid.sim.urdf import after, roll_pitch_yaw, rotation_rpy, urdf_text, write_urdf
+
+
+def configuration(robot, q):
+    """Return q as Pinocchio wants it from a URDF: cosine and sine of each joint without limits."""
+    pairs = [[math.cos(v), math.sin(v)] if j.revolute else [v] for j, v in zip(robot.joints, q, strict=True)]
+    return np.concatenate(pairs)
+
+
+def dh_product(robot, q):
+    """Return the poses of the link frames in the world from the textbook matrices."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = pin.rpy.rpyToMatrix(*robot.base_rpy), robot.base_xyz
+    poses = []
+    for j, v in zip(robot.joints, q, strict=True):
+        theta, d = (j.theta_offset + v, j.d) if j.revolute else (j.theta_offset, j.d + v)
+        c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(j.twist), math.sin(j.twist)
+        if robot.convention == "standard":
+            rows = [[c, -s * ca, s * sa, j.a * c], [s, c * ca, -c * sa, j.a * s], [0, sa, ca, d]]
+        else:
+            rows = [[c, -s, 0, j.a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca]]
+        pose = pose @ np.array([*rows, [0, 0, 0, 1]])
+        poses.append(pose)
+    return poses
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_links_stand_where_the_dh_product_says(seed):
+    """Both conventions, both joint types, any base pose: 1e-9 m and 1e-9 in the rotation."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng)
+    model = pin.buildModelFromXML(urdf_text(robot))
+    data, q = model.createData(), rng.uniform(-3, 3, robot.n)
+    pin.framesForwardKinematics(model, data, configuration(robot, q))
+    for i, (joint, expected) in enumerate(zip(robot.joints, dh_product(robot, q), strict=True), start=1):
+        found = data.oMf[model.getFrameId(f"link_{i}")].homogeneous @ after(joint, robot.convention)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_bodies_keep_their_dynamics_in_the_frames_of_the_urdf(seed):
+    """Torques from the URDF equal those of the bodies put into the DH frames by hand."""
+    rng = np.random.default_rng(seed)
+    robot = replace(random_robot(rng), base_rpy=(0.0, 0.0, 0.0))
+    bodies = random_bodies(rng, robot.n)
+    q, qd, qdd = random_states(rng, robot.n, 4)
+    model = pin.buildModelFromXML(urdf_text(robot, bodies))
+    model.gravity.linear = np.array(robot.gravity)
+    found = pinocchio_torques(model, [configuration(robot, row) for row in q], qd, qdd)
+    expected = pinocchio_torques(pinocchio_model(robot, bodies), q, qd, qdd)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_hand_built_arm_has_the_same_frames():
+    """The placements of the other tests are right too: they give the textbook product."""
+    robot = random_robot(np.random.default_rng(5), n=6, convention="modified")
+    robot = replace(robot, base_xyz=(0.0, 0.0, 0.0), base_rpy=(0.0, 0.0, 0.0))
+    model = pinocchio_model(robot, random_bodies(np.random.default_rng(6), 6))
+    data, q = model.createData(), np.linspace(-1, 2, 6)
+    pin.forwardKinematics(model, data, q)
+    found = (data.oMi[6] * placements(robot)[5][1]).homogeneous
+    np.testing.assert_allclose(found, dh_product(robot, q)[5], atol=1e-12)
+
+
+def test_limits_and_types_are_those_of_the_robot_file():
+    """A joint without position limits is continuous; the others carry all four limits."""
+    joints = (
+        Joint("free", limits=Limits(velocity=2.0)),
+        Joint("held", limits=Limits((-1.0, 2.0), 3.0, None, 40.0)),
+        Joint("slide", "prismatic", limits=Limits((0.0, 0.5))),
+    )
+    found = ET.fromstring(urdf_text(Robot("r", "standard", joints))).findall("joint")
+    assert [joint.get("type") for joint in found] == ["continuous", "revolute", "prismatic"]
+    limits = [{key: float(value) for key, value in joint.find("limit").items()} for joint in found]
+    assert "lower" not in limits[0]
+    assert limits[0]["velocity"] == 2.0
+    assert limits[1] == {"lower": -1.0, "upper": 2.0, "velocity": 3.0, "effort": 40.0}
+    assert (limits[2]["lower"], limits[2]["upper"]) == (0.0, 0.5)
+
+
+def test_names_that_mean_something_in_xml_survive(tmp_path):
+    """Quotes, ampersands and angle brackets in joint names are escaped."""
+    names = ('a"b', "c&d", "<e>")
+    robot = Robot("x & y", "standard", tuple(Joint(name, d=0.1) for name in names))
+    write_urdf(robot, [Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1))] * 3, tmp_path / "r.urdf")
+    root = ET.parse(tmp_path / "r.urdf").getroot()
+    assert tuple(joint.get("name") for joint in root.findall("joint")) == names
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 2.5])
+def test_roll_pitch_yaw_is_exact_where_pitch_is_a_right_angle(pitch):
+    """The three angles give the same matrix back, to rounding."""
+    R = pin.rpy.rpyToMatrix(0.4, pitch, -1.2)
+    np.testing.assert_allclose(rotation_rpy(roll_pitch_yaw(R)), R, atol=1e-15)
