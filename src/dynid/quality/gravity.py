@@ -128,10 +128,11 @@ def check_gravity(log: Log, robot: Robot) -> None:
         columns = np.column_stack([load[:, j], np.ones(len(load)), *(part[:, j] for part in friction)])
         shares.append(abs(float(np.linalg.lstsq(columns, tau[:, j], rcond=None)[0][0])))
     if max(shares) < (LEAST_SHARE_KNOWN if robot.prior is not None else LEAST_SHARE_UNKNOWN):
-        j = int(loaded[np.argmax(change[loaded])])
+        heaviest = int(loaded[np.argmax(change[loaded])])
         seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
         raise GravityRemoved(
-            f"{seen} ({robot.joint_names[j]} changes by {np.ptp(tau[:, j]):.2g} Nm, about {change[j]:.0f} Nm expected)",
+            f"{seen} ({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
+            f"about {change[heaviest]:.0f} Nm expected)",
             where=log.topic,
             fix=driver_of(robot).gravity_fix,
         )

@@ -47,8 +47,7 @@ def speed(log: Log) -> Floats:
 
 def moving(log: Log, robot: Robot) -> Flags:
     """Return which joints move at which sample, (N, n)."""
-    result: Flags = np.abs(speed(log)) > per_joint(MOVING_SPEED, robot)
-    return result
+    return np.asarray(np.abs(speed(log)) > per_joint(MOVING_SPEED, robot), dtype=bool)
 
 
 def rests(log: Log, robot: Robot) -> list[slice]:

@@ -173,27 +173,19 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
         # Why: a lone spike is a bad sample, not another unit.
         high = float(np.percentile(np.abs(log.tau[:, j]), 99))
         if high > BEYOND_RATING * rating:
-            fits = high / 1000 <= BEYOND_RATING * rating
+            top = f"{np.max(np.abs(log.tau[:, j])):,.0f}".replace(",", " ")
             unit = joint.torque_unit.replace(" ", "")
-            fix = (
-                unit_fix(robot, {"effort": "mNm"})
-                if fits
-                else "find out what the driver publishes; give the gain under `torque:`"
-            )
-            top = float(np.max(np.abs(log.tau[:, j])))
-            raise TorqueScale(
-                f"{joint.name} torque reaches {top:,.0f}: {'mNm' if fits else 'raw counts'}? rating {rating:g} {unit}".replace(
-                    ",", " "
-                ),
-                where=log.topic,
-                fix=fix,
-            )
+            guess, fix = "raw counts", "find out what the driver publishes; give the gain under `torque:`"
+            if high / 1000 <= BEYOND_RATING * rating:
+                guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
+            text = f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}"
+            raise TorqueScale(text, where=log.topic, fix=fix)
 
 
 def clipped(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
     """Return which torques sit at their largest value, (N, n), and findings W319; in the driver's columns."""
     mask = np.zeros(log.tau.shape, dtype=bool)
-    alive = moving(log, robot).any(axis=1)
+    alive: Flags = np.asarray(moving(log, robot).any(axis=1))
     for j in range(log.tau.shape[1]):
         for sign in (1.0, -1.0):
             mask[:, j] |= _flat_top(sign * log.tau[:, j], alive)
@@ -234,10 +226,11 @@ def _flat_top(values: Floats, alive: Flags) -> Flags:
 
 def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     """Return finding W314 when many samples in motion repeat the positions before them."""
-    alive = moving(log, robot).any(axis=1)[1:]
+    alive: Flags = np.asarray(moving(log, robot).any(axis=1))[1:]
     repeated = np.all(np.diff(log.q, axis=0) == 0, axis=1) & alive
     share = float(repeated.sum() / alive.sum()) if alive.any() else 0.0
     if share < REPEAT_SHARE:
         return ()
-    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {log.rate * (1 - share):.0f} Hz"
+    fresh = log.rate * (1 - share)
+    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
     return (Finding("W314", "warning", text, {"share": share}),)
