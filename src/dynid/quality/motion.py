@@ -25,8 +25,9 @@ STILL_SPAN = (0.01, 0.001)
 #: Share of the velocity's power that defines the fastest motion.
 POWER_SHARE = 0.99
 #: Swings (from one reversal to the next, summed over joints) below this share of the number of parameters are too few:
-#: each swing gives about four independent numbers (two accelerations, speed, place).
-SWINGS_PER_PARAMETER = 0.3
+#: each swing gives about four independent numbers (two accelerations, speed, place). One a parameter is comfortable.
+SWINGS_PER_PARAMETER = 0.4
+GOOD_SWINGS_PER_PARAMETER = 1.0
 #: Base parameters of the rigid body a joint has on average; a seven-joint arm has 48.
 BASE_PER_JOINT = 7
 
@@ -103,9 +104,6 @@ def check_amount(log: Log, robot: Robot) -> None:
     wanted = sum(BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
     count = int(np.sum(swings(log, robot)))
     if count < SWINGS_PER_PARAMETER * wanted:
-        about = (
-            f"about {seconds * 2 * SWINGS_PER_PARAMETER * wanted / count:.0f} s here"
-            if count
-            else "a motion of every joint"
-        )
+        enough = seconds * GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
+        about = f"about {enough:.0f} s here" if count else "a motion of every joint"
         raise LogTooShort(f"{seconds:.1f} s of motion; about {wanted} parameters need {about}", where=log.topic)

@@ -54,11 +54,13 @@ def check_order(log: Log, robot: Robot) -> None:
     joints = np.flatnonzero((moving(log, robot).sum(axis=0) >= LEAST_MOVING) & (np.ptp(log.qd, axis=0) > 0))
     if len(joints) < 2:
         return
-    from scipy.optimize import linear_sum_assignment
-
     k = len(joints)
     # Why: a reversed sign is another mistake (E308), so it must not look like a wrong column.
     likeness = np.abs(np.corrcoef(speed(log)[:, joints].T, log.qd[:, joints].T)[:k, k:])
+    if np.all(np.diag(likeness) >= WRONG_COLUMN):
+        return
+    from scipy.optimize import linear_sum_assignment
+
     _, best = linear_sum_assignment(-likeness)
     for i in np.flatnonzero(best != np.arange(k)):
         labelled, swapped = float(likeness[i, i]), float(likeness[i, best[i]])

@@ -1,0 +1,36 @@
+"""What all tests share: the recordings beside the project, and no silent skips in continuous integration."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+#: Recordings of real arms, beside the project; tests that use them carry the mark ``data``.
+RECORDINGS = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def recordings():
+    """The folder of recordings of real arms."""
+    if not RECORDINGS.is_dir():
+        pytest.skip("the recordings (../shared/data) are not here")
+    return RECORDINGS
+
+
+def _unskipped(report):
+    """Turn a skip into a failure: in continuous integration everything must really run."""
+    if os.environ.get("CI") == "true" and report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        report.outcome, report.longrepr = "failed", f"with CI=true nothing may be skipped: {reason}"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    return _unskipped((yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    return _unskipped((yield))
