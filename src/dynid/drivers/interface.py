@@ -6,8 +6,7 @@ from abc import ABC
 from collections.abc import Mapping
 from typing import ClassVar
 
-from dynid.errors import Finding, TopicMissing, WrongMessageType
-from dynid.log import Log
+from dynid.errors import TopicMissing, WrongMessageType
 from dynid.robot import Robot
 
 JOINT_STATE = "sensor_msgs/JointState"
@@ -20,6 +19,7 @@ class Driver(ABC):
         kind: its name in the robot file.
         default_topics: endings of the topics it publishes joint states on, the best first.
         velocity_trusted: whether the reported velocity is what the joint does.
+        velocity_note: why not.
         rate_fix: how to make it publish faster.
         gravity_fix: how to make it publish the whole torque.
     """
@@ -27,6 +27,7 @@ class Driver(ABC):
     kind: ClassVar[str]
     default_topics: ClassVar[tuple[str, ...]] = ("joint_states", "joint_state")
     velocity_trusted: ClassVar[bool] = True
+    velocity_note: ClassVar[str] = ""
     rate_fix: ClassVar[str] = "raise the driver's publishing rate"
     gravity_fix: ClassVar[str] = (
         "make the driver publish the measured torque, or say `torque: {source: gravity_free}` in the robot file"
@@ -71,10 +72,6 @@ class Driver(ABC):
     def type_note(self, kind: str) -> str:
         """Return what is wrong with a message type, in brackets, or an empty text."""
         return ""
-
-    def findings(self, log: Log, robot: Robot) -> tuple[Finding, ...]:
-        """Return what is worth knowing about a log of this driver."""
-        return ()
 
     def _default_topic(self, states: list[str], topics: Mapping[str, str], bag: str) -> str:
         known = [name for ending in self.default_topics for name in states if name.endswith(ending)]

@@ -20,6 +20,7 @@ class KinovaGen2(Driver):
     kind: ClassVar[str] = "kinova_gen2"
     default_topics: ClassVar[tuple[str, ...]] = ("out/joint_state", "out/joint_states")
     velocity_trusted: ClassVar[bool] = False
+    velocity_note: ClassVar[str] = "the Kinova driver doubles and wraps it"
     rate_fix: ClassVar[str] = (
         "relaunch: roslaunch kinova_bringup kinova_robot.launch feedback_publish_rate:=0.01 "
         "(an interval in s; USB reaches about 40-60 Hz, Ethernet 100 Hz)"

@@ -21,6 +21,7 @@ class Lwr4Plus(Driver):
     kind: ClassVar[str] = "lwr4plus"
     default_topics: ClassVar[tuple[str, ...]] = ("lwr/joint_states", "joint_states")
     velocity_trusted: ClassVar[bool] = False
+    velocity_note: ClassVar[str] = "FRI sends none; the driver differentiates with a lag"
     gravity_fix: ClassVar[str] = (
         "log the measured torque (FRI msrJntTrq; port JointTorqueAct of rtt_lwr), not the estimated external one, "
         "or say `torque: {source: gravity_free}` in the robot file"

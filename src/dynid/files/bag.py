@@ -5,7 +5,6 @@ Reads with rosbags; what rosbags cannot open is scanned record by record (``salv
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import BagTruncated, Finding, LogNotFound
-from dynid.files.messages import Collector, Series
+from dynid.files.messages import Collector, Series, broken_bytes
 from dynid.files.salvage import MAGIC, Connection, scan
 
 Floats = NDArray[np.float64]
@@ -52,7 +51,7 @@ def list_topics(path: Path) -> dict[str, Topic]:
     _check_magic(path)
     try:
         return _indexed_topics(path)
-    except _damage():
+    except broken_bytes():
         found: dict[str, Topic] = {}
         for connection, _, _ in scan(path):
             before = found.get(connection.topic)
@@ -74,7 +73,7 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Seri
     try:
         collectors = _collect(_indexed(path, names))
         return {name: collector.groups() for name, collector in collectors.items()}, ()
-    except _damage() as error:
+    except broken_bytes() as error:
         reason = str(error).strip() or type(error).__name__
     collectors = _collect((item for item in scan(path) if item[0].topic in names), lenient=True)
     groups = {name: found for name, collector in collectors.items() if (found := collector.groups())}
@@ -138,18 +137,10 @@ def _plain(connection: object) -> Connection:
     )
 
 
-def _damage() -> tuple[type[Exception], ...]:
-    """Return what rosbags and its decompressors raise on broken bytes, at opening or in the middle of reading."""
-    from rosbags.rosbag1 import ReaderError
-    from rosbags.typesys import TypesysError
-
-    broken_numbers = (struct.error, ValueError, LookupError, OverflowError, AssertionError, MemoryError)
-    return (ReaderError, TypesysError, OSError, RuntimeError, EOFError, *broken_numbers)
-
-
 def _salvaged(path: Path, reason: str, groups: dict[str, list[Series]]) -> Finding:
     count = sum(len(series) for found in groups.values() for series in found)
-    seconds = max((series.arrival[-1] - series.arrival[0]) * 1e-9 for found in groups.values() for series in found)
+    spans = [series.arrival[-1] - series.arrival[0] for found in groups.values() for series in found]
+    seconds = float(max(spans)) * 1e-9
     text = (
         f"{path.name} was cut or not closed (recorder killed?): "
         f"{count} messages, {seconds:.1f} s, are readable and used; "

@@ -92,13 +92,13 @@ class Collector:
 
     def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[Series]:
         """Decode by the bag's own definition; messages with equal names and lengths go into one block."""
-        if self._decode is None:
-            self._decode = _decoder(self.connection)
         rows: dict[tuple[Any, ...], list[tuple[int, int, Any, Any, Any]]] = {}
         for time, raw in zip(arrival, raws, strict=True):
             try:
+                if self._decode is None:
+                    self._decode = _decoder(self.connection)
                 names, stamp, position, velocity, effort = _fields(self._decode(raw), self.connection.type)
-            except (ValueError, LookupError, AssertionError, struct.error, RuntimeError, OverflowError, MemoryError):
+            except broken_bytes():
                 if not self.lenient:
                     raise
                 continue
@@ -151,6 +151,16 @@ def _layout(raw: bytes) -> tuple[tuple[str, ...], list[int], list[int]] | None:
     except (struct.error, UnicodeDecodeError):
         return None
     return (tuple(names), starts, counts) if at == len(raw) and all(c in (0, count) for c in counts) else None
+
+
+def broken_bytes() -> tuple[type[Exception], ...]:
+    """Return what rosbags and its decompressors raise on broken bytes, at opening or in the middle of reading."""
+    from rosbags.rosbag1 import ReaderError
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import TypesysError
+
+    broken_numbers = (struct.error, ValueError, LookupError, OverflowError, AssertionError, MemoryError)
+    return (ReaderError, SerdeError, TypesysError, OSError, RuntimeError, EOFError, *broken_numbers)
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], object]:

@@ -145,7 +145,7 @@ def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
     """Return which joints' torques a motor's torque goes into, (n motors, n joints)."""
     if robot.coupling is None:
         return np.eye(robot.n, dtype=bool)
-    return np.array(robot.coupling.matrix) != 0.0
+    return np.asarray(np.array(robot.coupling.matrix) != 0.0, dtype=bool)
 
 
 def _map(robot: Robot) -> tuple[Floats, Floats]:

@@ -1,0 +1,114 @@
+"""Bags are read without ROS, with the numbers, names and stamps that were written."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynid.errors import BagTruncated, LogNotFound
+from dynid.files.bag import clock, list_topics, read_topics
+from makelogs import START, joint_state, shared_data, state_messages, write_bag
+
+NAMES = ("shoulder", "elbow", "wrist")
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
+@pytest.mark.parametrize("chunk", [None, 2000])
+def test_every_compression_and_chunk_size_gives_the_numbers_that_were_written(tmp_path, compression, chunk):
+    path = write_bag(tmp_path / "log.bag", state_messages(500, NAMES), compression, chunk)
+    groups, findings = read_topics(path, ["/joint_states"])
+    (series,) = groups["/joint_states"]
+    row = np.arange(500)[:, None] + np.arange(3) / 100
+    assert series.names == NAMES
+    assert findings == ()
+    np.testing.assert_array_equal(series.position, row)
+    np.testing.assert_array_equal(series.velocity, 10 * row)
+    np.testing.assert_array_equal(series.effort, 100 * row)
+    np.testing.assert_array_equal(series.stamp, START + np.arange(500) * 10**7)
+
+
+def test_messages_of_changing_layout_give_the_same_numbers_as_those_of_one_layout(tmp_path):
+    plain = state_messages(300, NAMES)
+    odd = [
+        (t, ns, joint_state(ns, NAMES, m.position, m.velocity, m.effort, frame="x" * (i % 5)))
+        for i, (t, ns, m) in enumerate(plain)
+    ]
+    one, _ = read_topics(write_bag(tmp_path / "one.bag", plain), ["/joint_states"])
+    two, _ = read_topics(write_bag(tmp_path / "two.bag", odd), ["/joint_states"])
+    for key in ("position", "velocity", "effort", "stamp", "arrival"):
+        np.testing.assert_array_equal(getattr(one["/joint_states"][0], key), getattr(two["/joint_states"][0], key))
+
+
+def test_columns_follow_their_names_when_the_order_changes_within_a_bag(tmp_path):
+    messages = []
+    for i in range(40):
+        order = [0, 1, 2] if i % 2 else [2, 0, 1]
+        row = i + np.arange(3) / 100
+        names = [NAMES[k] for k in order]
+        messages.append(
+            ("/joint_states", START + i * 10**7, joint_state(START + i * 10**7, names, row[order], [], row[order]))
+        )
+    groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
+    (series,) = groups["/joint_states"]
+    columns = [series.names.index(name) for name in NAMES]
+    np.testing.assert_array_equal(series.position[:, columns], np.arange(40)[:, None] + np.arange(3) / 100)
+    assert series.velocity.shape == (40, 0)
+
+
+def test_a_gripper_on_the_same_topic_becomes_a_series_of_its_own(tmp_path):
+    arm = state_messages(30, NAMES)
+    gripper = state_messages(10, ("finger",))
+    messages = sorted(arm + gripper, key=lambda item: item[1])
+    groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
+    assert [(series.names, len(series)) for series in groups["/joint_states"]] == [(NAMES, 30), (("finger",), 10)]
+
+
+def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
+    path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=lambda i: 5 * 10**9 + i * 11 * 10**6))
+    groups, _ = read_topics(path, ["/joint_states"])
+    t, which = clock(groups["/joint_states"][0])
+    assert which == "header"
+    np.testing.assert_allclose(t, 0.011 * np.arange(50), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "header", [lambda i: 0, lambda i: 7, lambda i: START if i else 0], ids=["zero", "frozen", "partly"]
+)
+def test_one_unset_or_frozen_header_stamp_puts_the_whole_topic_on_the_bags_clock(tmp_path, header):
+    path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=header))
+    groups, _ = read_topics(path, ["/joint_states"])
+    t, which = clock(groups["/joint_states"][0])
+    assert which == "arrival"
+    np.testing.assert_allclose(t, 0.01 * np.arange(50), atol=1e-12)
+
+
+def test_topics_are_listed_with_type_and_count(tmp_path):
+    path = write_bag(tmp_path / "log.bag", state_messages(7, NAMES, "/a") + state_messages(9, NAMES, "/b"))
+    assert {str(topic) for topic in list_topics(path).values()} == {"/a (JointState, 7)", "/b (JointState, 9)"}
+
+
+def test_an_empty_bag_file_says_that_nothing_was_recorded(tmp_path):
+    (tmp_path / "log.bag").write_bytes(b"")
+    with pytest.raises(BagTruncated, match="empty"):
+        list_topics(tmp_path / "log.bag")
+
+
+def test_a_text_file_called_bag_is_no_bag(tmp_path):
+    (tmp_path / "log.bag").write_text("hello, this is no bag at all")
+    with pytest.raises(LogNotFound, match="not a ROS 1 bag"):
+        list_topics(tmp_path / "log.bag")
+
+
+@pytest.mark.data
+def test_values_of_a_real_bag_equal_those_of_rosbags_own_decoder():
+    from rosbags.highlevel import AnyReader
+
+    path = shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag")
+    topic = "/jaco_22_driver/out/joint_states"
+    with AnyReader([path]) as reader:
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == topic]
+    (series,) = read_topics(path, [topic])[0][topic]
+    assert len(series) == len(messages) == 420
+    np.testing.assert_array_equal(series.position, [m.position for m in messages])
+    np.testing.assert_array_equal(series.velocity, [m.velocity for m in messages])
+    np.testing.assert_array_equal(series.effort, [m.effort for m in messages])

@@ -1,0 +1,150 @@
+"""The reader is chosen by the kind of file; topics and drivers' traps are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import BagTruncated, LogNotFound, TopicMissing, WrongMessageType
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from makelogs import (
+    KINOVA,
+    ROOT,
+    START,
+    gen2,
+    joint_state,
+    kinova,
+    lwr,
+    lwr_log,
+    shared_data,
+    state_messages,
+    write_bag,
+)
+
+ALPHABETICAL = ("lwr_0_joint", "lwr_1_joint", "lwr_3_joint", "lwr_4_joint", "lwr_5_joint", "lwr_6_joint", "lwr_2_joint")
+
+
+def test_a_missing_file_names_its_neighbours(tmp_path):
+    (tmp_path / "log2.bag").write_bytes(b"")
+    with pytest.raises(LogNotFound, match=r"no such file .*log\.bag; nearby: log2\.bag"):
+        read_log(tmp_path / "log.bag", robot=lwr())
+
+
+@pytest.mark.parametrize("name", ["log.txt", "log.bag", "log.npz"])
+def test_a_file_of_another_kind_is_no_log(tmp_path, name):
+    (tmp_path / name).write_text("these are notes, not a recording")
+    with pytest.raises(LogNotFound):
+        read_log(tmp_path / name, robot=lwr())
+
+
+def test_a_missing_topic_lists_those_there_are(tmp_path):
+    path = write_bag(tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/arm/joint_states"))
+    with pytest.raises(TopicMissing, match=r"topic '/x' is not in log\.bag; it has /arm/joint_states") as caught:
+        read_log(path, robot=lwr(), topic="/x")
+    assert caught.value.fix == "--topic /arm/joint_states"
+    assert len(read_log(path, robot=lwr(), topic="/arm/joint_states")) == 50
+
+
+def test_kinovas_angles_are_refused_where_joint_states_are_recorded(tmp_path):
+    driver = "/j2s7s300_driver/out"
+    angles = [(f"{driver}/joint_angles", START + i, kinova(KINOVA[0], [180.0] * 7)) for i in range(9)]
+    path = write_bag(tmp_path / "log.bag", angles + state_messages(9, gen2().joint_names, f"{driver}/joint_state"))
+    with pytest.raises(WrongMessageType, match=r"kinova_msgs/JointAngles \(degrees, no time stamp\); use") as caught:
+        read_log(path, robot=gen2(), topic=f"{driver}/joint_angles")
+    assert caught.value.fix == f"--topic {driver}/joint_state"
+
+
+def test_kinovas_own_messages_are_read_where_nothing_else_was_recorded(tmp_path):
+    driver, messages = "/j2s7s300_driver/out", []
+    for i in range(200):
+        ns = START + i * 10**7
+        messages.append((f"{driver}/joint_angles", ns, kinova(KINOVA[0], [i + 0.5 * j for j in range(7)])))
+        messages.append((f"{driver}/joint_torques", ns + 10**6, kinova(KINOVA[0], [2.0 * i + j for j in range(7)])))
+    log = read_log(write_bag(tmp_path / "log.bag", messages), robot=gen2())
+    # The first angle comes before the first torque; torques at the angles' times are 0.1 samples older than numbered.
+    assert len(log) == 199
+    np.testing.assert_allclose(np.degrees(log.q[:, 2]), np.arange(1, 200) + 1.0)
+    np.testing.assert_allclose(log.tau[:, 3], 2.0 * (np.arange(1, 200) - 0.1) + 3, atol=1e-6)
+    assert [f.code for f in log.findings] == ["W304"]
+
+
+def test_the_robots_topic_is_read_when_none_is_named(tmp_path):
+    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(30, ("x", "y"), "/joint_states")
+    log = read_log(write_bag(tmp_path / "log.bag", both), robot=lwr())
+    assert (log.topic, len(log)) == ("/lwr/joint_states", 20)
+
+
+def test_two_possible_topics_are_not_guessed_between(tmp_path):
+    both = state_messages(20, ("a",), "/left/states") + state_messages(30, ("b",), "/right/states")
+    robot = replace(lwr(), driver=None)
+    with pytest.raises(TopicMissing, match="several joint state topics"):
+        read_log(write_bag(tmp_path / "log.bag", both), robot=robot)
+
+
+def test_messages_without_effort_are_refused(tmp_path):
+    messages = [
+        ("/lwr/joint_states", START + i, joint_state(START + i, lwr().joint_names, range(7))) for i in range(30)
+    ]
+    with pytest.raises(WrongMessageType, match="no effort"):
+        read_log(write_bag(tmp_path / "log.bag", messages), robot=lwr())
+
+
+def test_the_arm_is_picked_out_where_a_gripper_talks_more_often(tmp_path):
+    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(60, ("f",), "/lwr/joint_states")
+    both.sort(key=lambda item: item[1])
+    log = read_log(write_bag(tmp_path / "log.bag", both), robot=lwr())
+    assert len(log) == 20
+
+
+def test_joints_in_alphabetical_order_keep_their_names(tmp_path):
+    log = read_log(write_bag(tmp_path / "log.bag", state_messages(20, ALPHABETICAL, "/lwr/joint_states")), robot=lwr())
+    assert log.names == ALPHABETICAL
+
+
+def test_a_cut_bag_is_read_with_a_finding(tmp_path):
+    path = write_bag(tmp_path / "log.bag", state_messages(5000, lwr().joint_names, "/lwr/joint_states"), chunk=100_000)
+    path.write_bytes(path.read_bytes()[:-4000])
+    log = read_log(path, robot=lwr())
+    assert len(log) > 4900
+    assert [f.code for f in log.findings] == ["W305"]
+
+
+def test_a_bag_cut_before_its_first_message_is_refused(tmp_path):
+    path = write_bag(tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/lwr/joint_states"))
+    path.write_bytes(path.read_bytes()[:4200])
+    with pytest.raises(BagTruncated):
+        read_log(path, robot=lwr())
+
+
+def test_calendar_stamps_of_a_csv_are_counted_from_the_first_sample(tmp_path):
+    rows = "\n".join(f"{1.46e9 + 0.5 * i},{i},{i}" for i in range(5))
+    (tmp_path / "log.csv").write_text(f"t,q_a,tau_a\n{rows}\n")
+    log = read_log(tmp_path / "log.csv", robot=lwr())
+    np.testing.assert_allclose(log.t, 0.5 * np.arange(5))
+
+
+def test_the_hash_of_the_recording_goes_with_the_log():
+    assert len(lwr_log().sha256) == 64
+
+
+@pytest.mark.data
+def test_the_recorded_lwr4plus_has_5027_samples_at_200_hz_without_velocity():
+    log = read_log(shared_data("kuka_lwr4plus/run1.bag"), robot=lwr())
+    assert (len(log), log.qd) == (5027, None)
+    assert log.rate == pytest.approx(200, rel=1e-3)
+    assert log.duration == pytest.approx(25.13, abs=0.01)
+
+
+@pytest.mark.data
+def test_the_recorded_jaco2_equals_the_arrays_that_were_published_with_it():
+    robot = load_robot(ROOT / "tests" / "robots" / "jaco2_6dof.yaml")
+    log = read_log(shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag"), robot=robot)
+    published = np.load(shared_data("jaco2_6dof/example_traj.npz"))
+    assert (len(log), len(log.names)) == (420, 9)
+    columns = [log.names.index(name) for name in robot.log_names]
+    np.testing.assert_array_equal(log.q[:, columns], published["q"])
+    np.testing.assert_allclose(log.tau[:, columns], published["tau"], rtol=1e-6)
+    np.testing.assert_allclose(log.t, published["t"], atol=1e-6)

@@ -1,0 +1,123 @@
+"""The paper's text files and CSV are read with or without names, and refused with file and line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynid.errors import LogLayout, LogNotFound, WrongUsage
+from dynid.files.textlog import read_csv, read_folder
+
+Q = np.arange(12.0).reshape(4, 3)
+
+
+def folder(tmp_path, names=None, separator=" ", time=None, **extra):
+    files = {"position": Q, "torque": 10 * Q, **extra}
+    for key, values in files.items():
+        head = separator.join(names) + "\n" if names else ""
+        rows = "\n".join(separator.join(f"{x:.6f}" for x in row) for row in values)
+        (tmp_path / f"{key}.txt").write_text(head + rows + "\n")
+    if time is not None:
+        (tmp_path / "time.txt").write_text("\n".join(str(t) for t in time))
+    return tmp_path
+
+
+@pytest.mark.parametrize("separator", [" ", "\t", ",", ", "])
+def test_the_papers_folder_is_read_with_blanks_tabs_or_commas(tmp_path, separator):
+    log = read_folder(folder(tmp_path, separator=separator, time=[0, 0.01, 0.02, 0.03], velocity=5 * Q))
+    np.testing.assert_array_equal(log.q, Q)
+    np.testing.assert_array_equal(log.qd, 5 * Q)
+    np.testing.assert_array_equal(log.tau, 10 * Q)
+    np.testing.assert_array_equal(log.t, [0, 0.01, 0.02, 0.03])
+    assert log.names == ()
+
+
+def test_a_header_line_names_the_joints(tmp_path):
+    assert read_folder(folder(tmp_path, names=("a", "b", "c")), rate=100).names == ("a", "b", "c")
+
+
+def test_torque_columns_follow_the_names_of_the_position_file(tmp_path):
+    folder(tmp_path, names=("a", "b", "c"))
+    (tmp_path / "torque.txt").write_text("c a b\n" + "\n".join(f"{30 * i + 2} {30 * i} {30 * i + 1}" for i in range(4)))
+    log = read_folder(tmp_path, rate=100)
+    np.testing.assert_array_equal(log.tau[:, 0], 30 * np.arange(4))
+    np.testing.assert_array_equal(log.tau[:, 2], 30 * np.arange(4) + 2)
+
+
+def test_the_first_column_is_time_only_when_its_name_says_so(tmp_path):
+    folder(tmp_path)
+    (tmp_path / "position.txt").write_text("time a b c\n" + "\n".join(f"{0.5 * i} 1 2 3" for i in range(4)))
+    log = read_folder(tmp_path)
+    np.testing.assert_array_equal(log.t, 0.5 * np.arange(4))
+    assert log.names == ("a", "b", "c")
+
+
+def test_without_time_the_rate_is_asked_for(tmp_path):
+    with pytest.raises(WrongUsage, match="no time") as caught:
+        read_folder(folder(tmp_path))
+    assert "--rate" in caught.value.fix
+
+
+def test_the_rate_gives_the_time(tmp_path):
+    np.testing.assert_allclose(read_folder(folder(tmp_path), rate=50).t, [0, 0.02, 0.04, 0.06])
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0, float("nan")])
+def test_a_rate_that_is_none_is_refused(tmp_path, rate):
+    with pytest.raises(WrongUsage, match="sample rate"):
+        read_folder(folder(tmp_path), rate=rate)
+
+
+def test_a_folder_without_torque_is_no_log(tmp_path):
+    (folder(tmp_path) / "torque.txt").unlink()
+    with pytest.raises(LogNotFound, match=r"torque\.txt"):
+        read_folder(tmp_path, rate=10)
+
+
+def test_a_word_among_the_numbers_is_named_with_its_line(tmp_path):
+    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n1 two 3\n1 2 3\n1 2 3\n")
+    with pytest.raises(LogLayout, match=r"torque\.txt:2: 'two'"):
+        read_folder(tmp_path, rate=10)
+
+
+def test_a_short_row_is_named_with_its_line(tmp_path):
+    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n1 2 3\n1 2\n1 2 3\n")
+    with pytest.raises(LogLayout, match=r"torque\.txt:3: 2 numbers, expected 3"):
+        read_folder(tmp_path, rate=10)
+
+
+def test_files_of_different_length_are_refused(tmp_path):
+    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n")
+    with pytest.raises(LogLayout, match="1 rows, expected 4"):
+        read_folder(tmp_path, rate=10)
+
+
+def test_a_csv_is_read_by_its_header_whatever_the_order(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("tau_b,q_a,t,q_b,tau_a,qd_a,qd_b\n4,1,0.0,2,3,5,6\n40,10,0.1,20,30,50,60\n")
+    log = read_csv(path)
+    assert log.names == ("a", "b")
+    np.testing.assert_array_equal(log.q, [[1, 2], [10, 20]])
+    np.testing.assert_array_equal(log.tau, [[3, 4], [30, 40]])
+    np.testing.assert_array_equal(log.qd, [[5, 6], [50, 60]])
+
+
+def test_currents_in_a_csv_are_amperes(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q_a,i_a\n0,1,2\n1,2,3\n")
+    log = read_csv(path)
+    assert log.tau_unit == "A"
+    assert log.qd is None
+
+
+def test_a_csv_joint_without_torque_is_named(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q_a,q_b,tau_a\n0,1,2,3\n")
+    with pytest.raises(LogLayout, match="joint 'b' has q_b but no tau_b"):
+        read_csv(path)
+
+
+def test_an_empty_cell_is_not_a_number(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q_a,tau_a\n0,1,2\n1,,3\n")
+    assert np.isnan(read_csv(path).q[1, 0])

@@ -1,0 +1,106 @@
+"""Time: what goes back, stands still, is missing or too slow is named, and the fix that is printed mends it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
+from dynid.quality.checks import prepare
+from dynid.quality.stamps import rows
+from makelogs import gen2, gen2_log, lwr, lwr_log
+
+
+def excluded(fix):
+    return [(float(a), float(b)) for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", fix)]
+
+
+def codes(log):
+    return [f.code for f in log.findings]
+
+
+def test_time_going_back_is_named_and_the_printed_exclude_mends_it():
+    log = lwr_log()
+    t = log.t.copy()
+    t[2000:] -= 0.8
+    broken = replace(log, t=t)
+    with pytest.raises(
+        TimeNotIncreasing, match=r"time goes back 0\.79\d s at row 2001 .*two recordings joined\?"
+    ) as caught:
+        prepare(broken, lwr())
+    assert len(prepare(broken, lwr(), exclude=excluded(caught.value.fix))) > 3600
+
+
+def test_shuffled_stamps_are_put_in_order_when_asked_to():
+    log = lwr_log()
+    order = np.arange(len(log)).reshape(-1, 4)[:, [1, 0, 3, 2]].ravel()
+    broken = rows(log, order)
+    with pytest.raises(TimeNotIncreasing, match="shuffled") as caught:
+        prepare(broken, lwr())
+    assert caught.value.fix == "--sort-time"
+    np.testing.assert_array_equal(prepare(broken, lwr(), sort_time=True).q, prepare(log, lwr()).q)
+
+
+def test_samples_with_the_stamp_of_their_predecessor_are_dropped():
+    twice = np.sort(np.concatenate([np.arange(len(lwr_log())), [100, 200, 300]]))
+    log = prepare(rows(lwr_log(), twice), lwr())
+    assert len(log) == len(lwr_log())
+    assert "W311" in codes(log)
+
+
+def test_stamps_too_coarse_to_tell_samples_apart_are_refused():
+    with pytest.raises(TimeNotIncreasing, match="too coarse"):
+        prepare(replace(lwr_log(), t=np.round(lwr_log().t, 2)), lwr())
+
+
+def test_a_few_gaps_are_reported_with_the_longest():
+    keep = np.ones(len(lwr_log()), dtype=bool)
+    keep[500:510] = keep[1500:1530] = False
+    log = prepare(rows(lwr_log(), np.flatnonzero(keep)), lwr())
+    (finding,) = log.findings
+    assert finding.code == "W312"
+    assert re.match(r"2 gaps, longest 15\d ms at 7\.50 s", finding.text)
+
+
+def test_more_than_one_sample_in_twenty_missing_is_too_many():
+    keep = np.random.default_rng(0).random(len(lwr_log())) > 0.08
+    with pytest.raises(TooManyLost, match="8 % of the samples are missing"):
+        prepare(rows(lwr_log(), np.flatnonzero(keep)), lwr())
+
+
+def test_late_stamps_are_not_lost_samples():
+    jitter = np.random.default_rng(0).exponential(0.0015, len(lwr_log()))
+    assert "E312" not in codes(prepare(replace(lwr_log(), t=lwr_log().t + np.minimum(jitter, 0.004)), lwr()))
+
+
+def test_an_excluded_stretch_is_no_gap():
+    assert prepare(lwr_log(), lwr(), exclude=[(5.0, 9.0)]).findings == ()
+
+
+def test_excluding_everything_leaves_no_log():
+    with pytest.raises(LogTooShort, match="no sample"):
+        prepare(lwr_log(), lwr(), exclude=[(0.0, 100.0)])
+
+
+def test_a_stamp_that_is_no_number_is_named_with_its_row():
+    t = lwr_log().t.copy()
+    t[321] = np.nan
+    with pytest.raises(NotFinite, match="row 322"):
+        prepare(replace(lwr_log(), t=t), lwr())
+
+
+def test_kinovas_default_rate_is_too_low_and_the_launch_argument_is_named():
+    slow = rows(gen2_log(), np.arange(0, len(gen2_log()), 10))
+    with pytest.raises(
+        RateTooLow, match=r"joint states arrive at 10\.0 Hz; the fastest motion, .* needs >= 50 Hz"
+    ) as caught:
+        prepare(slow, gen2())
+    assert "feedback_publish_rate:=0.01" in caught.value.fix
+
+
+def test_a_handful_of_samples_is_no_recording():
+    with pytest.raises(LogTooShort, match="5 samples"):
+        prepare(rows(lwr_log(), np.arange(5)), lwr())
