@@ -22,7 +22,7 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/mypy
 
 reference: $(VENV)/.ready
-	$(BIN)/dynid explain --markdown > docs/reference/errors.md
+	$(BIN)/python -m dynid.cli.reference docs/reference
 
 $(VENV)/.ready: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .

@@ -346,13 +346,13 @@ def test_a_wrong_value_in_the_file_is_named_by_file_and_line(dynid):
 
 
 def test_doctor_shows_value_and_source_of_each_option(dynid):
-    (dynid.folder / "dynid.yaml").write_text("out: results\nexplain:\n  markdown: yes\n")
+    (dynid.folder / "dynid.yaml").write_text("out: results\ncheck:\n  sort_time: yes\n")
     done = dynid("doctor", "--config", "--seed", "4", "--json", DYNID_QUIET="1")
     found = {(s["command"], s["option"]): (s["value"], s["source"]) for s in json.loads(done.out)["settings"]}
     assert found["", "out"] == ("results", "dynid.yaml:1")
     assert found["", "seed"] == (4, "command line")
     assert found["", "quiet"] == ("1", "DYNID_QUIET")
-    assert found["explain", "markdown"] == ("yes", "dynid.yaml:3")
+    assert found["check", "sort_time"] == ("yes", "dynid.yaml:3")
     assert found["", "color"] == ("auto", "default")
 
 

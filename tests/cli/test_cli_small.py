@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynid.cli.explain import codes, reference
+from dynid.cli.explain import codes
+from dynid.cli.reference import cli_page, errors_page
 from dynid.files.artifact import Artifact, write_artifact
 
 ROOT = Path(__file__).parents[2]
 
 
 # ---------------------------------------------------------------- explain
-def test_the_error_reference_is_the_generated_text():
-    assert (ROOT / "docs/reference/errors.md").read_text() == reference() + "\n", "make it again: make reference"
+@pytest.mark.parametrize(("name", "page"), [("errors.md", errors_page), ("cli.md", cli_page)])
+def test_the_reference_pages_are_made_from_the_code(name, page):
+    assert (ROOT / "docs/reference" / name).read_text() == page(), "make them again: make reference"
 
 
 @pytest.mark.parametrize("code", ["E307", "e307", "error[E307]"[5:]])

@@ -7,17 +7,6 @@ import click
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import EXIT_MEANING, WARNINGS, WrongUsage, catalogue
 
-#: Topics by the first digit of a code.
-TOPICS = {
-    "1": "The command line",
-    "2": "Robot file",
-    "3": "Logs and results",
-    "4": "What the data can tell",
-    "5": "Safety",
-    "6": "The machine",
-    "7": "Decisions",
-}
-
 
 def codes() -> list[str]:
     """Return all codes, errors and warnings of a topic together."""
@@ -43,32 +32,6 @@ def page(code: str) -> dict[str, str]:
     }
 
 
-def reference() -> str:
-    """Return docs/reference/errors.md."""
-    lines = [
-        "# Errors and warnings",
-        "",
-        "Made by `dynid explain --markdown` from the catalogue in `src/dynid/errors.py`; a test keeps both equal.",
-        "The first digit of a code is its topic. `E` stops the run, `W` is a warning and the run goes on.",
-    ]
-    topic = ""
-    for code in codes():
-        if code[1] != topic:
-            topic = code[1]
-            lines += ["", f"## {TOPICS[topic]}"]
-        lines += ["", f"### {code}", ""]
-        parts = page(code)
-        lines.append(parts.pop("what"))
-        if parts:
-            lines.append("")
-        lines += [f"- **{label}**: {_escaped(text)}" for label, text in parts.items()]
-    return "\n".join(lines)
-
-
-def _escaped(text: str) -> str:
-    return text.replace("<", "&lt;").replace("*", "\\*")
-
-
 def _find(word: str) -> str:
     from dynid.files.yamlfile import closest
 
@@ -87,13 +50,9 @@ def _find(word: str) -> str:
     examples=("dynid explain            all codes", "dynid explain E307       one of them"),
 )
 @click.argument("code", required=False)
-@click.option("--markdown", is_flag=True, help="Print the reference page of all codes.")
-def command(common: Common, code: str | None, markdown: bool) -> None:
+def command(common: Common, code: str | None) -> None:
     """Say what an error or warning code means and how to get rid of it."""
     terminal = common.terminal
-    if markdown:
-        terminal.answer(reference())
-        return
     if code is None:
         terminal.emit_json({"schema": "dynid/explain/1", "codes": {each: page(each) for each in codes()}})
         for each in codes():

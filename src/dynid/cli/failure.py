@@ -119,14 +119,16 @@ def usage_error(error: click.ClickException) -> DynidError:
     if isinstance(error, click.NoSuchOption):
         text = f"no such option: {error.option_name}"
         text += f"; did you mean '{error.possibilities[0]}'?" if error.possibilities else ""
+    fix = f"{path} -h"
+    if isinstance(error, click.NoSuchOption) and path == "dynid":
+        fix = f"options stand after the command: dynid COMMAND {error.option_name}"
     place = ""
     if isinstance(error, click.BadParameter) and ctx is not None and error.param is not None:
         place = ctx.meta.get("dynid.places", {}).get(error.param.name, "")
         source = ctx.get_parameter_source(error.param.name or "")
         place = place if source is click.core.ParameterSource.DEFAULT_MAP else ""
-    return WrongUsage(
-        text[:1].lower() + text[1:], where=place or path, why="the command line cannot be understood", fix=f"{path} -h"
-    )
+    why = "the command line cannot be understood"
+    return WrongUsage(text[:1].lower() + text[1:], where=place or path, why=why, fix=fix)
 
 
 def is_users(error: OSError) -> bool:

@@ -10,6 +10,7 @@ import importlib.util
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -237,6 +238,9 @@ def _complete() -> None:
 def main() -> NoReturn:
     """Run ``dynid``."""
     failure.prepare_streams()
+    # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.
+    if not sys.warnoptions and "--debug" not in sys.argv:
+        warnings.simplefilter("ignore")
     if "_DYNID_COMPLETE" in os.environ:
         _complete()
     status = run(sys.argv[1:])
