@@ -264,7 +264,10 @@ class GravityRemoved(DynidError):
 
     code, status = "E317", ExitStatus.INPUT
     why = "masses and first moments are seen through gravity"
-    fix = "set the driver parameter publish_torque_with_gravity_compensation to false, or say `torque: {source: gravity_free}`"
+    fix = (
+        "set the driver parameter publish_torque_with_gravity_compensation to false, "
+        "or say `torque: {source: gravity_free}`"
+    )
 
 
 class TorqueScale(DynidError):

@@ -284,9 +284,7 @@ class Robot:
             "coupling": asdict(self.coupling) if self.coupling else None,
             "coulomb": asdict(self.coulomb_shape),
             "effects": [asdict(effect) for effect in self.effects],
-            "joints": [
-                (j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction) for j in self.joints
-            ],
+            "joints": [(j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction) for j in self.joints],
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 

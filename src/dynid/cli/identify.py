@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model, hashes, percent, read_sources, reading_of, reading_options, stack_sources
+from dynid.cli.loop3 import (
+    READING_DEFAULTS,
+    base_model,
+    hashes,
+    percent,
+    read_sources,
+    reading_of,
+    reading_options,
+    stack_sources,
+)
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus, LogNotFound, WrongUsage
@@ -21,10 +30,7 @@ if TYPE_CHECKING:
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
-DEFAULTS: dict[str, Any] = {
-    "method": "wls", "holdout": "20%", "drop_weak": False, "cutoff": "auto", "velocity": "derived", "exclude": (),
-    "topic": None, "rate": None, "sort_time": False,
-}  # fmt: skip
+DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "wls", "holdout": "20%", "drop_weak": False}
 
 
 @dynid_command(
@@ -37,8 +43,12 @@ DEFAULTS: dict[str, Any] = {
 )
 @click.argument("robot")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
-@click.option("--method", type=click.Choice(["wls", "ols"]), default=DEFAULTS["method"], show_default=True, help="Estimator.")
-@click.option("--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back.")
+@click.option(
+    "--method", type=click.Choice(["wls", "ols"]), default=DEFAULTS["method"], show_default=True, help="Estimator."
+)
+@click.option(
+    "--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back."
+)
 @click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters.")
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
@@ -46,11 +56,28 @@ def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[s
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
     facts = run_identify(common, robot, logs, **options)
-    return ExitStatus.LIMIT_NOT_MET if any([broken(common, facts, *limit) for limit in limits]) else ExitStatus.DONE
+    return ExitStatus.LIMIT_NOT_MET if sum(broken(common, facts, *limit) for limit in limits) else ExitStatus.DONE
 
 
-def run_identify(common: Common, robot: str, logs: tuple[Path, ...], *, show: bool = True, **given: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Identify, write the results, print them, and return the JSON answer."""
+def run_identify(
+    common: Common,
+    robot: str,
+    logs: tuple[Path, ...],
+    *,
+    show: bool = True,
+    final: bool = True,
+    **given: Any,  # noqa: ANN401
+) -> dict[str, Any]:
+    """Identify, write the results, print them, and return the JSON answer.
+
+    Args:
+        common: the common options.
+        robot: name or path of the robot file.
+        logs: recordings; () for the stack that ``dynid parameters`` wrote.
+        show: print the tables.
+        final: print the JSON answer and the next command as well; not when another command goes on.
+        given: options, as on the command line.
+    """
     from dynid.files.robotfile import load_robot
     from dynid.identify import result as results
 
@@ -69,8 +96,9 @@ def run_identify(common: Common, robot: str, logs: tuple[Path, ...], *, show: bo
         found, wrote = results.load(path).identification, []
     facts = answer_of(base, found, wrote)
     if show:
-        common.terminal.emit_json(facts)
         show_result(common, base, found)
+    if show and final:
+        common.terminal.emit_json(facts)
         common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
     return facts
 
@@ -87,7 +115,9 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     if header is None:
         raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.slug} LOG")
     if header.get("key") != robot.model_key:
-        raise LogNotFound(f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG")
+        raise LogNotFound(
+            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG"
+        )
     return dict(header["inputs"]) | {"method": str(options["method"]), "holdout": str(options["holdout"])}
 
 
@@ -96,7 +126,12 @@ def _is_log(text: str) -> bool:
 
 
 def obtain_stack(
-    common: Common, base: BaseModel, folder: Path, logs: tuple[Path, ...], options: dict[str, Any], inputs: dict[str, str]
+    common: Common,
+    base: BaseModel,
+    folder: Path,
+    logs: tuple[Path, ...],
+    options: dict[str, Any],
+    inputs: dict[str, str],
 ) -> tuple[Stack, dict[str, Any]]:
     """Return the stack of the given logs, or of ``dynid parameters``."""
     from dynid.identify import numeric
@@ -128,8 +163,11 @@ def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any
 
     holdout = held_out(common, base, stack, options)
     found = estimate(stack, base, method=options["method"], holdout=holdout, drop_weak=options["drop_weak"])
-    method = {"wls": "weighted least squares, one noise level a joint", "ols": "ordinary least squares"}[options["method"]]
-    condition = f"condition number {found.condition_number_scaled:.3g} with normalised columns ({found.condition_number:.3g} without)"
+    method = {"wls": "weighted least squares, one noise level a joint", "ols": "ordinary least squares"}[
+        options["method"]
+    ]
+    scaled, raw = found.condition_number_scaled, found.condition_number
+    condition = f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)"
     common.terminal.stage("estimate", f"{method}; {len(found.names)} base parameters; held out: {found.heldout}")
     common.terminal.stage("excited", condition)
     common.terminal.findings(found.findings)
@@ -160,9 +198,12 @@ def write_results(
     from dynid.identify import result
     from dynid.validate import predict
 
-    assert stack.observer is not None
-    motions = [predict.predict(source, stack.observer, found.theta) for source in stack.sources]
-    predict.save(folder / "estimatedmotion.npz", motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
+    motions = [
+        predict.predict(source, list(stack.rows_of_log(k)), found.theta) for k, source in enumerate(stack.sources)
+    ]
+    predict.save(
+        folder / "estimatedmotion.npz", motions, {**header, "joints": list(stack.joints), "torque_from": "identified"}
+    )
     facts = {
         "schema": "dynid/parameters-table/1",
         "robot": base.robot.name,
@@ -186,7 +227,12 @@ def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict
     from dynid.identify.result import parameter_table
 
     joints = [
-        {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent, "heldout_rms_nm": j.heldout_rms}
+        {
+            "joint": j.joint,
+            "rms_nm": j.rms,
+            "relative_error_percent": j.relative_percent,
+            "heldout_rms_nm": j.heldout_rms,
+        }
         for j in found.joints
     ]
     return {
@@ -216,7 +262,15 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     rows = []
     for quality, unit in zip(found.joints, units, strict=True):
         held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms:.3g} {unit}"
-        rows.append([quality.joint, f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %", held])
+        rows.append(
+            [
+                quality.joint,
+                f"{quality.rms:.3g} {unit}",
+                f"{quality.torque_rms:.3g} {unit}",
+                f"{quality.relative_percent:.1f} %",
+                held,
+            ]
+        )
     terminal.table(["joint", "rms error", "torque rms", "unexplained", "held out"], rows)
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
@@ -225,7 +279,10 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(base, found))
     counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
     terminal.answer()
-    terminal.fact("known", f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log")
+    terminal.fact(
+        "known",
+        f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log",
+    )
 
 
 def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
@@ -237,7 +294,17 @@ def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
         error = row["std_error"]
         value = "not determined" if error is None else f"{row['value']:.4g}"
         prior = "-" if row["prior"] is None else f"{row['prior']:.4g}"
-        rows.append([row["name"], value, "-" if error is None else f"{error:.2g}", row["unit"], row["class"], row["known"], prior])
+        rows.append(
+            [
+                row["name"],
+                value,
+                "-" if error is None else f"{error:.2g}",
+                row["unit"],
+                row["class"],
+                row["known"],
+                prior,
+            ]
+        )
     return rows
 
 
@@ -252,20 +319,26 @@ def parsed_limit(text: str) -> tuple[str, str, float]:
             raise ValueError
         return match[1], match[2], float(match[3])
     except ValueError:
-        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix="such as --fail-if 'max_rms_nm > 1.5'") from None
+        raise WrongUsage(
+            f"--fail-if '{text}' is not NAME > NUMBER", fix="such as --fail-if 'max_rms_nm > 1.5'"
+        ) from None
 
 
 def broken(common: Common, facts: dict[str, Any], name: str, sign: str, limit: float) -> bool:
     """Return whether a limit is broken, and say so."""
     from dynid.files.yamlfile import closest
 
-    values = {key: value for key, value in facts.items() if isinstance(value, (int, float)) and not isinstance(value, bool)}
+    values = {
+        key: value for key, value in facts.items() if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
     values["max_rms_nm"] = max(joint["rms_nm"] for joint in facts["joints"])
     held = [joint["heldout_rms_nm"] for joint in facts["joints"] if joint["heldout_rms_nm"] is not None]
     if held:
         values["max_heldout_rms_nm"] = max(held)
     if name not in values:
-        raise WrongUsage(f"--fail-if: no figure '{name}'{closest(name, values)}", fix=f"one of {', '.join(sorted(values))}")
+        raise WrongUsage(
+            f"--fail-if: no figure '{name}'{closest(name, values)}", fix=f"one of {', '.join(sorted(values))}"
+        )
     value = values[name]
     holds = {"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign]
     if holds:

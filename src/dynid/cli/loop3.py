@@ -20,16 +20,21 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
-    click.option("--cutoff", metavar="auto|HZ", default="auto", show_default=True, help="Cut-off over torque and columns."),
+    click.option("--cutoff", metavar="auto|HZ", default="auto", show_default=True, help="Over torque and columns."),
     click.option(
         "--velocity", type=click.Choice(["derived", "measured"]), default="derived", show_default=True,
         help="Velocity from the positions, or the driver's.",
     ),
-    click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out a stretch [s]; may be given several times."),
+    click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out a stretch [s]; repeatable."),
     click.option("--topic", metavar="TOPIC", help="ROS topic of the joint states."),
-    click.option("--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", help="Rate of text logs without time."),
+    click.option("--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", help="Of text logs."),
     click.option("--sort-time", is_flag=True, help="Sort samples whose time stamps are only shuffled."),
 )  # fmt: skip
+
+
+READING_DEFAULTS: dict[str, Any] = {
+    "cutoff": "auto", "velocity": "derived", "exclude": (), "topic": None, "rate": None, "sort_time": False,
+}  # fmt: skip
 
 
 def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -132,7 +137,9 @@ def hashes(robot: Robot, logs: Sequence[Path], options: dict[str, Any]) -> dict[
     return {"robot": robot.model_key, **input_hashes(named, options)}
 
 
-def read_sources(common: Common, base: BaseModel, logs: Sequence[Path], reading: Reading) -> tuple[list[Source], list[Finding]]:
+def read_sources(
+    common: Common, base: BaseModel, logs: Sequence[Path], reading: Reading
+) -> tuple[list[Source], list[Finding]]:
     """Read and condition logs, all with the same cut-off, and say what was noticed."""
     from dynid.identify.sources import common_cutoff, read_source
 
@@ -177,7 +184,9 @@ def stack_sources(common: Common, base: BaseModel, sources: Sequence[Source]) ->
     reduction = base.reduction
     with common.terminal.progress() as progress:
         progress.stage("stack", "")
-        result = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names, progress)
+        result = stack(
+            sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names, progress
+        )
     rows = f"{result.samples} samples x {len(result.joints)} joints"
     common.terminal.stage("stacked", f"{rows} -> W {int(result.rows.sum())} x {len(result.names)}")
     return result

@@ -238,6 +238,8 @@ def _complete() -> None:
 def main() -> NoReturn:
     """Run ``dynid``."""
     failure.prepare_streams()
+    # Why: on small matrices threads cost more than they give, and one thread sums in the same order anywhere.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.
     if not sys.warnoptions and "--debug" not in sys.argv:
         warnings.simplefilter("ignore")

@@ -46,7 +46,9 @@ class Built:
 @click.option("--links", metavar="LIST", help="Links to identify, such as 1-7 or 4,5,6; the others keep the prior.")
 @click.option("--reduce/--no-reduce", "reduce_now", default=None, help="Reduce to base parameters without asking.")
 @click.option("--samples", type=click.IntRange(10, 100000), default=200, show_default=True, help="Random states.")
-@click.option("--tolerance", metavar="auto|X", default="auto", help="Relative size below which a column depends on others.")
+@click.option(
+    "--tolerance", metavar="auto|X", default="auto", help="Relative size below which a column depends on others."
+)
 @click.option("--rebuild/--frozen", "rebuild", default=None, help="Rebuild a stored model without asking, or never.")
 @click.option("--latex", is_flag=True, help="Print the regressor as LaTeX.")
 @click.option("--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function.")
@@ -115,7 +117,9 @@ def derive_or_load(common: Common, robot: Robot, rebuild: bool | None) -> Built:
             raise StaleCache(f"{path} was made from an older robot file ({changes(path, robot)})", where=str(path))
         terminal.stage("noticed", f"{path} was made from another version of the robot file: {changes(path, robot)}")
         if ask(common, "P8", path=path) is not Answer.YES:
-            raise StaleCache(f"{path} belongs to an older robot file and was not rebuilt", fix="answer yes, or add --rebuild")
+            raise StaleCache(
+                f"{path} belongs to an older robot file and was not rebuilt", fix="answer yes, or add --rebuild"
+            )
     start = time.perf_counter()
     with terminal.progress() as progress:
         progress.stage("symbolic", "")
@@ -124,7 +128,9 @@ def derive_or_load(common: Common, robot: Robot, rebuild: bool | None) -> Built:
     if derived is None:
         terminal.stage("reused", f"{path}       (key {key}; --rebuild derives it again)")
         return Built(model, {"load": seconds})
-    terminal.stage("symbolic", f"Newton-Euler, {model.size} parameters, {model.rigid.flops} operations, {derived:.2f} s")
+    terminal.stage(
+        "symbolic", f"Newton-Euler, {model.size} parameters, {model.rigid.flops} operations, {derived:.2f} s"
+    )
     terminal.wrote(path, f"key {key_of(robot)}, reused until the robot file changes")
     return Built(model, {"symbolic": derived}, [path])
 
@@ -140,13 +146,17 @@ def changes(path: Path, robot: Robot) -> str:
         now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
         for name, old, new in zip(("type", "a", "twist", "d", "theta_offset"), row, now, strict=True):
             if old != new:
-                found.append(f"joints[{i}].{name} {old if isinstance(old, str) else f'{old:g}'} -> {new if isinstance(new, str) else f'{new:g}'}")
+                found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
     if len(rows) != robot.n:
         found.append(f"{len(rows)} joints -> {robot.n}")
     for name, new_value in (("convention", robot.convention), ("gravity", list(robot.gravity))):
         if header.get(name) != new_value:
             found.append(f"{name} {header.get(name)} -> {new_value}")
     return "; ".join(found) or "other columns, links or version of dynid"
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) -> None:
@@ -160,7 +170,12 @@ def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) ->
     except ValueError:
         raise WrongUsage(f"--tolerance '{tolerance}' is neither auto nor a number", fix="--tolerance auto") from None
     start = time.perf_counter()
-    if "load" in built.seconds and stored_key(path) == key_of(built.model.robot) and tolerance == "auto" and samples == 200:
+    if (
+        "load" in built.seconds
+        and stored_key(path) == key_of(built.model.robot)
+        and tolerance == "auto"
+        and samples == 200
+    ):
         reduction = load_reduction(path)
         common.terminal.stage("reused", str(path))
     else:
@@ -170,7 +185,9 @@ def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) ->
         save_reduction(path, built.model, reduction)
         built.wrote.append(path)
         gap = f"gap between kept and dropped singular values {reduction.gap:.0e}, seed {common.seed}"
-        common.terminal.stage("reduced", f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}, {gap}")
+        common.terminal.stage(
+            "reduced", f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}, {gap}"
+        )
         common.terminal.wrote(path)
     built.seconds["reduce"] = time.perf_counter() - start
     built.reduction = reduction
@@ -200,7 +217,9 @@ def report(common: Common, built: Built) -> None:
     for i, name in enumerate(reduction.base_names):
         if name.endswith("R"):
             terminal.answer(f"  {name} = {formula(reduction.terms(i))}")
-    terminal.next(f"dynid trajectory {common_name(model.robot)}, or with a log: dynid identify {common_name(model.robot)} LOG")
+    terminal.next(
+        f"dynid trajectory {common_name(model.robot)}, or with a log: dynid identify {common_name(model.robot)} LOG"
+    )
 
 
 def class_table(common: Common, robot: Robot, reduction: Reduction) -> None:
@@ -215,7 +234,9 @@ def class_table(common: Common, robot: Robot, reduction: Reduction) -> None:
         cells = [reduction.class_of(f"{kind}{j}") if f"{kind}{j}" in known else "absent" for kind in kinds]
         rows.append([f"{j} {joint.name}", *(SYMBOLS[cell] for cell in cells)])
     common.terminal.table(["joint", *kinds], rows)
-    totals = f"totals  {len(reduction.alone)}   {len(reduction.combined)}   {len(reduction.none)}   = {len(reduction.names)}"
+    totals = (
+        f"totals  {len(reduction.alone)}   {len(reduction.combined)}   {len(reduction.none)}   = {len(reduction.names)}"
+    )
     common.terminal.answer(f"# alone   + combined   . none      {totals}")
 
 

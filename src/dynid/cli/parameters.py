@@ -86,11 +86,14 @@ def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, hea
     from dynid.identify.estimate import prior_base
     from dynid.validate import predict
 
-    assert stack.observer is not None
     numeric.save(folder / "fullnumericregressor.npz", stack, header)
     prior = np.nan_to_num(prior_base(base))
-    motions = [predict.predict(source, stack.observer, prior) for source in stack.sources]
-    estimated = {**header, "joints": list(stack.joints), "torque_from": "the prior; dynid identify puts the identified torque here"}
+    motions = [predict.predict(source, list(stack.rows_of_log(k)), prior) for k, source in enumerate(stack.sources)]
+    estimated = {
+        **header,
+        "joints": list(stack.joints),
+        "torque_from": "the prior; dynid identify puts the identified torque here",
+    }
     predict.save(folder / "estimatedmotion.npz", motions, estimated)
     wrote = [folder / "fullnumericregressor.npz", folder / "estimatedmotion.npz"]
     for path in wrote:
@@ -104,7 +107,7 @@ def answer_of(
     """Return the JSON answer: what the log excites."""
     from dynid.identify.least_squares import merge, solve
 
-    factors, _ = stack.joint_factors()
+    factors, _ = stack.whole
     solution = solve(merge(factors))
     chosen = stack.sources[0].chosen
     return {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import percent, read_sources, reading_of, reading_options
+from dynid.cli.loop3 import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, SameRecording
 
@@ -16,10 +16,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.identify.result import StoredResult
-    from dynid.identify.stack import Source
+    from dynid.identify.stack import Rows
     from dynid.model.store import BaseModel
     from dynid.validate.metrics import JointCheck
     from dynid.validate.predict import EstimatedMotion
+
+
+DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
+    "allow_training_data": False,
+    "max_rms": None,
+    "max_unexplained": None,
+    "plot": True,
+}
 
 
 @dynid_command(
@@ -32,15 +40,28 @@ if TYPE_CHECKING:
 @click.argument("parameters", type=click.Path(path_type=Path))
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--allow-training-data", is_flag=True, help="Accept the recording that was used to identify.")
-@click.option("--max-rms", type=click.FloatRange(min=0), metavar="NM", help="Exit 1 when a joint's rms error is larger.")
+@click.option(
+    "--max-rms", type=click.FloatRange(min=0), metavar="NM", help="Exit 1 when a joint's rms error is larger."
+)
 @click.option("--max-unexplained", metavar="SHARE", help="Exit 1 when the total relative error is larger.")
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
 @reading_options
 def command(common: Common, parameters: Path, log: Path, **options: Any) -> ExitStatus:  # noqa: ANN401
     """Compare estimated with measured torques on a recording that the model has not seen."""
+    facts = run_validate(common, parameters, log, **options)
+    common.terminal.emit_json(facts)
+    picture = f"look at {facts['wrote'][-1]}" if options["plot"] else f"dynid validate {parameters} {log} --plot"
+    common.terminal.next(picture)
+    return ExitStatus.DONE if facts["passed"] else ExitStatus.LIMIT_NOT_MET
+
+
+def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Replay a log, write and print what comes out, and return the JSON answer."""
     from dynid.identify import result
+    from dynid.identify.stack import rows_of
     from dynid.validate import metrics, predict
 
+    options = DEFAULTS | given
     terminal = common.terminal
     stored = result.load(parameters)
     base = base_model_of(common, stored)
@@ -49,32 +70,33 @@ def command(common: Common, parameters: Path, log: Path, **options: Any) -> Exit
     source = read_sources(common, base, (log,), reading_of({**options, "cutoff": cutoff}))[0][0]
     with terminal.progress() as progress:
         progress.stage("replay", "")
-        observer = base.model.observer(base.reduction.base)
-        motion = predict.predict(source, observer, stored.identification.theta)
-        baseline, what = baseline_torque(base, stored, source, motion)
+        rows = list(rows_of(source, base.model.observer(base.reduction.base)))
+        motion = predict.predict(source, rows, stored.identification.theta)
+        baseline, what = baseline_torque(base, stored, rows, motion)
         joints, total = metrics.check(motion, baseline, base.robot.joint_names)
-        wrote = write_outputs(common, parameters.parent / "validation" / log.stem, base, motion, sha, log, options["plot"])
+        wrote = write_outputs(parameters.parent / "validation" / log.stem, base, motion, sha, log, options["plot"])
     passed = judged(common, joints, total, options["max_rms"], options["max_unexplained"])
-    terminal.emit_json(
-        {
-            "schema": "dynid/validate/1",
-            "robot": base.robot.name,
-            "relative_error_percent": total,
-            "joints": [
-                {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent, "baseline_rms_nm": j.baseline_rms}
-                for j in joints
-            ],
-            "baseline": what,
-            "cutoff_hz": source.chosen.cutoff,
-            "passed": passed,
-            "wrote": wrote,
-        }
-    )
     show(common, base, joints, total, what)
     for path in wrote:
         terminal.wrote(path)
-    terminal.next(f"look at {wrote[-1]}" if options["plot"] else f"dynid validate {parameters} {log} --plot")
-    return ExitStatus.DONE if passed else ExitStatus.LIMIT_NOT_MET
+    return {
+        "schema": "dynid/validate/1",
+        "robot": base.robot.name,
+        "relative_error_percent": total,
+        "joints": [
+            {
+                "joint": j.joint,
+                "rms_nm": j.rms,
+                "relative_error_percent": j.relative_percent,
+                "baseline_rms_nm": j.baseline_rms,
+            }
+            for j in joints
+        ],
+        "baseline": what,
+        "cutoff_hz": source.chosen.cutoff,
+        "passed": passed,
+        "wrote": wrote,
+    }
 
 
 def base_model_of(common: Common, stored: StoredResult) -> BaseModel:
@@ -101,28 +123,31 @@ def refuse_training_log(stored: StoredResult, log: Path, *, allow: bool) -> str:
 
 
 def baseline_torque(
-    base: BaseModel, stored: StoredResult, source: Source, motion: EstimatedMotion
+    base: BaseModel, stored: StoredResult, rows: list[Rows], motion: EstimatedMotion
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts: the prior where the robot file has one, otherwise a constant torque."""
     import numpy as np
 
-    from dynid.validate import predict
-
     if base.robot.prior is None:
         return np.broadcast_to(motion.tau_measured.mean(axis=0), motion.tau_measured.shape), "a constant torque"
     prior = np.nan_to_num(stored.identification.prior)
-    observer = base.model.observer(base.reduction.base)
-    return predict.predict(source, observer, prior).tau_estimated, "the prior of the robot file"
+    return np.concatenate([part.W @ prior for part in rows]), "the prior of the robot file"
 
 
 def write_outputs(
-    common: Common, folder: Path, base: BaseModel, motion: EstimatedMotion, sha: str, log: Path, plot: bool
+    folder: Path, base: BaseModel, motion: EstimatedMotion, sha: str, log: Path, plot: bool
 ) -> list[Path]:
     """Write estimatedmotion.npz and the figures."""
     from dynid.validate import predict
 
     robot = base.robot
-    header = {"robot": robot.name, "joints": list(robot.joint_names), "log": str(log), "log_sha256": [sha], "torque_from": "identified"}
+    header = {
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "log": str(log),
+        "log_sha256": [sha],
+        "torque_from": "identified",
+    }
     predict.save(folder / "estimatedmotion.npz", [motion], header)
     wrote = [folder / "estimatedmotion.npz"]
     if plot:
@@ -133,7 +158,9 @@ def write_outputs(
     return wrote
 
 
-def judged(common: Common, joints: list[JointCheck], total: float, max_rms: float | None, max_unexplained: str | None) -> bool:
+def judged(
+    common: Common, joints: list[JointCheck], total: float, max_rms: float | None, max_unexplained: str | None
+) -> bool:
     """Return whether the limits are met, and name those that are not."""
     passed = True
     for joint in joints:
@@ -151,9 +178,7 @@ def show(common: Common, base: BaseModel, joints: list[JointCheck], total: float
     rows = []
     for quality, joint in zip(joints, base.robot.joints, strict=True):
         unit = joint.torque_unit
-        rows.append(
-            [quality.joint, f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %",
-             f"{quality.baseline_rms:.3g} {unit}"]
-        )  # fmt: skip
+        errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %")
+        rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
     common.terminal.answer(f"total relative error {total:.2f} %      baseline: {what}")

@@ -119,7 +119,7 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
         kind, number = found.rsplit("/", 1)
         if kind == schema.rsplit("/", 1)[0] and number.isdigit() and int(number) > int(schema.rsplit("/", 1)[1]):
             raise NewerSchema(
-                f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}; upgrade",
+                f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
                 where=str(path),
             )
         raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=str(path))

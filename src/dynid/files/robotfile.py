@@ -98,7 +98,9 @@ def _robot(root: Value, path: Path) -> Robot:
         raise NotYaml(f"{path} has no keys; it is not a robot file", where=str(path))
     top = root.mapping(_TOP, required=("name", "joints"))
     if "convention" not in top:
-        raise MissingConvention(f"{path}: say which DH convention: standard or modified; they give different robots", where=str(path))
+        raise MissingConvention(
+            f"{path}: say which DH convention: standard or modified; they give different robots", where=str(path)
+        )
     unit = top["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in top else "rad"
     findings: list[Finding] = []
     joints = tuple(_joint(value, unit, i, findings) for i, value in enumerate(top["joints"].items()))
@@ -118,7 +120,9 @@ def _robot(root: Value, path: Path) -> Robot:
         links=_links(top.get("links"), n),
         torque=_torque(top.get("torque"), n),
         driver=_driver(top["driver"], unit, joints) if "driver" in top else None,
-        simulator=_joint_map(top["simulator"].mapping(("sign", "offset")), unit, joints) if "simulator" in top else None,
+        simulator=_joint_map(top["simulator"].mapping(("sign", "offset")), unit, joints)
+        if "simulator" in top
+        else None,
         prior=_prior(top["prior"], n) if "prior" in top else None,
         tool=_body(top["tool"]) if "tool" in top and not top["tool"].is_null else None,
         coupling=_coupling(top["coupling"], n) if "coupling" in top and not top["coupling"].is_null else None,
@@ -154,7 +158,9 @@ def _dh_angle(value: Value, unit: str, findings: list[Finding]) -> float:
     """Read a DH angle; refuse more than a full turn, snap near-misses such as 1.5708 and say so."""
     angle = value.angle(unit)
     if abs(angle) > 2 * math.pi + 1e-9:
-        raise AngleTooLarge(f"{value.where}: {value.path} = {value.text()} {unit} is more than a full turn", where=value.where)
+        raise AngleTooLarge(
+            f"{value.where}: {value.path} = {value.text()} {unit} is more than a full turn", where=value.where
+        )
     nearest = round(angle / SNAP_STEP) * SNAP_STEP
     miss = abs(angle - nearest)
     if 1e-9 < miss < SNAP_RAD:
@@ -182,14 +188,18 @@ def _limits(value: Value, unit: str) -> Limits:
         lower, upper = (read(item) for item in keys["position"].items(2))
         if lower >= upper:
             where = keys["position"].where
-            raise WrongRobotFile(f"{where}: {keys['position'].path}: lower limit {lower:g} is not below upper {upper:g}", where=where)
+            raise WrongRobotFile(
+                f"{where}: {keys['position'].path}: lower limit {lower:g} is not below upper {upper:g}", where=where
+            )
         position = (lower, upper)
     sizes: dict[str, float | None] = {"velocity": None, "acceleration": None, "torque": None}
     for key in sizes:
         if key in keys and not keys[key].is_null:
             size = keys[key].number() if key == "torque" else read(keys[key])
             if size <= 0:
-                raise WrongRobotFile(f"{keys[key].where}: {keys[key].path} = {size:g} must be positive", where=keys[key].where)
+                raise WrongRobotFile(
+                    f"{keys[key].where}: {keys[key].path} = {size:g} must be positive", where=keys[key].where
+                )
             sizes[key] = size
     return Limits(position, **sizes)
 
@@ -287,7 +297,10 @@ def _joint_map(keys: dict[str, Value], unit: str, joints: tuple[Joint, ...]) -> 
     sign = tuple(item.number() for item in keys["sign"].items(n)) if "sign" in keys else (1.0,) * n
     for value in sign:
         if value not in (1.0, -1.0):
-            raise WrongRobotFile(f"{keys['sign'].where}: {keys['sign'].path} entries are 1 or -1, not {value:g}", where=keys["sign"].where)
+            raise WrongRobotFile(
+                f"{keys['sign'].where}: {keys['sign'].path} entries are 1 or -1, not {value:g}",
+                where=keys["sign"].where,
+            )
     offset = (0.0,) * n
     if "offset" in keys:
         pairs = zip(keys["offset"].items(n), joints, strict=True)
@@ -299,7 +312,9 @@ def _body(value: Value) -> Body:
     keys = value.mapping(("mass", "com", "inertia_com"), required=("mass",))
     mass = keys["mass"].number()
     if mass < 0:
-        raise WrongRobotFile(f"{keys['mass'].where}: {keys['mass'].path} = {mass:g} kg is negative", where=keys["mass"].where)
+        raise WrongRobotFile(
+            f"{keys['mass'].where}: {keys['mass'].path} = {mass:g} kg is negative", where=keys["mass"].where
+        )
     com = _three(keys["com"]) if "com" in keys else (0.0, 0.0, 0.0)
     if "inertia_com" not in keys:
         return Body(mass, com)
@@ -319,7 +334,9 @@ def _prior(value: Value, n: int) -> Prior:
     numbers = {key: item.number() for key, item in inner.items()}
     for key, number in numbers.items():
         if number <= 0:
-            raise WrongRobotFile(f"{inner[key].where}: {inner[key].path} = {number:g} must be positive", where=inner[key].where)
+            raise WrongRobotFile(
+                f"{inner[key].where}: {inner[key].path} = {number:g} must be positive", where=inner[key].where
+            )
     if ("density" in numbers) == ("mass" in numbers):
         raise WrongRobotFile(f"{value.where}: prior.cylinders needs one of density, mass", where=value.where)
     return Prior(cylinders=Cylinders(**numbers))

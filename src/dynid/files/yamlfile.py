@@ -86,7 +86,9 @@ class Value:
             raise WrongRobotFile(f"{self.where}: {self.path} must be a list", where=self.where)
         values = [Value(node, self.file, f"{self.path}[{i}]") for i, node in enumerate(self.node.value)]
         if length is not None and len(values) != length:
-            raise WrongRobotFile(f"{self.where}: {self.path} has {len(values)} entries, expected {length}", where=self.where)
+            raise WrongRobotFile(
+                f"{self.where}: {self.path} has {len(values)} entries, expected {length}", where=self.where
+            )
         return values
 
     def text(self) -> str:
@@ -100,7 +102,8 @@ class Value:
         word = self.text()
         if word not in known:
             raise WrongRobotFile(
-                f"{self.where}: {self.path} = '{word}' is none of {', '.join(known)}{closest(word, known)}", where=self.where
+                f"{self.where}: {self.path} = '{word}' is none of {', '.join(known)}{closest(word, known)}",
+                where=self.where,
             )
         return word
 

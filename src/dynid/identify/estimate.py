@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, RankDeficient
 from dynid.identify.least_squares import Fit, joint_rms, ordinary, relative_error, weighted
 from dynid.identify.result import Identification, JointQuality
-from dynid.identify.stack import Stack, rows_of
+from dynid.identify.stack import Stack
 from dynid.identify.uncertainty import Knowledge, automatic_lags, judge, long_run_variance, sandwich, scores
 from dynid.model.prior import prior_parameters
 from dynid.model.store import BaseModel
@@ -57,7 +57,9 @@ def last_share(stack: Stack, share: float) -> HoldOut:
     return HoldOut(train, stack, judged, f"last {100 * share:.0f} % of each log")
 
 
-def estimate(stack: Stack, base: BaseModel, *, method: str, holdout: HoldOut | None, drop_weak: bool = False) -> Identification:
+def estimate(
+    stack: Stack, base: BaseModel, *, method: str, holdout: HoldOut | None, drop_weak: bool = False
+) -> Identification:
     """Fit the base parameters, with honest errors and a held-out figure.
 
     The parameters come from all rows; the held-out figure comes from a second fit without the rows that are held out.
@@ -72,7 +74,7 @@ def estimate(stack: Stack, base: BaseModel, *, method: str, holdout: HoldOut | N
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
     """
-    factors, rows = stack.joint_factors()
+    factors, rows = stack.whole
     fit = METHODS[method](factors, rows)
     findings = _excitation_findings(stack, fit, drop_weak)
     covariance = _covariance(stack, fit, rows)
@@ -100,7 +102,9 @@ def estimate(stack: Stack, base: BaseModel, *, method: str, holdout: HoldOut | N
         theta=fit.theta,
         covariance=covariance,
         std_error=std_error,
-        knowledge=tuple(k.value if not o else Knowledge.NOT_DETERMINED.value for k, o in zip(knowledge, open_, strict=True)),
+        knowledge=tuple(
+            k.value if not o else Knowledge.NOT_DETERMINED.value for k, o in zip(knowledge, open_, strict=True)
+        ),
         prior=prior_base(base),
         noise=fit.noise,
         joints=joints,
@@ -122,11 +126,13 @@ def _excitation_findings(stack: Stack, fit: Fit, drop_weak: bool) -> tuple[Findi
         names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
         text = f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
         if not drop_weak:
-            raise RankDeficient(text, fix="record a motion in which every joint moves on its own, or continue with --drop-weak")
+            raise RankDeficient(
+                text, fix="record a motion in which every joint moves on its own, or continue with --drop-weak"
+            )
         return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
     condition = fit.solution.condition_number_scaled
     if condition > LARGE_CONDITION:
-        text = f"condition number {condition:.0f} (good: below 100): noise is amplified; plan a better motion with dynid trajectory"
+        text = f"condition number {condition:.0f} (good: below 100): plan a motion that tells more: dynid trajectory"
         return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
     return ()
 
@@ -136,8 +142,8 @@ def _covariance(stack: Stack, fit: Fit, rows: NDArray[np.int64]) -> Floats:
     if stack.observer is None:
         return fit.covariance
     series: list[Floats] = []
-    for source in stack.sources:
-        for part in rows_of(source, stack.observer):
+    for number in range(len(stack.sources)):
+        for part in stack.rows_of_log(number):
             residual = np.where(part.usable, part.tau - part.W @ fit.theta, 0.0)
             score = scores(part.W, residual, fit.noise)
             if part.starts_segment or not series:
@@ -169,5 +175,8 @@ def prior_base(base: BaseModel) -> Floats:
         link, p = divmod(int(column), 11)
         gamma[k] = links[link, p] if p < 10 else 0.0
     values = reduction.K @ np.nan_to_num(gamma)
-    alone_unknown = [np.isnan(gamma[b]) or (names[b].startswith("Im") and len(reduction.terms(i)) == 1) for i, b in enumerate(reduction.base)]
+    alone_unknown = [
+        np.isnan(gamma[b]) or (names[b].startswith("Im") and len(reduction.terms(i)) == 1)
+        for i, b in enumerate(reduction.base)
+    ]
     return np.where(alone_unknown, np.nan, values)

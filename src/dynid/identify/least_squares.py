@@ -97,7 +97,7 @@ def solve(R: Floats) -> Solution:
     length = np.linalg.norm(A, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     U, S, Vt = np.linalg.svd(A / length)
-    rank = int(np.sum(S > RANK_TOLERANCE * S[0])) if S[0] > 0.0 else 0
+    rank = int(np.sum(RANK_TOLERANCE * S[0] < S)) if S[0] > 0.0 else 0
     V = Vt[:rank].T / S[:rank]
     projected = U.T @ b
     raw = np.linalg.svd(A, compute_uv=False)

@@ -7,7 +7,8 @@ least squares needs, and small however long the log was. The stacked matrix itse
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, source in enumerate(stack.sources) for segment in source.segments]
     arrays = {name: np.concatenate([getattr(segment, name) for _, segment in segments]) for name in _ARRAYS}
-    factors, rows = stack.joint_factors()
+    factors, rows = stack.whole
     arrays |= {"R": factors, "rows": rows}
     facts = {
         **header,
@@ -34,9 +35,8 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
         "joints": list(stack.joints),
         "lengths": [len(segment) for _, segment in segments],
         "source_of_segment": [k for k, _ in segments],
-        "sources": [{"name": s.name, "rate": s.chosen.rate, "cutoff": s.chosen.cutoff, "first_step": s.chosen.first_step,
-                     "second_step": s.chosen.second_step} for s in stack.sources],
-    }  # fmt: skip
+        "sources": [{"name": source.name, **asdict(source.chosen)} for source in stack.sources],
+    }
     write_artifact(path, Artifact(SCHEMA, facts, arrays))
 
 
@@ -45,13 +45,19 @@ def load(path: Path) -> tuple[list[Source], dict[str, Any]]:
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     try:
-        edges = np.cumsum([0, *h["lengths"]])
-        segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        edges = np.cumsum([0, *h["lengths"]]).tolist()
+        segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
         owners: Sequence[int] = h["source_of_segment"]
         sources = []
         for k, s in enumerate(h["sources"]):
             chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
-            sources.append(Source([segment for segment, owner in zip(segments, owners, strict=True) if owner == k], chosen, str(s["name"])))
+            sources.append(
+                Source(
+                    [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
+                    chosen,
+                    str(s["name"]),
+                )
+            )
         return sources, h
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -1,4 +1,4 @@
-"""From recordings to what rows are made of: read, checked, conditioned, torques of links that are not identified taken off."""
+"""From recordings to what rows are made of: read, checked, conditioned, known torques taken off."""
 
 from __future__ import annotations
 
@@ -76,4 +76,3 @@ def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:
     prior = prior_parameters(model.robot).reshape(-1, 10)[np.array(others) - 1].ravel()
     observer = rest.observer()
     return [replace(s, tau=s.tau - observer.torque(prior, s.q, s.qd, s.qdd)) for s in segments]
-

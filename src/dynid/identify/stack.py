@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,8 @@ BLOCK_SECONDS = 1.0
 MOST_BLOCKS = 64
 #: Samples evaluated at once.
 _EVALUATED = 4096
+#: Rows of short logs are kept so that covariance and prediction need not evaluate them again [bytes].
+KEPT_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
@@ -76,31 +80,39 @@ def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     outputs = [max(0, (len(s) - taps) // step + 1) for s in source.segments]
-    total = sum(outputs)
-    per_block = max(1, round(chosen.kept_rate * BLOCK_SECONDS), -(-total // MOST_BLOCKS))
+    per_block = max(1, round(chosen.kept_rate * BLOCK_SECONDS), -(-sum(outputs) // MOST_BLOCKS))
+    together = max(1, _EVALUATED // step)
     block = 0
     for segment, count in zip(source.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
         edges = np.linspace(0, count, blocks + 1).astype(int)
-        for start, end in zip(edges[:-1], edges[1:], strict=True):
-            most = max(1, _EVALUATED // step)
-            for first in range(start, end, most):
-                yield _rows(segment, observer, kernel, step, first, min(first + most, end), block)
-            block += 1
+        for first in range(0, count, together):
+            last = min(first + together, count)
+            rows = _rows(segment, observer, kernel, step, first, last)
+            inside = edges[(edges > first) & (edges < last)]
+            cuts = np.concatenate([[first], inside, [last]])
+            for start, end in pairwise(cuts.tolist()):
+                part = slice(start - first, end - first)
+                number = block + int(np.searchsorted(edges, start, side="right")) - 1
+                yield Rows(rows.t[part], rows.W[part], rows.tau[part], rows.usable[part], number, start == 0)
+        block += blocks
 
 
-def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int, block: int) -> Rows:
+def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int) -> Rows:
     taps = kernel.shape[1]
     part = slice(first * step, (last - 1) * step + taps)
     evaluated = [e.copy() for _, e in observer.blocks(segment.q[part], segment.qd[part], segment.qdd[part])]
     entries = decimate(np.concatenate(evaluated, axis=1), kernel, step)[0]
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
-    spoilt = decimate(np.ascontiguousarray((~segment.usable[part]).T.astype(float)), np.ones_like(kernel), step)[0]
+    usable = np.ones((last - first, observer.shape[0]), dtype=bool)
+    if not segment.usable[part].all():
+        spoilt = (~segment.usable[part]).T.astype(float)
+        usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
     W = np.zeros((last - first, *observer.shape))
     W[:, observer.rows, observer.cols] = entries.T
     centre = part.start + (taps - 1) // 2
     t = segment.t[centre : centre + (last - first - 1) * step + 1 : step]
-    return Rows(t, W, np.ascontiguousarray(tau.T), spoilt.T < 0.5, block, first == 0)
+    return Rows(t, W, np.ascontiguousarray(tau.T), usable, 0, first == 0)
 
 
 @dataclass(frozen=True)
@@ -116,6 +128,7 @@ class Stack:
         start: time of the first row of each block, (B,) [s].
         sources: the logs, for methods that look at single rows.
         observer: the columns.
+        kept: the single rows, when they are few enough to be kept.
     """
 
     names: tuple[str, ...]
@@ -126,6 +139,14 @@ class Stack:
     start: Floats
     sources: tuple[Source, ...] = field(default=(), repr=False, compare=False)
     observer: Observer | None = field(default=None, repr=False, compare=False)
+    kept: tuple[tuple[Rows, ...], ...] | None = field(default=None, repr=False, compare=False)
+
+    def rows_of_log(self, number: int) -> Iterator[Rows]:
+        """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
+        if self.kept is not None:
+            yield from self.kept[number]
+        elif self.observer is not None:
+            yield from rows_of(self.sources[number], self.observer)
 
     @property
     def blocks(self) -> int:
@@ -137,9 +158,13 @@ class Stack:
         """Number of instants in the stack."""
         return int(self.rows.max(axis=1).sum()) if len(self.rows) else 0
 
-    def joint_factors(self, chosen: NDArray[np.bool_] | None = None) -> tuple[Floats, NDArray[np.int64]]:
+    @cached_property
+    def whole(self) -> tuple[Floats, NDArray[np.int64]]:
+        """One factor a joint over all blocks, (n, p + 1, p + 1), and its number of rows, (n,)."""
+        return self.joint_factors(np.ones(self.blocks, dtype=bool))
+
+    def joint_factors(self, mask: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
         """Return one factor a joint over the chosen blocks, (n, p + 1, p + 1), and its number of rows, (n,)."""
-        mask = np.ones(self.blocks, dtype=bool) if chosen is None else chosen
         return np.array([merge(part) for part in self.factors[mask].swapaxes(0, 1)]), self.rows[mask].sum(axis=0)
 
 
@@ -164,12 +189,17 @@ def stack(
     counts: list[NDArray[np.int64]] = []
     logs: list[int] = []
     start: list[float] = []
+    expected_rows = sum(len(s) // source.chosen.second_step for source in sources for s in source.segments)
+    keep = expected_rows * n * len(names) * 8 <= KEPT_BYTES
+    kept: list[list[Rows]] = [[] for _ in sources]
     active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
     for number, source in enumerate(sources):
         first = len(factors)
         expected = sum(len(s) for s in source.segments)
         done = 0
         for rows in rows_of(source, observer):
+            if keep:
+                kept[number].append(rows)
             if rows.block + first == len(factors):
                 factors.append(np.zeros((n, size, size)))
                 counts.append(np.zeros(n, dtype=np.int64))
@@ -183,6 +213,7 @@ def stack(
     return Stack(
         names, joints, np.array(factors).reshape(shape), np.array(counts, dtype=np.int64).reshape(shape[:2]),
         np.array(logs), np.array(start), tuple(sources), observer,
+        tuple(tuple(part) for part in kept) if keep else None,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
-#: Samples a block: large enough to hide the cost of starting an array operation, small enough for the cache (benchmarks/speed.py).
+#: Samples a block: enough to hide the cost of starting an array operation, few enough for the cache.
 BLOCK = 2048
 
 _FOLD: dict[int, Callable[[float, float], float]] = {
@@ -54,6 +54,7 @@ class Kernel:
         self._value: list[float | None] = [fixed.get(name) for name in program.inputs]
         self._value += [float(constant) for constant in program.constants]
         self._moving = [(slot, name) for slot, name in enumerate(program.inputs) if self._value[slot] is None]
+        self._first, self._outputs = program.first, [int(slot) for slot in program.outputs]
         self.rows, self.cols, self.shape = program.rows, program.cols, program.shape
         self._fold()
         self._assign()
@@ -72,50 +73,48 @@ class Kernel:
                 self._steps.append((op, lhs, rhs, program.first + k))
 
     def _assign(self) -> None:
-        """Give each moving slot a register; entries of the matrix are their own registers."""
-        program = self._program
-        entry: dict[int, int] = {}
-        self._copies: list[tuple[int, int]] = []
-        for e, slot in enumerate(program.outputs.tolist()):
-            if slot >= program.first and self._value[slot] is None and slot not in entry:
-                entry[slot] = e
-            else:
-                self._copies.append((e, slot))
-        last: dict[int, int] = {}
-        for k, (op, lhs, rhs, _) in enumerate(self._steps):
-            last[lhs] = k
-            if op != NEG:
-                last[rhs] = k
-        for _, slot in self._copies:
-            last[slot] = len(self._steps)
+        """Give each moving slot a register; an entry of the matrix is the register of the slot that it holds."""
+        outputs = self._outputs
+        entry = {slot: e for e, slot in reversed(list(enumerate(outputs))) if slot >= self._first and self._moves(slot)}
+        copies = [(e, slot) for e, slot in enumerate(outputs) if entry.get(slot) != e]
+        register, size = self._registers(entry, copies)
+        self._pool = np.empty((size, BLOCK))
+        self._entries = np.empty((len(outputs), BLOCK))
+
+        def place(slot: int) -> float | Floats:
+            value = self._value[slot]
+            if value is not None:
+                return value
+            return self._entries[entry[slot]] if slot in entry else self._pool[register[slot]]
+
+        self._calls: list[tuple[Any, Any, Any, Any]] = [
+            (np.multiply, place(lhs), -1.0, place(out))
+            if op == NEG
+            else (_UFUNC[op], place(lhs), place(rhs), place(out))
+            for op, lhs, rhs, out in self._steps
+        ]
+        self._loads = [(self._pool[register[slot]], name) for slot, name in self._moving]
+        self._copied = [(self._entries[e], place(slot)) for e, slot in copies]
+
+    def _moves(self, slot: int) -> bool:
+        return self._value[slot] is None
+
+    def _registers(self, entry: dict[int, int], copies: list[tuple[int, int]]) -> tuple[dict[int, int], int]:
+        """Return the register of each slot that is no entry, and how many there are; dead ones are reused."""
+        last = {slot: k for k, step in enumerate(self._steps) for slot in _operands(step)}
+        last |= {slot: len(self._steps) for _, slot in copies}
         register = {slot: r for r, (slot, _) in enumerate(self._moving)}
         free: list[int] = []
         size = len(register)
-        for k, (op, lhs, rhs, out) in enumerate(self._steps):
-            for slot in {lhs} if op == NEG else {lhs, rhs}:
-                if last[slot] == k and slot in register:
-                    free.append(register[slot])
+        for k, step in enumerate(self._steps):
+            free += [register[slot] for slot in _operands(step) if last[slot] == k and slot in register]
+            out = step[3]
             if out not in entry:
                 if not free:
                     free.append(size)
                     size += 1
                 register[out] = free.pop()
-        self._pool = np.empty((size, BLOCK))
-        self._entries = np.empty((len(program.outputs), BLOCK))
-
-        def place(slot: int) -> Any:
-            if self._value[slot] is not None:
-                return self._value[slot]
-            return self._entries[entry[slot]] if slot in entry else self._pool[register[slot]]
-
-        self._calls: list[tuple[Any, Any, Any, Any]] = []
-        for op, lhs, rhs, out in self._steps:
-            if op == NEG:
-                self._calls.append((np.multiply, place(lhs), -1.0, place(out)))
-            else:
-                self._calls.append((_UFUNC[op], place(lhs), place(rhs), place(out)))
-        self._loads = [(self._pool[register[slot]], name) for slot, name in self._moving]
-        self._copied = [(self._entries[e], place(slot)) for e, slot in self._copies]
+        return register, size
 
     def run(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the entries of the matrix for at most ``BLOCK`` samples.
@@ -143,6 +142,12 @@ class Kernel:
         for start in range(0, len(q), BLOCK):
             part = slice(start, min(start + BLOCK, len(q)))
             yield part, self.run(q[part], qd[part], qdd[part])
+
+
+def _operands(step: tuple[int, int, int, int]) -> set[int]:
+    """Return the slots that an operation reads."""
+    op, lhs, rhs, _ = step
+    return {lhs} if op == NEG else {lhs, rhs}
 
 
 def _moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:

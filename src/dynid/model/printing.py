@@ -18,7 +18,8 @@ def as_python(model: Model) -> str:
     program, robot = model.rigid, model.robot
     name, fixed = _slots(program), geometry(robot)
     lines = [
-        f'"""Regressor of {robot.name}: tau = P(q, qd, qdd) gamma, 11 parameters a link (m mcx mcy mcz Ixx Ixy Ixz Iyy Iyz Izz Im)."""',
+        f"# Regressor of {robot.name}: tau = P(q, qd, qdd) gamma.".replace("\n", " "),
+        "# Columns: m mcx mcy mcz Ixx Ixy Ixz Iyy Iyz Izz Im of link 1, then of link 2, and so on.",
         "import numpy as np",
         "",
         "def regressor(q, qd, qdd):",
@@ -55,7 +56,9 @@ def as_latex(model: Model) -> str:
         nice |= {Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"), Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}")}
         nice |= {Symbol(f"{x}{i}"): Symbol(rf"\{y}_{{{i}}}") for x, y in (("c", "cos\\theta"), ("s", "sin\\theta"))}
         nice |= {Symbol(f"{x}a{i}"): Symbol(rf"\{y}\alpha_{{{i}}}") for x, y in (("c", "cos"), ("s", "sin"))}
-    lines = [rf"{latex(symbol)} &= {latex(expression.xreplace(nice))} \\" for symbol, expression in recorder.assignments]
+    lines = [
+        rf"{latex(symbol)} &= {latex(expression.xreplace(nice))} \\" for symbol, expression in recorder.assignments
+    ]
     for (row, col), expression in sorted(entries.items()):
         lines.append(rf"P_{{{row + 1},\,{names[col]}}} &= {latex(expression.xreplace(nice))} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])

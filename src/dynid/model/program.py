@@ -72,7 +72,7 @@ class Program:
         return len(self.op)
 
     def restricted(self, columns: NDArray[np.intp]) -> Program:
-        """Return the program of the given columns only, renumbered in that order, without the operations they do not need."""
+        """Return the program of the given columns, renumbered in that order, without operations they do not need."""
         position = np.full(self.shape[1], -1)
         position[columns] = np.arange(len(columns))
         kept = position[self.cols] >= 0

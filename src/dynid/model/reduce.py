@@ -24,7 +24,7 @@ ZERO_COLUMN = 1e-10
 DEPENDENT = 1e-9
 #: Coefficients of a relation below this share of the largest one are rounding noise.
 ZERO_COEFFICIENT = 1e-9
-#: Speeds and accelerations of the random states, standard deviation [rad/s, rad/s^2]: large enough that no column is small.
+#: Standard deviation of the random speeds and accelerations [rad/s, rad/s^2]: no column is small then.
 SPREAD = 2.0
 
 

@@ -42,7 +42,7 @@ class Model:
 
     @cached_property
     def link_columns(self) -> NDArray[np.intp]:
-        """Which of the 11 n rigid-body columns are parameters of this model: identified links, wanted rotor inertias."""
+        """Which of the 11 n rigid-body columns belong to this model: identified links, wanted rotor inertias."""
         kept = [
             11 * (link - 1) + p
             for link in self.robot.identified_links
@@ -107,7 +107,10 @@ class Observer:
         self._extra = [model.extra[k - len(links)] for k in columns[~rigid]]
         place = np.flatnonzero(rigid)
         rows = [self._kernel.rows, *(np.array(column.rows) for column in self._extra)]
-        cols = [place[self._kernel.cols], *(np.full(len(c.rows), k) for c, k in zip(self._extra, np.flatnonzero(~rigid), strict=True))]
+        cols = [
+            place[self._kernel.cols],
+            *(np.full(len(c.rows), k) for c, k in zip(self._extra, np.flatnonzero(~rigid), strict=True)),
+        ]
         self.rows = np.concatenate(rows).astype(np.intp)
         self.cols = np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))

@@ -59,7 +59,7 @@ def stored_key(path: Path) -> str | None:
     return str(header["key"]) if header and "key" in header else None
 
 
-def _header(robot: Robot, **facts: Any) -> dict[str, Any]:
+def _header(robot: Robot, **facts: object) -> dict[str, Any]:
     geometry = [[j.type, j.a, j.twist, j.d, j.theta_offset] for j in robot.joints]
     return {"key": key_of(robot), "robot": robot.name, "joints": list(robot.joint_names), "geometry": geometry,
             "convention": robot.convention, "gravity": list(robot.gravity), **facts}  # fmt: skip

@@ -41,7 +41,9 @@ QUANTITIES = (
 )
 
 
-def draw(motion: EstimatedMotion, quantity: Quantity, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str) -> Figure:
+def draw(
+    motion: EstimatedMotion, quantity: Quantity, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str
+) -> Figure:
     """Draw one quantity of all joints; the torque's figure shows the residual on the same scale."""
     from matplotlib.figure import Figure as NewFigure
 
@@ -72,7 +74,9 @@ def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residu
     step = max(1, len(t) // MOST_POINTS)
     thin = slice(None, None, step)
     # Why: a line across a gap would show motion that nobody measured.
-    gaps = np.flatnonzero(np.abs(np.diff(t[thin])) > 5 * max(np.median(np.diff(t[thin])), 1e-12)) + 1 if len(t) > 2 else []
+    gaps = (
+        np.flatnonzero(np.abs(np.diff(t[thin])) > 5 * max(np.median(np.diff(t[thin])), 1e-12)) + 1 if len(t) > 2 else []
+    )
 
     def broken(x: Floats) -> Floats:
         return np.insert(x[thin].astype(float), gaps, np.nan)
@@ -81,16 +85,19 @@ def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residu
     axis.plot(broken(t), broken(estimated), color=ESTIMATED, lw=0.9, label="estimated")
     if residual:
         axis.plot(broken(t), broken(measured - estimated), color=RESIDUAL, lw=0.7, label="residual")
-    low, high = np.nanpercentile(np.concatenate([measured, estimated]), [0.2, 99.8])
+    shown = [measured, estimated, measured - estimated] if residual else [measured, estimated]
+    low, high = np.nanpercentile(np.concatenate(shown), [0.2, 99.8])
     room = 0.12 * max(high - low, 1e-9)
-    axis.set_ylim(min(low, 0.0) - room if residual else low - room, max(high, 0.0) + room if residual else high + room)
+    axis.set_ylim(low - room, high + room)
     axis.grid(color="#e6e6e6", lw=0.6)
     axis.tick_params(labelsize=8)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
 
 
-def write_figures(folder: Path, motion: EstimatedMotion, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str) -> list[Path]:
+def write_figures(
+    folder: Path, motion: EstimatedMotion, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str
+) -> list[Path]:
     """Write the four figures as PNG and SVG and return the paths of the PNGs."""
     import matplotlib as mpl
 

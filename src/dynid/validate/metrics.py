@@ -46,7 +46,9 @@ def check(motion: EstimatedMotion, baseline: Floats, joints: tuple[str, ...]) ->
     count = np.maximum(usable.sum(axis=0), 1)
     rms, size, base = (np.sqrt((x**2).sum(axis=0) / count) for x in (residual, torque, other))
     checks = [
-        JointCheck(joint, float(rms[j]), float(100 * rms[j] / size[j]) if size[j] else 0.0, float(size[j]), float(base[j]))
+        JointCheck(
+            joint, float(rms[j]), float(100 * rms[j] / size[j]) if size[j] else 0.0, float(size[j]), float(base[j])
+        )
         for j, joint in enumerate(joints)
     ]
     total = np.linalg.norm(torque)

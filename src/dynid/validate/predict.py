@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.identify.stack import Source, rows_of
-from dynid.model.regressor import Observer
+from dynid.identify.stack import Rows, Source
 from dynid.quality.filters import decimate
 
 Floats = NDArray[np.float64]
@@ -49,15 +48,14 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-def predict(source: Source, observer: Observer, theta: Floats) -> EstimatedMotion:
+def predict(source: Source, rows: Sequence[Rows], theta: Floats) -> EstimatedMotion:
     """Predict the torques of one log.
 
     Args:
         source: the conditioned log.
-        observer: evaluator of the base columns.
+        rows: its rows, from ``rows_of`` or a stack.
         theta: base parameters, (p,).
     """
-    rows = list(rows_of(source, observer))
     kernel, step = source.chosen.second_kernel, source.chosen.second_step
     half = (kernel.shape[1] - 1) // 2
     motion: dict[str, list[Floats]] = {key: [] for key in ("q", "qd", "qdd", "raw_q", "raw_qd", "raw_qdd")}

@@ -41,7 +41,10 @@ def coupled_motor_columns(robot: Robot) -> list[Column]:
         if np.count_nonzero(share) < 2:
             continue
         rows = tuple(np.flatnonzero(share).tolist())
-        columns += [_spread(robot, name, unit, k, share, rows) for name, unit in (("Imc", "kg m^2"), ("fvc", "N m s/rad"), ("fcc", "N m"))]
+        columns += [
+            _spread(robot, name, unit, k, share, rows)
+            for name, unit in (("Imc", "kg m^2"), ("fvc", "N m s/rad"), ("fcc", "N m"))
+        ]
     return columns
 
 
@@ -56,7 +59,11 @@ def _spread(robot: Robot, name: str, unit: str, motor: int, share: Floats, rows:
             signal = speed
         else:
             limit = shape.velocity[motor]
-            signal = np.tanh(speed / limit) if shape.shape == "smooth" else np.where(np.abs(speed) >= limit, np.sign(speed), 0.0)
+            signal = (
+                np.tanh(speed / limit)
+                if shape.shape == "smooth"
+                else np.where(np.abs(speed) >= limit, np.sign(speed), 0.0)
+            )
         return [share[j] * signal for j in rows]
 
     return Column(f"{name}{motor + 1}", unit, rows, evaluate)
