@@ -252,10 +252,16 @@ def test_colour_appears_on_a_terminal_or_when_asked_for(dynid):
 
 
 @pytest.mark.parametrize("quiet", [{"NO_COLOR": "1"}, {"TERM": "dumb"}, {"DYNID_COLOR": "never"}])
-@pytest.mark.parametrize("job", [("talk", "j"), ("work",), ("error",), ("ask", "P1")])
+@pytest.mark.parametrize("job", [("talk", "j"), ("error",), ("ask", "P1")])
 def test_no_escape_codes_on_a_terminal_that_does_not_want_them(dynid, quiet, job):
     done = dynid.typing("toy", *job, keys=["\n"], **quiet)
     assert ESCAPE not in done.err + done.out
+
+
+def test_no_bar_where_no_escape_codes_are_wanted(dynid):
+    done = dynid.typing("toy", "work", NO_COLOR="1")
+    assert ESCAPE not in done.err
+    assert "slow       link 1" in done.err
 
 
 def test_no_escape_codes_in_a_pipe(dynid):

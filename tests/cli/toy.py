@@ -14,7 +14,6 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import ask, input_hashes, may_write, typed
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, NotFinite
-from dynid.files.artifact import Artifact, write_artifact, write_text, written_whole
 
 NAME = "kinova_gen2"
 
@@ -29,6 +28,8 @@ def types_name(common, move, **_):
 
 
 def writes(common, word, samples, **_):
+    from dynid.files.artifact import Artifact, write_artifact  # NumPy comes with it, and most jobs do without
+
     path, inputs = common.folder("arm") / "result.npz", input_hashes({"log": Path(word)}, {"samples": samples})
     if may_write(common, path, inputs):
         write_artifact(path, Artifact("dynid/toy/1", {"inputs": inputs}, {}))
@@ -37,6 +38,8 @@ def writes(common, word, samples, **_):
 
 
 def writes_text(common, **_):
+    from dynid.files.artifact import write_text
+
     write_text(common.folder("arm") / "result.yaml", "a: 1\n")
 
 
@@ -82,6 +85,8 @@ def misses_limit(**_):
 
 
 def waits(common, **_):
+    from dynid.files.artifact import written_whole
+
     with written_whole(Path("half.npz")) as stream:
         stream.write(b"half")
         stream.flush()
