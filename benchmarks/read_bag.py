@@ -18,8 +18,9 @@ WAYS = ("rosbags", "dynid", "dynid, index destroyed")
 
 def make(folder: Path, messages: int) -> None:
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    from makelogs import START, STORE, joint_state
     from rosbags.rosbag1 import Writer
+
+    from makelogs import START, STORE, joint_state
 
     names = [f"joint_{i}" for i in range(1, 8)]
     with Writer(folder / "log.bag") as writer:
