@@ -59,7 +59,8 @@ def main() -> None:
         count = read(sys.argv[2], Path(sys.argv[3]))
         seconds = time.perf_counter() - start
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-        print(f"{sys.argv[2]:25s} {count:9d} messages {seconds:7.2f} s {count / seconds / 1000:7.0f} k/s {grown:7.0f} MB more")
+        speed = f"{seconds:7.2f} s {count / seconds / 1000:7.0f} k/s"
+        print(f"{sys.argv[2]:25s} {count:9d} messages {speed} {grown:7.0f} MB more")
         return
     messages = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
     with tempfile.TemporaryDirectory() as folder:

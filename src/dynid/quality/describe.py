@@ -11,7 +11,7 @@ from dynid.log import Log
 from dynid.quality.columns import in_si, matched, selected, to_dh
 from dynid.quality.motion import speed
 from dynid.quality.stamps import GAP_SAMPLES, rows
-from dynid.quality.values import credible
+from dynid.quality.values import credible, unwrapped
 from dynid.quality.velocity import slopes
 from dynid.robot import Robot
 
@@ -66,7 +66,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     """
     columns, ignored = matched(log, robot)
     samples = len(log)
-    clean = to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot)
+    clean = unwrapped(to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot), robot)
     step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
     usual = float(np.median(step)) or float("nan")
     low, high = np.percentile(step, [2.5, 97.5])
