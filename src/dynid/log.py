@@ -32,6 +32,8 @@ class Log:
         sha256: hash of that file.
         topic: ROS topic, or "".
         tau_unit: "Nm" or "A", as far as the file says; "" when it does not.
+        units: units of ``position``, ``velocity`` and ``effort`` that the file itself declares; they go before the
+            robot file's.
         motor_side: whether q and tau are on the motor side of the gears.
         dh: whether the columns are DH quantities of the robot already, in its joint order and SI units.
         findings: what was noticed while reading.
@@ -47,6 +49,7 @@ class Log:
     sha256: str = ""
     topic: str = ""
     tau_unit: str = ""
+    units: dict[str, str] = field(default_factory=dict)
     motor_side: bool = False
     dh: bool = False
     findings: tuple[Finding, ...] = ()

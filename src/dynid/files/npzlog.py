@@ -19,6 +19,7 @@ from dynid import __version__
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.artifact import HEADER, Artifact, sha256, write_artifact
 from dynid.log import Log
+from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
 SCHEMA = "dynid/log/1"
@@ -51,7 +52,8 @@ def read_npz_log(path: Path) -> Log:
     columns = {
         key: _columns(path, key, arrays[key], shape) for key in (position, torque, "qd", "q_ref") if key in arrays
     }
-    names = tuple(str(name) for name in header.get("names", ()))
+    names = tuple(str(name) for name in header.get("joint_names", ()))
+    units = _units(path, header)
     if names and len(names) != shape[1]:
         raise LogLayout(f"{path.name} names {len(names)} joints but has {shape[1]} columns", where=str(path))
     return Log(
@@ -63,7 +65,8 @@ def read_npz_log(path: Path) -> Log:
         source=path,
         sha256=sha256(path),
         topic=str(header.get("topic", "")),
-        tau_unit=str(header.get("units", {}).get("tau", "")),
+        tau_unit="" if "effort" not in units else "A" if units["effort"] in ("A", "mA") else "Nm",
+        units=units,
         motor_side=motor or bool(header.get("motor_side", False)),
         dh=bool(header.get("dh", False)),
         extra={"q_ref": columns["q_ref"]} if "q_ref" in columns else {},
@@ -85,8 +88,8 @@ def write_log(path: Path, log: Log, run: Mapping[str, Any] | None = None) -> Non
         arrays["q_ref"] = log.extra["q_ref"]
     header = {
         **(run or {}),
-        "names": list(log.names),
-        "units": {"t": "s", "tau": log.tau_unit},
+        "joint_names": list(log.names),
+        "units": log.units | ({"effort": log.tau_unit} if log.tau_unit and "effort" not in log.units else {}),
         "topic": log.topic,
         "motor_side": log.motor_side,
         "dh": log.dh,
@@ -107,6 +110,16 @@ def _check_schema(path: Path, header: dict[str, Any]) -> None:
         )
     if schema != SCHEMA:
         raise LogNotFound(f"{path.name} holds {schema or 'something else'}, not a log", where=str(path))
+
+
+def _units(path: Path, header: dict[str, Any]) -> dict[str, str]:
+    """Return the units that the header declares, after checking that they are known."""
+    declared = header.get("units", {})
+    for key, unit in declared.items():
+        if key not in FACTORS or unit not in FACTORS[key]:
+            known = ", ".join(FACTORS.get(key, FACTORS))
+            raise LogLayout(f"{path.name}: units.{key} = {unit} is not known; known: {known}", where=str(path))
+    return dict(declared)
 
 
 def _floats(path: Path, key: str, array: NDArray[Any]) -> Floats:

@@ -120,7 +120,19 @@ def _read_table(path: Path) -> Table:
     if not rows:
         raise LogLayout(f"{path.name} has no samples", where=str(path))
     width = len(names) or len(_words(rows[0][1]))
-    return Table(path, names, np.array([_row(path, i, line, width) for i, line in rows], dtype=float))
+    return Table(path, names, _numbers(path, rows, width))
+
+
+def _numbers(path: Path, rows: list[tuple[int, str]], width: int) -> Floats:
+    """Return the numbers of all rows: at once where the file is plain, else row by row to name what is wrong."""
+    delimiter = next((sign for sign in ",;" if sign in rows[0][1]), None)
+    try:
+        values: Floats = np.loadtxt([line for _, line in rows], delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return np.array([_row(path, i, line, width) for i, line in rows], dtype=float)
+    if values.shape == (len(rows), width):
+        return values
+    return np.array([_row(path, i, line, width) for i, line in rows], dtype=float)
 
 
 def _words(line: str) -> list[str]:

@@ -18,7 +18,15 @@ from dynid.quality.columns import in_si, joint_of_motor, selected, to_dh
 from dynid.quality.gravity import check_gravity, check_zero
 from dynid.quality.motion import check_amount
 from dynid.quality.stamps import check_gaps, check_rate, noted, ordered, without
-from dynid.quality.values import check_degrees, check_finite, check_repeats, check_torque_scale, clipped, unwrapped
+from dynid.quality.values import (
+    check_degrees,
+    check_finite,
+    check_repeats,
+    check_torque_scale,
+    clipped,
+    credible,
+    unwrapped,
+)
 from dynid.quality.velocity import check_order, check_slopes, slopes
 from dynid.robot import Robot
 
@@ -76,7 +84,7 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
     """
     if log.qd is None:
         return log
-    whole = np.isfinite(log.qd)
+    whole = credible(log.qd)
     empty = not (whole.any() if driver_of(robot).velocity_trusted else whole.all()) or (
         not np.any(log.qd) and bool(np.any(np.diff(log.q, axis=0)))
     )

@@ -61,10 +61,11 @@ def _file(log: Log) -> str:
 
 
 def units(log: Log, robot: Robot) -> dict[str, str]:
-    """Return the units of the log's columns: the robot file's, SI for a log that is in DH quantities already."""
+    """Return the units of the log's columns: its own, else the robot file's; SI for a log in DH quantities."""
     found = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
     if robot.driver and not log.dh:
         found |= robot.driver.units
+    found |= log.units
     if log.tau_unit == "A" and found["effort"] not in ("A", "mA"):
         found["effort"] = "A"
     return found
@@ -137,7 +138,7 @@ def to_dh(log: Log, robot: Robot) -> Log:
         extra["q_ref"] = reference * sign + offset
     return replace(
         log, q=q * sign + offset, tau=tau * sign, qd=qd * sign if qd is not None else None,
-        tau_unit=unit, motor_side=False, dh=True, extra=extra,
+        tau_unit=unit, units={}, motor_side=False, dh=True, extra=extra,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from dynid.log import Log
 from dynid.quality.columns import in_si, matched, selected, to_dh
 from dynid.quality.motion import speed
 from dynid.quality.stamps import GAP_SAMPLES, rows
+from dynid.quality.values import credible, unwrapped
 from dynid.quality.velocity import slopes
 from dynid.robot import Robot
 
@@ -65,7 +66,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     """
     columns, ignored = matched(log, robot)
     samples = len(log)
-    clean = to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot)
+    clean = unwrapped(to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot), robot)
     step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
     usual = float(np.median(step)) or float("nan")
     low, high = np.percentile(step, [2.5, 97.5])
@@ -98,5 +99,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
 def _whole_rows(log: Log) -> Log:
     """Return the samples that are numbers throughout and later than the one before."""
     latest = np.fmax.accumulate(np.concatenate([[-np.inf], log.t[:-1]]))
-    good = np.isfinite(log.t) & (log.t > latest) & np.isfinite(log.q).all(axis=1) & np.isfinite(log.tau).all(axis=1)
+    good = np.isfinite(log.t) & (log.t > latest) & credible(log.q).all(axis=1) & credible(log.tau).all(axis=1)
+    if log.qd is not None and not credible(log.qd).all():
+        log = replace(log, qd=None)
     return rows(log, np.flatnonzero(good))

@@ -32,10 +32,18 @@ FLAT_RUN = 5
 FLAT_SHARE = 3.0
 #: Above this share of repeated samples in motion the driver publishes faster than it reads.
 REPEAT_SHARE = 0.2
+#: No sensor reads more in any unit; a flipped bit in a bag, which carries no checksum, does.
+LARGEST = 1e9
 #: Bad samples closer than this [s] go into one --exclude; more stretches than MOST_STRETCHES into one for all.
 STRETCH = 0.2
 MOST_STRETCHES = 4
 _MARGIN = 0.001
+
+
+def credible(values: Floats) -> Flags:
+    """Return which values are finite and of a size that a sensor can read."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) < LARGEST, dtype=bool)
 
 
 def check_finite(log: Log, robot: Robot) -> None:
@@ -48,11 +56,18 @@ def check_finite(log: Log, robot: Robot) -> None:
     bad = np.zeros(len(log), dtype=bool)
     first: tuple[int, str] | None = None
     for quantity, values in columns.items():
-        wrong = ~np.isfinite(values)
+        wrong = ~credible(values)
         bad |= wrong.any(axis=1)
         for j in np.flatnonzero(wrong.any(axis=0)):
             row = int(np.flatnonzero(wrong[:, j])[0])
-            kind = "infinite" if np.isinf(values[row, j]) else "not a number"
+            value = float(values[row, j])
+            kind = (
+                "not a number"
+                if np.isnan(value)
+                else "infinite"
+                if np.isinf(value)
+                else f"{value:.0e}, not measurable,"
+            )
             count = int(wrong[:, j].sum())
             text = f"{robot.joint_names[j]} {quantity} is {kind} in {count} samples"
             if first is None or row < first[0]:

@@ -11,6 +11,7 @@ import pytest
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.logs import read_log
 from dynid.files.npzlog import read_npz_log, write_log
+from dynid.quality.checks import prepare
 from makelogs import lwr, lwr_log, shared_data
 
 
@@ -22,6 +23,19 @@ def test_a_log_comes_back_as_it_was_written(tmp_path):
         np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
     np.testing.assert_array_equal(again.extra["q_ref"], log.q + 1)
     assert (again.names, again.tau_unit, again.dh, again.qd) == (log.names, "Nm", True, None)
+
+
+def test_units_declared_by_the_file_go_before_those_of_the_robot_file(tmp_path):
+    log = replace(lwr_log(), q=np.degrees(lwr_log().q), units={"position": "deg"})
+    write_log(tmp_path / "log.npz", log)
+    again = prepare(read_npz_log(tmp_path / "log.npz"), lwr())
+    np.testing.assert_allclose(again.q, lwr_log().q, atol=1e-12)
+
+
+def test_a_unit_that_is_not_known_is_refused_with_those_that_are(tmp_path):
+    write_log(tmp_path / "log.npz", replace(lwr_log(), units={"position": "gon"}))
+    with pytest.raises(LogLayout, match=r"units\.position = gon is not known; known: rad, deg"):
+        read_npz_log(tmp_path / "log.npz")
 
 
 def test_the_same_log_gives_the_same_bytes(tmp_path):

@@ -114,7 +114,7 @@ def test_a_log_with_fewer_joints_is_counted():
 
 def test_other_names_are_listed_with_the_line_that_maps_them():
     log = replace(lwr_log(), names=tuple(f"right_arm_{i}_joint" for i in range(7)), source=None)
-    with pytest.raises(JointNamesDiffer, match="right_arm_0_joint.*the robot file expects lwr_0_joint") as caught:
+    with pytest.raises(JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint") as caught:
         matched(log, lwr())
     assert "joint_names: [right_arm_0_joint, right_arm_1_joint" in caught.value.fix
     robot = replace(lwr(), driver=replace(lwr().driver, joint_names=log.names))

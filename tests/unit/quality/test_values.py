@@ -45,6 +45,13 @@ def test_an_infinite_position_is_named():
         prepare(replace(lwr_log(), q=q), lwr())
 
 
+def test_a_flipped_bit_that_makes_a_huge_number_is_named():
+    q = lwr_log().q.copy()
+    q[10, 0] = 3e150
+    with pytest.raises(NotFinite, match=r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"):
+        prepare(replace(lwr_log(), q=q), lwr())
+
+
 def test_a_finger_that_is_no_number_does_not_matter():
     tau = gen2_log().tau.copy()
     tau[:, -1] = np.nan
