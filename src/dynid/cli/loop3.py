@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("--cutoff", metavar="auto|HZ", default="auto", show_default=True, help="Over torque and columns."),
     click.option(
-        "--velocity", type=click.Choice(["derived", "measured"]), default="derived", show_default=True,
-        help="Velocity from the positions, or the driver's.",
+        "--velocity", type=click.Choice(["derived", "measured"]),
+        help="Ignore the driver's velocity, or use it (default: derived, and compared with it).",
     ),
     click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out a stretch [s]; repeatable."),
     click.option("--topic", metavar="TOPIC", help="ROS topic of the joint states."),
@@ -33,7 +33,7 @@ READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
 
 
 READING_DEFAULTS: dict[str, Any] = {
-    "cutoff": "auto", "velocity": "derived", "exclude": (), "topic": None, "rate": None, "sort_time": False,
+    "cutoff": "auto", "velocity": None, "exclude": (), "topic": None, "rate": None, "sort_time": False,
 }  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def reading_of(options: dict[str, Any]) -> Reading:
+def reading_of(options: dict[str, Any], *, identify: bool = True) -> Reading:
     """Return how to read logs, from the command's options."""
     from dynid.identify.sources import Reading
 
@@ -52,9 +52,10 @@ def reading_of(options: dict[str, Any]) -> Reading:
         topic=options["topic"],
         rate=options["rate"],
         cutoff=_cutoff(options["cutoff"]),
-        velocity=options["velocity"],
+        velocity=options["velocity"] or "",
         exclude=tuple(_stretch(text) for text in options["exclude"]),
         sort_time=options["sort_time"],
+        identify=identify,
     )
 
 

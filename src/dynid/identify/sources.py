@@ -26,17 +26,20 @@ class Reading:
         topic: ROS topic, None for the driver's.
         rate: sample rate of text files without time [Hz].
         cutoff: cut-off of the parallel filter [Hz], None to choose it from the motion.
-        velocity: ``"derived"`` from positions or ``"measured"`` by the driver.
+        velocity: ``"derived"`` from positions, whatever the driver measured; ``"measured"`` by the driver; or ``""``:
+            derived, after the measured one was compared with it.
         exclude: stretches to leave out [s].
         sort_time: sort shuffled stamps.
+        identify: refuse logs that are too short or too still to identify from.
     """
 
     topic: str | None = None
     rate: float | None = None
     cutoff: float | None = None
-    velocity: str = "derived"
+    velocity: str = ""
     exclude: tuple[tuple[float, float], ...] = ()
     sort_time: bool = False
+    identify: bool = True
 
 
 def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log]:
@@ -52,7 +55,11 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     """
     robot = model.robot
     raw = read_log(path, robot=robot, topic=reading.topic, rate=reading.rate)
-    log = prepare(raw, robot, exclude=reading.exclude, sort_time=reading.sort_time)
+    if reading.velocity == "derived":
+        raw = replace(raw, qd=None)
+    log = prepare(raw, robot, exclude=reading.exclude, sort_time=reading.sort_time, identify=reading.identify)
+    if reading.velocity == "measured" and log.qd is None:
+        log = replace(log, qd=log.extra.get("qd_reported"))
     if reading.velocity == "measured" and log.qd is None:
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))

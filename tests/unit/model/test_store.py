@@ -1,0 +1,91 @@
+"""The stored model: keyed by content, rebuilt when stale, never executing what a file says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import NewerSchema, NotAnArtifact
+from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.robotfile import load_robot
+from dynid.model import build_model
+from dynid.model.store import (
+    key_of,
+    load_model,
+    obtain_base_model,
+    obtain_model,
+    paths,
+    save_model,
+    stored_key,
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("scara")
+
+
+def test_a_stored_model_gives_the_same_torques(robot, tmp_path):
+    model = build_model(robot)
+    save_model(tmp_path / "regressor.npz", model)
+    states = np.random.default_rng(0).normal(size=(3, 4, robot.n))
+    again = load_model(tmp_path / "regressor.npz", robot)
+    assert again.regressor(*states) == pytest.approx(model.regressor(*states), abs=0)
+
+
+def test_a_model_is_derived_once_and_again_when_the_robot_changes(robot, tmp_path):
+    assert obtain_model(robot, tmp_path)[1] is not None
+    assert obtain_model(robot, tmp_path)[1] is None
+    moved = replace(robot, joints=(replace(robot.joints[0], a=0.9), *robot.joints[1:]))
+    assert obtain_model(moved, tmp_path)[1] is not None
+    assert stored_key(paths(tmp_path)[0]) == key_of(moved)
+
+
+def test_names_limits_and_priors_do_not_change_the_key(robot):
+    assert key_of(replace(robot, name="other")) == key_of(robot)
+
+
+def test_base_parameters_are_read_back(robot, tmp_path):
+    first, second = (obtain_base_model(robot, tmp_path) for _ in range(2))
+    assert first.reduction.base_names == second.reduction.base_names
+    assert first.reduction.K == pytest.approx(second.reduction.K, abs=0)
+
+
+def test_two_writes_give_equal_bytes(robot, tmp_path):
+    model = build_model(robot)
+    for name in ("a.npz", "b.npz"):
+        save_model(tmp_path / name, model)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_pickled_arrays_are_refused(robot, tmp_path):
+    path = tmp_path / "regressor.npz"
+    np.savez(path, header=np.array([{"schema": "dynid/regressor/1"}], dtype=object))
+    with pytest.raises(NotAnArtifact):
+        load_model(path, robot)
+
+
+def test_a_program_with_operations_that_read_ahead_is_damaged(robot, tmp_path):
+    path = tmp_path / "regressor.npz"
+    save_model(path, build_model(robot))
+    artifact = read_artifact(path)
+    write_artifact(path, Artifact(artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000}))
+    with pytest.raises(NotAnArtifact, match="damaged"):
+        load_model(path, robot)
+
+
+def test_a_newer_file_asks_for_an_upgrade(robot, tmp_path):
+    path = tmp_path / "regressor.npz"
+    write_artifact(path, Artifact("dynid/regressor/9", {}, {}))
+    with pytest.raises(NewerSchema):
+        load_model(path, robot)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "x.npz"
+    write_artifact(path, Artifact("dynid/x/1", {"a": 1}, {}))
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        write_artifact(path, Artifact("dynid/x/1", {"a": object()}, {}))
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["x.npz"]
