@@ -7,13 +7,9 @@ from __future__ import annotations
 
 import errno
 import os
-import platform
 import sys
-import tempfile
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -99,7 +95,7 @@ def visible(text: str) -> str:
 def report(error: DynidError, told: Told) -> int:
     """Print an error of the catalogue and return its exit status."""
     if told.debug:
-        _say("".join(traceback.format_exception(error)).rstrip())
+        _say(_trace(error).rstrip())
     head = f"error[{error.code}]"
     if use_color(sys.stderr, told.color):
         head = click.style(head, fg="red", bold=True)
@@ -150,7 +146,7 @@ def interrupted() -> int:
 
 def crash(error: BaseException, told: Told) -> int:
     """Write a crash file, say where it is, and return status 70."""
-    trace = "".join(traceback.format_exception(error))
+    trace = _trace(error)
     if told.debug:
         _say(trace.rstrip())
     file = _crash_file(f"{_facts(told)}\n{trace}")
@@ -162,7 +158,15 @@ def crash(error: BaseException, told: Told) -> int:
     return int(ExitStatus.INTERNAL)
 
 
+def _trace(error: BaseException) -> str:
+    import traceback  # here and below: only failures need these, and help must be fast
+
+    return "".join(traceback.format_exception(error))
+
+
 def _facts(told: Told) -> str:
+    import platform
+
     from dynid.cli.machine import version_lines
 
     command = " ".join(["dynid", *told.words])
@@ -170,6 +174,9 @@ def _facts(told: Told) -> str:
 
 
 def _crash_file(text: str) -> Path | None:
+    import tempfile
+    from datetime import datetime
+
     name = f"crash-{datetime.now().astimezone():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
     for folder in (cache_folder(), Path(tempfile.gettempdir())):
         try:
