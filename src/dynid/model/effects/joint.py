@@ -8,6 +8,7 @@ from dynid.model.effects.coulomb import coulomb_column
 from dynid.model.effects.interface import Column, Floats, State
 from dynid.model.effects.offset import offset_column
 from dynid.model.effects.viscous import viscous_column
+from dynid.model.field import Residues, product, residue, typed
 from dynid.robot import Robot
 
 
@@ -59,4 +60,10 @@ def _spread(robot: Robot, name: str, unit: str, motor: int, share: Floats, rows:
             signal = np.tanh(speed / limit) if shape.shape == "smooth" else np.where(np.abs(speed) >= limit, np.sign(speed), 0.0)
         return [share[j] * signal for j in rows]
 
-    return Column(f"{name}{motor + 1}", unit, rows, evaluate)
+    def exact(state: State) -> list[Residues]:
+        fractions = [typed(x) / typed(robot.coupling.matrix[motor][motor] or 1) for x in robot.coupling.matrix[motor]]
+        weights = np.array([residue(x) for x in fractions], dtype=np.uint64)
+        signal = product(state.qdd if name == "Imc" else state.qd, weights)
+        return [product(signal[:, None], weights[None, j]) for j in rows]
+
+    return Column(f"{name}{motor + 1}", unit, rows, evaluate, None if name == "fcc" else exact)
