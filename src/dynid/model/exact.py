@@ -100,11 +100,12 @@ class Draws:
 
     Args:
         model: the model.
+        still: whether the joint states are at rest: gravity and offsets only.
         seed: of the random states and geometries.
     """
 
-    def __init__(self, model: Model, seed: int = 0) -> None:
-        self.model = model
+    def __init__(self, model: Model, *, still: bool = False, seed: int = 0) -> None:
+        self.model, self.moving = model, not still
         self._rng = np.random.default_rng(seed)
         self._program = model.rigid.restricted(model.link_columns)
         values = float_geometry(model.robot)
@@ -147,12 +148,13 @@ class Draws:
         """
         n = self.model.robot.n
         program = self._program if chosen is None else self._program.restricted(chosen)
-        state = State(*(self.random(samples, n) for _ in range(3)))
+        q, qd, qdd = (self.random((samples, n)) for _ in range(3))
+        state = State(q, qd * self.moving, qdd * self.moving)
         inputs = {name: np.reshape(value, (-1, 1)) for name, value in geometry.items()}
         for j in range(n):
             inputs |= {f"{kind}{j + 1}": x[None, :, j] for kind, x in zip(("q", "qd", "qdd"), (state.q, state.qd, state.qdd), strict=True)}
             if self.model.robot.joints[j].revolute:
-                inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random(1, samples))
+                inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random((1, samples)))
         P = run_program(program, inputs)
         P = np.broadcast_to(P, (max(len(np.atleast_1d(v)) for v in geometry.values()) if geometry else 1, samples, *P.shape[2:]))
         if chosen is None and self.model.extra:
@@ -164,12 +166,13 @@ class Draws:
         """Return the friction columns; a function that is no polynomial takes part as random numbers."""
         block = np.zeros((samples, self.model.robot.n, len(self.model.extra)), dtype=np.uint64)
         for k, column in enumerate(self.model.extra):
-            entries = column.exact(state) if column.exact else self.random(len(column.rows), samples)
+            other = self.random if self.moving else np.zeros
+            entries = column.exact(state) if column.exact else other((len(column.rows), samples))
             for row, entry in zip(column.rows, entries, strict=True):
                 block[:, row, k] = entry
         return block
 
-    def random(self, *shape: int) -> Residues:
+    def random(self, shape: int | tuple[int, ...]) -> Residues:
         """Return random elements of the field."""
         return self._rng.integers(1, PRIME, shape, dtype=np.uint64)
 
@@ -181,11 +184,12 @@ class Draws:
         return np.array([number], dtype=np.uint64)
 
 
-def reduce_exactly(model: Model) -> ExactReduction:
+def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
     """Find the base parameters of a model without thresholds.
 
     Args:
         model: the model; friction and coupled motors take part like any other column.
+        still: whether to reduce the torques at rest instead: the gravity parameters that vendors publish.
 
     Returns:
         Rank, classes and relations with a formula for each coefficient where one was found.
@@ -197,11 +201,11 @@ def reduce_exactly(model: Model) -> ExactReduction:
     """
     from dynid.model.naming import name_coefficients
 
-    draws = Draws(model)
+    draws = Draws(model, still=still)
     own = draws.actual()
     base, K = relations(draws, own)
     found = name_coefficients(draws, base, K[0])
-    numbers = _numbers(model, base, K[0], found.formulas, draws.values)
+    numbers = _numbers(model, base, K[0], found.formulas, draws)
     names = model.parameter_names
     groups = []
     for row, b in enumerate(base):
@@ -222,17 +226,17 @@ def relations(draws: Draws, geometry: dict[str, Residues]) -> tuple[list[int], R
 
 
 def _numbers(
-    model: Model, base: Sequence[int], K: Residues, formulas: dict[tuple[int, int], Formula], values: dict[str, float]
+    model: Model, base: Sequence[int], K: Residues, formulas: dict[tuple[int, int], Formula], draws: Draws
 ) -> Floats:
     """Return K as numbers: from the formulas, and by least squares on random states where there is none."""
     numbers = np.zeros(K.shape)
     numbers[np.arange(len(base)), base] = 1.0
     for (row, col), formula in formulas.items():
-        numbers[row, col] = formula.value(values)
+        numbers[row, col] = formula.value(draws.values)
     open_columns = sorted({int(j) for i, j in np.argwhere(K) if (int(i), int(j)) not in formulas and base[i] != j})
     if open_columns:
-        rng = np.random.default_rng(0)
-        P = model.regressor(*rng.uniform(-2, 2, (3, 200, model.robot.n))).reshape(-1, model.size)
+        q, qd, qdd = np.random.default_rng(0).uniform(-2, 2, (3, 200, model.robot.n))
+        P = model.regressor(q, qd * draws.moving, qdd * draws.moving).reshape(-1, model.size)
         scale = np.linalg.norm(P[:, base], axis=0)
         solved = np.linalg.lstsq(P[:, base] / scale, P[:, open_columns], rcond=None)[0] / scale[:, None]
         for k, j in enumerate(open_columns):
