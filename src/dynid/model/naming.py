@@ -7,16 +7,18 @@ already named relations of the neighbours are put in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations_with_replacement, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.model.exact import Draws, relations
-from dynid.model.field import PRIME, ROOTS, Residues, echelon, residue
+from dynid.model.field import PRIME, ROOTS, Residues, echelon, power, residue
 from dynid.model.formula import ONE, Formula
+from dynid.robot import Robot
 
 Formulas = dict[tuple[int, int], Formula]
 
@@ -26,6 +28,8 @@ _FACTORS = sorted(
 )
 #: Random states of a neighbourhood of two or three links: its 33 columns need no more rows.
 _SAMPLES = 12
+#: Number of neighbouring links that a relation is looked for in.
+_REACH = 3
 #: Largest number of monomials that a coefficient is fitted with.
 _TABLE = 160
 
@@ -82,7 +86,10 @@ class _Namer:
             for k, root in ((1, 1), *self._roots.items())
             for f in _FACTORS
         }
+        self._known = np.array(list(self._factors), dtype=np.uint64)
         self._links = draws.model.link_columns // 11 + 1
+        self._dimension = [_dimension(draws.model.robot, int(k)) for k in draws.model.link_columns]
+        self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
 
     def run(self, own: Residues) -> Formulas:
@@ -90,7 +97,7 @@ class _Namer:
         dependent = [j for j in range(self._K.shape[2]) if j not in self._base and self._K[0, :, j].any()]
         inverses = np.array([pow(m.residue(self._at[0]), -1, PRIME) for m in self._monomials], dtype=np.uint64)
         for j in dependent:
-            if not all(self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])):
+            if not all([self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])]):
                 self._by_links(j)
         return {cell: formula for cell, formula in self._formulas.items() if own[cell]}
 
@@ -100,21 +107,20 @@ class _Namer:
     def _single(self, i: int, j: int, inverses: Residues) -> bool:
         """Name a coefficient that is one monomial of lengths."""
         quotients = self._K[0, i, j] * inverses % np.uint64(PRIME)
-        for monomial, quotient in zip(self._monomials, quotients.tolist(), strict=True):
-            if quotient in self._factors:
-                formula = self._factors[quotient] * monomial
-                if self._verified(i, j, formula):
-                    self._formulas[i, j] = formula
-                    return True
+        for k in np.flatnonzero(np.isin(quotients, self._known)).tolist():
+            formula = self._factors[int(quotients[k])] * self._monomials[k]
+            if self._verified(i, j, formula):
+                self._formulas[i, j] = formula
+                return True
         return False
 
     def _by_links(self, j: int) -> None:
-        """Name a column's coefficients from the relations within its link and the ones before it."""
+        """Name a column's coefficients from the relations within its link, or with the ones before it."""
         if j >= len(self._links) or not self._symbols:
             return
         last = int(self._links[j])
-        for first in range(last - 1, max(last - 4, 0), -1):
-            local = self._local(j, first)
+        for first in range(last, max(last - _REACH, 0), -1):
+            local = self._local(j, first, last)
             if local is not None and self._substitute(j, local):
                 return
 
@@ -132,73 +138,151 @@ class _Namer:
             for i, formula in share.items():
                 total[i] = total.get(i, Formula(())) + factor * formula
         right = {i: formula for i, formula in total.items() if self._verified(i, j, formula)}
-        self._formulas |= {(i, j): formula for i, formula in right.items() if formula.terms}
+        for i, formula in right.items():
+            if formula.terms:
+                self._formulas.setdefault((i, j), formula)
         return len(right) == len(total)
 
-    def _local(self, j: int, first: int) -> dict[int, Formula] | None:
-        """Return the expression of a column by those of links ``first`` to its own, None when there is none."""
-        last = int(self._links[j])
-        columns = np.flatnonzero((self._links >= first) & (self._links <= last) & (np.arange(len(self._links)) <= j))
-        for symbols in self._neighbours(first, last):
-            table = _table(symbols, self._roots)
-            if len(table) > _TABLE:
-                continue
-            geometry = self._draws.free(len(table) + 4, self._turned)
+    def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
+        """Return the expression of a column by those of links ``first`` to ``last`` before it, None when there is none."""
+        found: dict[int, Formula] = {}
+        for stage in range(3):
+            window = self._window(first, last, stage)
+            if window is None or j in window.pivots:
+                return None
+            place = int(np.flatnonzero(window.columns == j)[0])
+            for row in np.flatnonzero(window.K[0, :, place]).tolist():
+                column = window.pivots[row]
+                if column not in found:
+                    degree = self._dimension[column] - self._dimension[j]
+                    formula = window.fitted(degree, window.K[:, row, place], self._factors)
+                    if formula is not None:
+                        found[column] = formula
+            if len(found) == np.count_nonzero(window.K[0, :, place]):
+                return found
+        return None
+
+    def _window(self, first: int, last: int, stage: int) -> _Window | None:
+        """Return the relations among some neighbouring links at many geometries, kept for the other columns there."""
+        key = first, last, stage
+        if key not in self._windows:
+            start = last if stage < 2 else first
+            symbols = [s for s in self._symbols if start <= int(s.lstrip("acds")) <= last]
+            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
+            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
                 pivots, K = echelon(self._draws.columns(geometry, columns, _SAMPLES))
             except ZeroDivisionError:
-                return None
-            if len(columns) - 1 in pivots:
-                return None
-            used = np.flatnonzero(K[0, :, -1])
-            fitted = _fit(table, geometry, K[:, used, -1])
-            if fitted is not None:
-                return {int(columns[pivots[i]]): formula for i, formula in zip(used, fitted, strict=True)}
-        return None
+                self._windows[key] = None
+            else:
+                self._windows[key] = _Window(columns, [int(columns[k]) for k in pivots], K, geometry, tables, {})
+        return self._windows[key]
 
-    def _neighbours(self, first: int, last: int) -> Iterator[list[str]]:
-        """Yield growing lists of the symbols that a relation between these links may hold."""
-        for start in range(last, first - 1, -1):
-            yield [s for s in self._symbols if start <= int(s.lstrip("acds")) <= last]
+
+@dataclass(frozen=True)
+class _Window:
+    """Relations among the columns of some neighbouring links.
+
+    Attributes:
+        columns: the columns, (w,).
+        pivots: the leftmost independent ones.
+        K: relations at G geometries, (G, p, w).
+        geometry: the geometries, (G,) each.
+        tables: monomials that a coefficient of each degree in lengths may hold.
+        values: the monomials' values by degree, (G, M), filled when needed.
+    """
+
+    columns: NDArray[np.intp]
+    pivots: list[int]
+    K: Residues
+    geometry: dict[str, Residues]
+    tables: dict[int, list[Formula]]
+    values: dict[int, tuple[Residues, Residues]]
+
+    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
+        """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
+        table = self.tables.get(degree, [])
+        if not table:
+            return None
+        if degree not in self.values:
+            rows = _evaluated(table, self.geometry, len(self.K))
+            self.values[degree] = rows, power(rows[:2], PRIME - 2)
+        rows, inverses = self.values[degree]
+        ratios = wanted[:2, None] * inverses % np.uint64(PRIME)
+        for k in np.flatnonzero(ratios[0] == ratios[1]).tolist():
+            if int(ratios[0, k]) in factors:
+                return factors[int(ratios[0, k])] * table[k]
+        return _fit(table, rows, wanted)
+
+
+def _dimension(robot: Robot, column: int) -> int:
+    """Return the power of metres in the unit of a rigid-body parameter."""
+    link, kind = divmod(column, 11)
+    if kind == 10:
+        return 2 if robot.joints[link].revolute else 0
+    return 0 if kind == 0 else 1 if kind < 4 else 2
 
 
 def _lengths(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...]]:
-    """Return monomials of at most two lengths, and the inverse of one."""
+    """Return monomials of at most two lengths, and the inverses of one."""
     found: list[tuple[tuple[str, int], ...]] = []
     for degree in (0, 1, 2):
         for chosen in combinations_with_replacement(lengths, degree):
             found.append(tuple((s, chosen.count(s)) for s in sorted(set(chosen))))
-    return found + [((s, -1),) for s in lengths]
+    return found + [((s, -k),) for k in (1, 2) for s in lengths]
 
 
-def _table(symbols: Sequence[str], roots: dict[int, int]) -> list[Formula]:
-    """Return the monomials that a coefficient is fitted with, simple ones first: lengths times angles times roots."""
-    lengths = [dict(m) for m in _lengths([s for s in symbols if s[0] in "ad"])]
+def _table(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Formula]:
+    """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
+
+    Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
+    """
+    lengths = [s for s in symbols if s[0] in "ad"]
     angles = [s for s in symbols if s[0] in "cs"]
-    powers = [p for p in product(range(-2, 3), repeat=len(angles)) if sum(abs(k) for k in p) <= 4]
-    turns = [dict(zip(angles, p, strict=True)) for p in sorted(powers, key=lambda p: (sum(map(abs, p)), min(p, default=0) < 0))]
+    most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
+    reach = range(0 if stage == 0 else -2, 3)
+    stretched = [p for p in product(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
+    turned = [p for p in product(range(-2, 3), repeat=len(angles)) if sum(map(abs, p)) <= most]
     surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
-    return [Formula.monomial(1, {**a, **b, **c}) for a, b, c in product(lengths, turns, surds)]
+    powers = [
+        {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
+        for a, b, c in product(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
+    ]
+    return [Formula.monomial(1, p) for p in powers][:_TABLE]
 
 
-def _fit(table: list[Formula], geometry: dict[str, Residues], values: Residues) -> list[Formula] | None:
-    """Return the sums of table entries that give the values (G, k) at G geometries, None when there are none."""
-    count = len(values)
-    at = [{name: int(v[g % len(v)]) for name, v in geometry.items()} for g in range(count)]
-    rows = np.array([[m.residue(point) for m in table] for point in at], dtype=np.uint64)
-    pivots, K = echelon(np.concatenate([rows, values], axis=1)[None])
-    if pivots and pivots[-1] >= len(table):
+def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
+    return sum(map(abs, powers)), sum(k < 0 for k in powers)
+
+
+def _fit(table: list[Formula], rows: Residues, wanted: Residues) -> Formula | None:
+    """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
+    size = len(table)
+    pivots, K = echelon(np.concatenate([rows, wanted[:, None]], axis=1)[None])
+    if pivots[-1] == size:
         return None
-    fitted = []
-    for column in range(len(table), len(table) + values.shape[1]):
-        total = Formula(())
-        for row in np.flatnonzero(K[0, :, column]):
-            factor = small_fraction(int(K[0, row, column]))
-            if factor is None:
-                return None
-            total += Formula.monomial(factor, {}) * table[pivots[row]]
-        fitted.append(total)
-    return fitted
+    total = Formula(())
+    for row in np.flatnonzero(K[0, :, size]).tolist():
+        factor = small_fraction(int(K[0, row, size]))
+        if factor is None:
+            return None
+        total += Formula.monomial(factor, dict(table[pivots[row]].terms[0][1]))
+    return total
+
+
+def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) -> Residues:
+    """Return the value of each monomial at each geometry, (G, M)."""
+    known = {name: np.resize(value, count) for name, value in geometry.items()}
+    known |= {f"sqrt({k})": np.full(count, root, dtype=np.uint64) for k, root in ROOTS.items()}
+    raised: dict[tuple[str, int], Residues] = {}
+    rows = np.ones((count, len(table)), dtype=np.uint64)
+    for column, monomial in enumerate(table):
+        for symbol, exponent in monomial.terms[0][1]:
+            if (symbol, exponent) not in raised:
+                raised[symbol, exponent] = power(known[symbol], exponent % (PRIME - 1))
+            rows[:, column] = rows[:, column] * raised[symbol, exponent] % np.uint64(PRIME)
+    return rows
 
 
 def small_fraction(value: int, limit: int = 1000) -> Fraction | None:
