@@ -41,15 +41,20 @@ def certified(exact: ExactReduction, svd: Reduction) -> Reduction:
 
 def require_agreement(exact: ExactReduction, svd: Reduction) -> None:
     """Raise ReductionsDisagree when the two methods differ in rank, classes or representatives."""
-    differing = [f"{name} ({_class_in(exact, name)} / {svd.class_of(name)})" for name in exact.names if _class_in(exact, name) != svd.class_of(name)]
+    differing = [
+        f"{name} ({_class_in(exact, name)} / {svd.class_of(name)})"
+        for name in exact.names
+        if _class_in(exact, name) != svd.class_of(name)
+    ]
     if not differing:
         differing = [exact.names[k] for k in np.setxor1d(exact.base, svd.base)]
     if exact.rank == svd.rank and not differing:
         return
     more = f" and {len(differing) - _SHOWN} more" if len(differing) > _SHOWN else ""
     raise ReductionsDisagree(
-        f"the exact method finds {exact.rank} base parameters, singular values {svd.rank}; classes (exact / singular values) "
-        f"differ for {', '.join(differing[:_SHOWN]) or 'no single parameter'}{more}; {_nearby(exact, svd)}"
+        f"the exact method finds {exact.rank} base parameters, singular values {svd.rank}; "
+        "classes (exact / singular values) differ for "
+        f"{', '.join(differing[:_SHOWN]) or 'no single parameter'}{more}; {_nearby(exact, svd)}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Base parameters without thresholds: exact rank, classes and relations over a prime field (issue: certificate of Eq. 13).
+"""Base parameters without thresholds: exact rank, classes and relations over a prime field (Paper Eq. 13).
 
 Reads a Model, gives an ExactReduction: the leftmost independent columns in textbook order, and every other column as an
 exact combination of them, with a formula in the DH symbols for each coefficient.
@@ -14,8 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import ReductionsDisagree
-from dynid.model.effects import State
-from dynid.model.field import PRIME, Residues, circle_point, echelon, product, rational_circle, residue, run_program
+from dynid.model.field import (
+    PRIME,
+    FieldState,
+    Residues,
+    circle_point,
+    echelon,
+    product,
+    rational_circle,
+    residue,
+    run_program,
+)
 from dynid.model.formula import ONE, Formula
 from dynid.model.kernels import geometry as float_geometry
 from dynid.model.regressor import Model
@@ -139,35 +148,41 @@ class Draws:
         """Return columns of the regressor stacked over new random states.
 
         Args:
-            geometry: values of the geometric symbols, () or (G,).
+            geometry: values of the geometric symbols, (1,) or (G,).
             chosen: rigid-body columns (all columns with the friction ones when None).
             samples: number of joint states.
 
         Returns:
             Stacked columns, (G, samples * n, c).
         """
-        n = self.model.robot.n
         program = self._program if chosen is None else self._program.restricted(chosen)
+        n = self.model.robot.n
         q, qd, qdd = (self.random((samples, n)) for _ in range(3))
-        state = State(q, qd * self.moving, qdd * self.moving)
-        inputs = {name: np.reshape(value, (-1, 1)) for name, value in geometry.items()}
-        for j in range(n):
-            inputs |= {f"{kind}{j + 1}": x[None, :, j] for kind, x in zip(("q", "qd", "qdd"), (state.q, state.qd, state.qdd), strict=True)}
-            if self.model.robot.joints[j].revolute:
-                inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random((1, samples)))
-        P = run_program(program, inputs)
-        P = np.broadcast_to(P, (max(len(np.atleast_1d(v)) for v in geometry.values()) if geometry else 1, samples, *P.shape[2:]))
+        state = FieldState(q, qd * self.moving, qdd * self.moving)
+        P = run_program(program, self._inputs(geometry, state))
+        count = max((len(value) for value in geometry.values()), default=1)
+        P = np.broadcast_to(P, (count, samples, *P.shape[2:]))
         if chosen is None and self.model.extra:
-            friction = self._friction(state, samples)
-            P = np.concatenate([P, np.broadcast_to(friction, (len(P), *friction.shape))], axis=-1)
-        return P.reshape(len(P), samples * n, -1)
+            friction = self._friction(state)
+            P = np.concatenate([P, np.broadcast_to(friction, (count, *friction.shape))], axis=-1)
+        return P.reshape(count, samples * n, -1)
 
-    def _friction(self, state: State, samples: int) -> Residues:
+    def _inputs(self, geometry: dict[str, Residues], state: FieldState) -> dict[str, Residues]:
+        """Return the program's inputs: geometry (G, 1) and motion (1, samples)."""
+        inputs: dict[str, Residues] = {name: value[:, None] for name, value in geometry.items()}
+        for j, joint in enumerate(self.model.robot.joints):
+            inputs |= {f"q{j + 1}": state.q[None, :, j], f"qd{j + 1}": state.qd[None, :, j]}
+            inputs[f"qdd{j + 1}"] = state.qdd[None, :, j]
+            if joint.revolute:
+                inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random((1, len(state.q))))
+        return inputs
+
+    def _friction(self, state: FieldState) -> Residues:
         """Return the friction columns; a function that is no polynomial takes part as random numbers."""
-        block = np.zeros((samples, self.model.robot.n, len(self.model.extra)), dtype=np.uint64)
+        block = np.zeros((*state.q.shape, len(self.model.extra)), dtype=np.uint64)
         for k, column in enumerate(self.model.extra):
             other = self.random if self.moving else np.zeros
-            entries = column.exact(state) if column.exact else other((len(column.rows), samples))
+            entries = column.exact(state) if column.exact else other((len(column.rows), len(state.q)))
             for row, entry in zip(column.rows, entries, strict=True):
                 block[:, row, k] = entry
         return block
@@ -210,13 +225,15 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
     groups = []
     for row, b in enumerate(base):
         shares = [int(b), *(int(j) for j in np.flatnonzero(K[0, row]) if j != b)]
-        groups.append(tuple(Term(names[j], ONE if j == b else found.formulas.get((row, j)), numbers[row, j]) for j in shares))
+        groups.append(
+            tuple(Term(names[j], ONE if j == b else found.formulas.get((row, j)), numbers[row, j]) for j in shares)
+        )
     none = tuple(name for j, name in enumerate(names) if not K[0, :, j].any())
     return ExactReduction(names, np.array(base, dtype=np.intp), tuple(groups), none, draws.values, found.generic)
 
 
 def relations(draws: Draws, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
-    """Return the leftmost independent columns and K (G, p, c), the same pivots in every geometry, checked on fresh states."""
+    """Return the leftmost independent columns, the same in every geometry, and K (G, p, c), checked on fresh states."""
     base, K = echelon(draws.columns(geometry))
     fresh = draws.columns(geometry, samples=_FRESH)
     for A, k in zip(fresh, K, strict=True):
@@ -240,7 +257,7 @@ def _numbers(
         scale = np.linalg.norm(P[:, base], axis=0)
         solved = np.linalg.lstsq(P[:, base] / scale, P[:, open_columns], rcond=None)[0] / scale[:, None]
         for k, j in enumerate(open_columns):
-            for row in np.flatnonzero(K[:, j]):
-                if (int(row), j) not in formulas:
+            for row in np.flatnonzero(K[:, j]).tolist():
+                if (row, j) not in formulas:
                     numbers[row, j] = solved[row, k]
     return numbers

@@ -8,6 +8,7 @@ Source: Schwartz-Zippel lemma.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -24,8 +25,23 @@ _P = np.uint64(PRIME)
 ROOTS: dict[int, int] = {k: pow(k, (PRIME + 1) // 4, PRIME) for k in (2, 3)}
 ROOTS[6] = ROOTS[2] * ROOTS[3] % PRIME
 _STEP = math.pi / 12
-#: An angle this close to a multiple of 15 degrees is one: the robot file snaps far more coarsely, this only undoes rounding.
+#: An angle this close to a multiple of 15 degrees is one: this undoes rounding only, the robot file snaps coarsely.
 _ROUNDING_RAD = 1e-9
+
+
+@dataclass(frozen=True)
+class FieldState:
+    """Joint states in the prime field.
+
+    Attributes:
+        q: positions, (B, n); they stand for sliding joints only, a turning joint has independent cosine and sine.
+        qd: velocities, (B, n).
+        qdd: accelerations, (B, n).
+    """
+
+    q: Residues
+    qd: Residues
+    qdd: Residues
 
 
 def typed(value: float) -> Fraction:
@@ -40,10 +56,11 @@ def residue(value: float | Fraction) -> int:
 
 
 def circle_point(angle: float) -> tuple[int, int]:
-    """Return cosine and sine of an angle: exact for multiples of 15 degrees, else the rational point with its half tangent."""
+    """Return cosine and sine: exact for multiples of 15 degrees, else the rational point with that half tangent."""
     steps = round(angle / _STEP)
     if abs(angle - steps * _STEP) > _ROUNDING_RAD:
-        return rational_circle(np.array(residue(math.tan(angle / 2)), dtype=np.uint64))
+        c, s = rational_circle(np.array([residue(math.tan(angle / 2))], dtype=np.uint64))
+        return int(c[0]), int(s[0])
     return _fifteen(steps), _fifteen(6 - steps)
 
 
@@ -117,8 +134,7 @@ def echelon(A: Residues) -> tuple[list[int], Residues]:
         A: matrices, (G, r, c).
 
     Returns:
-        The pivot columns, which are the leftmost independent ones; and K with A = A[:, :, pivots] K, (G, rank, c). A column
-        that is independent in one of the matrices counts as independent in all.
+        The pivot columns, which are the leftmost independent ones; and K with A = A[:, :, pivots] K, (G, rank, c).
 
     Raises:
         ZeroDivisionError: when a pivot column is dependent in some of the matrices only.

@@ -125,7 +125,7 @@ def latex_number(number: Fraction) -> str:
 
 
 def latex_symbol(name: str) -> str:
-    """Return a DH symbol or a parameter's name in LaTeX: ``d3`` -> ``d_{3}``, ``sa3`` -> ``s\\alpha_{3}``."""
+    """Return a DH symbol or a parameter's name in LaTeX: ``d_{3}`` for ``d3``, ``mc_{3,x}`` for ``mcx3``."""
     if name.startswith("sqrt"):
         return rf"\sqrt{{{name[5:-1]}}}"
     kind = name.rstrip("0123456789")

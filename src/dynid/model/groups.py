@@ -56,8 +56,8 @@ def groups_json(reduction: ExactReduction) -> dict[str, Any]:
 
     Returns:
         ``rank``, ``classes``, ``symbols`` (value of each DH symbol), ``unnamed`` (number of coefficients without a
-        formula) and ``groups``: of each base parameter ``name``, ``terms`` (coefficient of each parameter), ``formulas``
-        (the same as text, null where there is none) and ``text``.
+        formula) and ``groups``: of each base parameter ``name``, ``terms`` (coefficient of each parameter),
+        ``formulas`` (the same as text, null where there is none) and ``text``.
     """
     groups = [
         {
@@ -69,7 +69,13 @@ def groups_json(reduction: ExactReduction) -> dict[str, Any]:
         for group in reduction.groups
     ]
     classes = {"alone": list(reduction.alone), "none": list(reduction.none), "combined": list(reduction.combined)}
-    return {"rank": reduction.rank, "classes": classes, "symbols": reduction.geometry, "unnamed": reduction.unnamed, "groups": groups}
+    return {
+        "rank": reduction.rank,
+        "classes": classes,
+        "symbols": reduction.geometry,
+        "unnamed": reduction.unnamed,
+        "groups": groups,
+    }
 
 
 def groups_latex(reduction: ExactReduction) -> str:

@@ -1,8 +1,8 @@
 """Formulas for the coefficients of the relations, found in the prime field and verified there at other geometries.
 
 First a coefficient is compared with monomials of at most two lengths. What is left (chains of oblique twists) is found
-link by link: a parameter is expressed by those of its own and the neighbouring link, where coefficients are short, and the
-already named relations of the neighbours are put in.
+link by link: a parameter is expressed by those of its own and the neighbouring link, where coefficients are short, and
+the already named relations of the neighbours are put in.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ Formulas = dict[tuple[int, int], Formula]
 
 #: Numbers that a coefficient may carry beside its symbols.
 _FACTORS = sorted(
-    {Fraction(s * a, b) for s in (1, -1) for a in (1, 2, 3, 4, 8) for b in (1, 2, 3, 4)}, key=lambda f: (f.denominator, abs(f), f < 0)
+    {Fraction(s * a, b) for s in (1, -1) for a in (1, 2, 3, 4, 8) for b in (1, 2, 3, 4)},
+    key=lambda f: (f.denominator, abs(f), f < 0),
 )
 #: Random states of a neighbourhood of two or three links: its 33 columns need no more rows.
 _SAMPLES = 12
@@ -97,7 +98,8 @@ class _Namer:
         dependent = [j for j in range(self._K.shape[2]) if j not in self._base and self._K[0, :, j].any()]
         inverses = np.array([pow(m.residue(self._at[0]), -1, PRIME) for m in self._monomials], dtype=np.uint64)
         for j in dependent:
-            if not all([self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])]):
+            named = [self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])]
+            if not all(named):
                 self._by_links(j)
         return {cell: formula for cell, formula in self._formulas.items() if own[cell]}
 
@@ -144,7 +146,7 @@ class _Namer:
         return len(right) == len(total)
 
     def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
-        """Return the expression of a column by those of links ``first`` to ``last`` before it, None when there is none."""
+        """Return the expression of a column by others of links ``first`` to ``last``, None when there is none."""
         found: dict[int, Formula] = {}
         for stage in range(3):
             window = self._window(first, last, stage)
@@ -286,7 +288,7 @@ def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) 
 
 
 def small_fraction(value: int, limit: int = 1000) -> Fraction | None:
-    """Return the fraction with numerator and denominator up to ``limit`` that a residue stands for, None when there is none."""
+    """Return the fraction of numbers up to ``limit`` that a residue stands for, None when there is none."""
     r0, r1, t0, t1 = PRIME, value, 0, 1
     while r1 > limit:
         r0, r1, t0, t1 = r1, r0 % r1, t1, t0 - r0 // r1 * t1

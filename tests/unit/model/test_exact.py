@@ -1,4 +1,4 @@
-"""Base parameters over a prime field: the counts and relations of the two arms of the paper, and what must not change them."""
+"""Base parameters over a prime field: counts and relations of the paper's two arms, and what must not change them."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,8 @@ PAPER = ROBOTS / "paper"
 GEN2 = load_robot(PAPER / "kinova_gen2_table6.yaml")
 LWR_ZERO = load_robot(PAPER / "kuka_lwr4plus_table7.yaml")
 LWR = replace(
-    LWR_ZERO, joints=tuple(replace(j, d=d) for j, d in zip(LWR_ZERO.joints, (0.31, 0, 0.4, 0, 0.39, 0, 0.078), strict=True))
+    LWR_ZERO,
+    joints=tuple(replace(j, d=d) for j, d in zip(LWR_ZERO.joints, (0.31, 0, 0.4, 0, 0.39, 0, 0.078), strict=True)),
 )
 
 
@@ -154,7 +155,9 @@ def test_printed_lwr_relations_have_no_lengths():
     ]
 
 
-@pytest.mark.parametrize("robot", [GEN2, LWR, LWR_ZERO, load_robot(ROBOTS / "kinova_gen2.yaml"), load_robot(ROBOTS / "kuka_lwr4plus.yaml")])
+@pytest.mark.parametrize(
+    "robot", [GEN2, LWR, LWR_ZERO, load_robot(ROBOTS / "kinova_gen2.yaml"), load_robot(ROBOTS / "kuka_lwr4plus.yaml")]
+)
 def test_every_coefficient_of_both_arms_has_a_name(robot):
     assert reduce_exactly(build_model(robot)).unnamed == 0
 
@@ -200,8 +203,11 @@ def test_methods_that_agree_give_one_certified_answer():
 
 
 def test_gravity_along_an_oblique_joint_axis_is_recognised_without_a_tolerance():
-    # Joint 1 stands along gravity only because both lean by 45 degrees; arms of this shape in general have more parameters.
-    joints = tuple(Joint(f"j{k}", twist=t, a=a, d=0.1, friction=()) for k, t, a in ((1, math.pi / 4, 0), (2, math.pi / 2, 0.3), (3, 0, 0.2)))
+    # Joint 1 stands along gravity only because both lean by 45 degrees; other leaning arms have more parameters.
+    joints = tuple(
+        Joint(f"j{k}", twist=t, a=a, d=0.1, friction=())
+        for k, t, a in ((1, math.pi / 4, 0), (2, math.pi / 2, 0.3), (3, 0, 0.2))
+    )
     upright = Robot("upright", "modified", (replace(joints[0], twist=0.0), *joints[1:]), gravity=(0, 0, -9.81))
     leaning = Robot("leaning", "modified", joints, gravity=(0, 6.93, -6.93))
     assert counts(leaning) == counts(upright)
@@ -218,7 +224,10 @@ def test_a_subset_of_links_keeps_only_their_columns():
 def test_coupled_motors_take_part_like_any_column():
     matrix = np.eye(7)
     matrix[5, 6] = 0.1
-    robot = replace(with_joints(GEN2, friction=("viscous", "coulomb", "offset")), coupling=Coupling(tuple(map(tuple, matrix.tolist()))))
+    robot = replace(
+        with_joints(GEN2, friction=("viscous", "coulomb", "offset")),
+        coupling=Coupling(tuple(map(tuple, matrix.tolist()))),
+    )
     model = build_model(robot)
     require_agreement(reduce_exactly(model), reduce(model))
 
@@ -228,5 +237,18 @@ def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_of
     r = reduce_exactly(build_model(arm), still=True)
     names = [base_name(g) for g in r.groups]
     assert r.rank == 19
-    assert names[:12] == ["mcx2", "mcz2R", "mcx3", "mcz3R", "mcx4", "mcz4R", "mcx5", "mcz5R", "mcx6", "mcz6R", "mcx7", "mcy7"]
+    assert names[:12] == [
+        "mcx2",
+        "mcz2R",
+        "mcx3",
+        "mcz3R",
+        "mcx4",
+        "mcz4R",
+        "mcx5",
+        "mcz5R",
+        "mcx6",
+        "mcz6R",
+        "mcx7",
+        "mcy7",
+    ]
     assert names[12:] == [f"fo{k}" for k in range(1, 8)]

@@ -8,7 +8,7 @@ from dynid.model.effects.coulomb import coulomb_column
 from dynid.model.effects.interface import Column, Floats, State
 from dynid.model.effects.offset import offset_column
 from dynid.model.effects.viscous import viscous_column
-from dynid.model.field import Residues, product, residue, typed
+from dynid.model.field import FieldState, Residues, product, residue, typed
 from dynid.robot import Robot
 
 
@@ -42,7 +42,10 @@ def coupled_motor_columns(robot: Robot) -> list[Column]:
         if np.count_nonzero(share) < 2:
             continue
         rows = tuple(np.flatnonzero(share).tolist())
-        columns += [_spread(robot, name, unit, k, share, rows) for name, unit in (("Imc", "kg m^2"), ("fvc", "N m s/rad"), ("fcc", "N m"))]
+        columns += [
+            _spread(robot, name, unit, k, share, rows)
+            for name, unit in (("Imc", "kg m^2"), ("fvc", "N m s/rad"), ("fcc", "N m"))
+        ]
     return columns
 
 
@@ -57,13 +60,22 @@ def _spread(robot: Robot, name: str, unit: str, motor: int, share: Floats, rows:
             signal = speed
         else:
             limit = shape.velocity[motor]
-            signal = np.tanh(speed / limit) if shape.shape == "smooth" else np.where(np.abs(speed) >= limit, np.sign(speed), 0.0)
+            signal = (
+                np.tanh(speed / limit)
+                if shape.shape == "smooth"
+                else np.where(np.abs(speed) >= limit, np.sign(speed), 0.0)
+            )
         return [share[j] * signal for j in rows]
 
-    def exact(state: State) -> list[Residues]:
-        fractions = [typed(x) / typed(robot.coupling.matrix[motor][motor] or 1) for x in robot.coupling.matrix[motor]]
-        weights = np.array([residue(x) for x in fractions], dtype=np.uint64)
+    def exact(state: FieldState) -> list[Residues]:
+        weights = _exact_share(robot, motor)
         signal = product(state.qdd if name == "Imc" else state.qd, weights)
         return [product(signal[:, None], weights[None, j]) for j in rows]
 
     return Column(f"{name}{motor + 1}", unit, rows, evaluate, None if name == "fcc" else exact)
+
+
+def _exact_share(robot: Robot, motor: int) -> Residues:
+    """Return a motor's row of the coupling, divided by its own entry, in the prime field."""
+    row = [typed(x) for x in robot.coupling.matrix[motor]] if robot.coupling else []
+    return np.array([residue(x / row[motor] if row[motor] else x) for x in row], dtype=np.uint64)
