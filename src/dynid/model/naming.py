@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynid.model.exact import Draws, relations
 from dynid.model.field import PRIME, ROOTS, Residues, echelon, power, residue
 from dynid.model.formula import ONE, Formula
+from dynid.model.transfer import transfer
 from dynid.robot import Robot
 
 Formulas = dict[tuple[int, int], Formula]
@@ -90,6 +91,7 @@ class _Namer:
         self._known = np.array(list(self._factors), dtype=np.uint64)
         self._links = draws.model.link_columns // 11 + 1
         self._dimension = [_dimension(draws.model.robot, int(k)) for k in draws.model.link_columns]
+        self._transfers: dict[int, dict[int, dict[int, Formula]]] = {}
         self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
 
@@ -121,6 +123,9 @@ class _Namer:
         if j >= len(self._links) or not self._symbols:
             return
         last = int(self._links[j])
+        passed = self._passed(last).get(j)
+        if passed is not None and self._substitute(j, passed):
+            return
         for first in range(last, max(last - _REACH, 0), -1):
             local = self._local(j, first, last)
             if local is not None and self._substitute(j, local):
@@ -144,6 +149,41 @@ class _Namer:
             if formula.terms:
                 self._formulas.setdefault((i, j), formula)
         return len(right) == len(total)
+
+    def _passed(self, link: int) -> dict[int, dict[int, Formula]]:
+        """Return the parameters of a link that pass through its joint, expressed by others of it and of the link before."""
+        if link not in self._transfers:
+            self._transfers[link] = self._find_passed(link) if link > 1 else {}
+        return self._transfers[link]
+
+    def _find_passed(self, link: int) -> dict[int, dict[int, Formula]]:
+        robot = self._draws.model.robot
+        symbols = [s for s in self._symbols if int(s.lstrip("acds")) == link]
+        wide = range(11 * (link - 2), 11 * link)
+        columns = [wide[k] for k in (*range(10), *range(11, 21))]
+        place = {int(k): i for i, k in enumerate(self._draws.model.link_columns)}
+        passed: dict[int, dict[int, Formula]] = {}
+        for stage in (0, 1):
+            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
+            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            try:
+                dependent, K = transfer(robot.joints[link - 1], link, robot.convention, geometry)
+            except ZeroDivisionError:
+                return passed
+            for row, own in enumerate(dependent):
+                window = _Window(np.array(columns), columns, K, geometry, tables, {})
+                shares = {
+                    columns[k]: window.fitted(
+                        _dimension(robot, columns[k]) - _dimension(robot, columns[own + 10]), K[:, row, k], self._factors
+                    )
+                    for k in np.flatnonzero(K[0, row])
+                }
+                named = {place[k]: f for k, f in shares.items() if f is not None and k in place}
+                if len(named) == len(shares) and columns[own + 10] in place:
+                    passed.setdefault(place[columns[own + 10]], named)
+            if len(passed) == len(dependent):
+                break
+        return passed
 
     def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
         """Return the expression of a column by others of links ``first`` to ``last``, None when there is none."""
@@ -245,7 +285,9 @@ def _table(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int
     most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
     reach = range(0 if stage == 0 else -2, 3)
     stretched = [p for p in product(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
-    turned = [p for p in product(range(-2, 3), repeat=len(angles)) if sum(map(abs, p)) <= most]
+    turned = [
+        p for p in product(range(-2, 3), repeat=len(angles)) if sum(map(abs, p)) <= (4 if min(p, default=0) >= 0 else most)
+    ]
     surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
     powers = [
         {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
