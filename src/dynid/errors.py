@@ -154,6 +154,14 @@ class WrongRobotFile(DynidError):
     fix = "correct the value; docs/reference/robot-file.md describes each key"
 
 
+class ReductionsDisagree(DynidError):
+    """The exact base parameters and those found by singular values differ."""
+
+    code, status = "E209", ExitStatus.INPUT
+    why = "a value of the DH table or of gravity is nearly, but not quite, a special one, or a column is nearly zero"
+    fix = "write the special value exactly (90 deg instead of 1.57, 0 instead of 1e-9), or move it away from it"
+
+
 # ---------------------------------------------------------------- 3: logs
 class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.field import FieldState, Residues
+
 Floats = NDArray[np.float64]
 
 
@@ -35,9 +37,12 @@ class Column:
         unit: unit of the parameter.
         rows: indices of the joints it acts on, 0-based.
         evaluate: its entries in those rows for a block, each (B,).
+        exact: the same entries in the prime field of ``model/field.py`` for states given there; None for a function
+            that is no polynomial of the state, such as a sign: it takes part as an independent function of the motion.
     """
 
     name: str
     unit: str
     rows: tuple[int, ...]
     evaluate: Callable[[State], list[Floats]]
+    exact: Callable[[FieldState], list[Residues]] | None = None

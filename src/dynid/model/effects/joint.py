@@ -8,6 +8,7 @@ from dynid.model.effects.coulomb import coulomb_column
 from dynid.model.effects.interface import Column, Floats, State
 from dynid.model.effects.offset import offset_column
 from dynid.model.effects.viscous import viscous_column
+from dynid.model.field import FieldState, Residues, product, residue, typed
 from dynid.robot import Robot
 
 
@@ -66,4 +67,15 @@ def _spread(robot: Robot, name: str, unit: str, motor: int, share: Floats, rows:
             )
         return [share[j] * signal for j in rows]
 
-    return Column(f"{name}{motor + 1}", unit, rows, evaluate)
+    def exact(state: FieldState) -> list[Residues]:
+        weights = _exact_share(robot, motor)
+        signal = product(state.qdd if name == "Imc" else state.qd, weights)
+        return [product(signal[:, None], weights[None, j]) for j in rows]
+
+    return Column(f"{name}{motor + 1}", unit, rows, evaluate, None if name == "fcc" else exact)
+
+
+def _exact_share(robot: Robot, motor: int) -> Residues:
+    """Return a motor's row of the coupling, divided by its own entry, in the prime field."""
+    row = [typed(x) for x in robot.coupling.matrix[motor]] if robot.coupling else []
+    return np.array([residue(x / row[motor] if row[motor] else x) for x in row], dtype=np.uint64)

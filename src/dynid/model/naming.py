@@ -1,0 +1,339 @@
+"""Formulas for the coefficients of the relations, found in the prime field and verified there at other geometries.
+
+First a coefficient is compared with monomials of at most two lengths. What is left (chains of oblique twists) is found
+link by link: a parameter is expressed by those of its own and the neighbouring link, where coefficients are short, and
+the already named relations of the neighbours are put in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations_with_replacement, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.exact import Draws, relations
+from dynid.model.field import PRIME, ROOTS, Residues, echelon, power, residue
+from dynid.model.formula import ONE, Formula
+from dynid.model.transfer import transfer
+from dynid.robot import Robot
+
+Formulas = dict[tuple[int, int], Formula]
+
+#: Numbers that a coefficient may carry beside its symbols.
+_FACTORS = sorted(
+    {Fraction(s * a, b) for s in (1, -1) for a in (1, 2, 3, 4, 8) for b in (1, 2, 3, 4)},
+    key=lambda f: (f.denominator, abs(f), f < 0),
+)
+#: Random states of a neighbourhood of two or three links: its 33 columns need no more rows.
+_SAMPLES = 12
+#: Number of neighbouring links that a relation is looked for in.
+_REACH = 3
+#: Largest number of monomials that a coefficient is fitted with.
+_TABLE = 160
+
+
+@dataclass(frozen=True)
+class Names:
+    """Formulas found.
+
+    Attributes:
+        formulas: by row and column of K.
+        generic: whether the base columns are those of any arm of this shape.
+    """
+
+    formulas: Formulas
+    generic: bool
+
+
+def name_coefficients(draws: Draws, base: Sequence[int], K: Residues) -> Names:
+    """Name the coefficients of K.
+
+    Args:
+        draws: source of random geometries.
+        base: base columns at the arm's own geometry.
+        K: relations at the arm's own geometry, (p, c).
+
+    Returns:
+        The formulas found. Twists are symbols where that leaves the base columns the same; else they are numbers.
+    """
+    for turned in (True, False):
+        geometry = draws.free(2, turned)
+        try:
+            found, values = relations(draws, geometry)
+        except ZeroDivisionError:
+            continue
+        if found == list(base):
+            return Names(_Namer(draws, geometry, turned, found, values).run(K), True)
+    own = draws.actual()
+    return Names(_Namer(draws, own, False, list(base), K[None]).run(K), False)
+
+
+class _Namer:
+    """Names the coefficients of relations that are known at two random geometries."""
+
+    def __init__(self, draws: Draws, geometry: dict[str, Residues], turned: bool, base: list[int], K: Residues) -> None:
+        self._draws, self._turned, self._base, self._K = draws, turned, base, K
+        self._at = [{name: int(v[g % len(v)]) for name, v in geometry.items()} for g in range(len(K))]
+        lengths = [name for name in draws.symbols if name[0] in "ad"] if len(K) > 1 else []
+        angles = [name for name in draws.symbols if name[0] in "cs"]
+        self._symbols = lengths + (angles if turned else [])
+        self._roots = {} if turned or not angles else ROOTS
+        self._monomials = [Formula.monomial(1, dict(m)) for m in _lengths(lengths)]
+        self._factors = {
+            residue(f) * root % PRIME: Formula.monomial(f, {f"sqrt({k})": 1} if k > 1 else {})
+            for k, root in ((1, 1), *self._roots.items())
+            for f in _FACTORS
+        }
+        self._known = np.array(list(self._factors), dtype=np.uint64)
+        self._links = draws.model.link_columns // 11 + 1
+        self._dimension = [_dimension(draws.model.robot, int(k)) for k in draws.model.link_columns]
+        self._transfers: dict[int, dict[int, dict[int, Formula]]] = {}
+        self._windows: dict[tuple[int, int, int], _Window | None] = {}
+        self._formulas: Formulas = {}
+
+    def run(self, own: Residues) -> Formulas:
+        """Return the formulas of the coefficients that are not zero at the arm's own geometry."""
+        dependent = [j for j in range(self._K.shape[2]) if j not in self._base and self._K[0, :, j].any()]
+        inverses = np.array([pow(m.residue(self._at[0]), -1, PRIME) for m in self._monomials], dtype=np.uint64)
+        for j in dependent:
+            named = [self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])]
+            if not all(named):
+                self._by_links(j)
+        return {cell: formula for cell, formula in self._formulas.items() if own[cell]}
+
+    def _verified(self, i: int, j: int, formula: Formula) -> bool:
+        return all(formula.residue(at) == int(k[i, j]) for at, k in zip(self._at, self._K, strict=True))
+
+    def _single(self, i: int, j: int, inverses: Residues) -> bool:
+        """Name a coefficient that is one monomial of lengths."""
+        quotients = self._K[0, i, j] * inverses % np.uint64(PRIME)
+        for k in np.flatnonzero(np.isin(quotients, self._known)).tolist():
+            formula = self._factors[int(quotients[k])] * self._monomials[k]
+            if self._verified(i, j, formula):
+                self._formulas[i, j] = formula
+                return True
+        return False
+
+    def _by_links(self, j: int) -> None:
+        """Name a column's coefficients from the relations within its link, or with the ones before it."""
+        if j >= len(self._links) or not self._symbols:
+            return
+        last = int(self._links[j])
+        passed = self._passed(last).get(j)
+        if passed is not None and self._substitute(j, passed):
+            return
+        for first in range(last, max(last - _REACH, 0), -1):
+            local = self._local(j, first, last)
+            if local is not None and self._substitute(j, local):
+                return
+
+    def _substitute(self, j: int, local: dict[int, Formula]) -> bool:
+        """Express a column by base columns, given its expression by columns before it."""
+        total: dict[int, Formula] = {}
+        for column, factor in local.items():
+            if column in self._base:
+                share = {self._base.index(column): ONE}
+            else:
+                rows = [int(i) for i in np.flatnonzero(self._K[0, :, column])]
+                if any((i, column) not in self._formulas for i in rows):
+                    return False
+                share = {i: self._formulas[i, column] for i in rows}
+            for i, formula in share.items():
+                total[i] = total.get(i, Formula(())) + factor * formula
+        right = {i: formula for i, formula in total.items() if self._verified(i, j, formula)}
+        for i, formula in right.items():
+            if formula.terms:
+                self._formulas.setdefault((i, j), formula)
+        return len(right) == len(total)
+
+    def _passed(self, link: int) -> dict[int, dict[int, Formula]]:
+        """Return the parameters of a link that pass through its joint, expressed by others of it and of the link before."""
+        if link not in self._transfers:
+            self._transfers[link] = self._find_passed(link) if link > 1 else {}
+        return self._transfers[link]
+
+    def _find_passed(self, link: int) -> dict[int, dict[int, Formula]]:
+        robot = self._draws.model.robot
+        symbols = [s for s in self._symbols if int(s.lstrip("acds")) == link]
+        wide = range(11 * (link - 2), 11 * link)
+        columns = [wide[k] for k in (*range(10), *range(11, 21))]
+        place = {int(k): i for i, k in enumerate(self._draws.model.link_columns)}
+        passed: dict[int, dict[int, Formula]] = {}
+        for stage in (0, 1):
+            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
+            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            try:
+                dependent, K = transfer(robot.joints[link - 1], link, robot.convention, geometry)
+            except ZeroDivisionError:
+                return passed
+            for row, own in enumerate(dependent):
+                window = _Window(np.array(columns), columns, K, geometry, tables, {})
+                shares = {
+                    columns[k]: window.fitted(
+                        _dimension(robot, columns[k]) - _dimension(robot, columns[own + 10]), K[:, row, k], self._factors
+                    )
+                    for k in np.flatnonzero(K[0, row])
+                }
+                named = {place[k]: f for k, f in shares.items() if f is not None and k in place}
+                if len(named) == len(shares) and columns[own + 10] in place:
+                    passed.setdefault(place[columns[own + 10]], named)
+            if len(passed) == len(dependent):
+                break
+        return passed
+
+    def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
+        """Return the expression of a column by others of links ``first`` to ``last``, None when there is none."""
+        found: dict[int, Formula] = {}
+        for stage in range(3):
+            window = self._window(first, last, stage)
+            if window is None or j in window.pivots:
+                return None
+            place = int(np.flatnonzero(window.columns == j)[0])
+            for row in np.flatnonzero(window.K[0, :, place]).tolist():
+                column = window.pivots[row]
+                if column not in found:
+                    degree = self._dimension[column] - self._dimension[j]
+                    formula = window.fitted(degree, window.K[:, row, place], self._factors)
+                    if formula is not None:
+                        found[column] = formula
+            if len(found) == np.count_nonzero(window.K[0, :, place]):
+                return found
+        return None
+
+    def _window(self, first: int, last: int, stage: int) -> _Window | None:
+        """Return the relations among some neighbouring links at many geometries, kept for the other columns there."""
+        key = first, last, stage
+        if key not in self._windows:
+            start = last if stage < 2 else first
+            symbols = [s for s in self._symbols if start <= int(s.lstrip("acds")) <= last]
+            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
+            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            columns = np.flatnonzero((self._links >= first) & (self._links <= last))
+            try:
+                pivots, K = echelon(self._draws.columns(geometry, columns, _SAMPLES))
+            except ZeroDivisionError:
+                self._windows[key] = None
+            else:
+                self._windows[key] = _Window(columns, [int(columns[k]) for k in pivots], K, geometry, tables, {})
+        return self._windows[key]
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Relations among the columns of some neighbouring links.
+
+    Attributes:
+        columns: the columns, (w,).
+        pivots: the leftmost independent ones.
+        K: relations at G geometries, (G, p, w).
+        geometry: the geometries, (G,) each.
+        tables: monomials that a coefficient of each degree in lengths may hold.
+        values: the monomials' values by degree, (G, M), filled when needed.
+    """
+
+    columns: NDArray[np.intp]
+    pivots: list[int]
+    K: Residues
+    geometry: dict[str, Residues]
+    tables: dict[int, list[Formula]]
+    values: dict[int, tuple[Residues, Residues]]
+
+    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
+        """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
+        table = self.tables.get(degree, [])
+        if not table:
+            return None
+        if degree not in self.values:
+            rows = _evaluated(table, self.geometry, len(self.K))
+            self.values[degree] = rows, power(rows[:2], PRIME - 2)
+        rows, inverses = self.values[degree]
+        ratios = wanted[:2, None] * inverses % np.uint64(PRIME)
+        for k in np.flatnonzero(ratios[0] == ratios[1]).tolist():
+            if int(ratios[0, k]) in factors:
+                return factors[int(ratios[0, k])] * table[k]
+        return _fit(table, rows, wanted)
+
+
+def _dimension(robot: Robot, column: int) -> int:
+    """Return the power of metres in the unit of a rigid-body parameter."""
+    link, kind = divmod(column, 11)
+    if kind == 10:
+        return 2 if robot.joints[link].revolute else 0
+    return 0 if kind == 0 else 1 if kind < 4 else 2
+
+
+def _lengths(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...]]:
+    """Return monomials of at most two lengths, and the inverses of one."""
+    found: list[tuple[tuple[str, int], ...]] = []
+    for degree in (0, 1, 2):
+        for chosen in combinations_with_replacement(lengths, degree):
+            found.append(tuple((s, chosen.count(s)) for s in sorted(set(chosen))))
+    return found + [((s, -k),) for k in (1, 2) for s in lengths]
+
+
+def _table(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Formula]:
+    """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
+
+    Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
+    """
+    lengths = [s for s in symbols if s[0] in "ad"]
+    angles = [s for s in symbols if s[0] in "cs"]
+    most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
+    reach = range(0 if stage == 0 else -2, 3)
+    stretched = [p for p in product(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
+    turned = [
+        p for p in product(range(-2, 3), repeat=len(angles)) if sum(map(abs, p)) <= (4 if min(p, default=0) >= 0 else most)
+    ]
+    surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
+    powers = [
+        {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
+        for a, b, c in product(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
+    ]
+    return [Formula.monomial(1, p) for p in powers][:_TABLE]
+
+
+def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
+    return sum(map(abs, powers)), sum(k < 0 for k in powers)
+
+
+def _fit(table: list[Formula], rows: Residues, wanted: Residues) -> Formula | None:
+    """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
+    size = len(table)
+    pivots, K = echelon(np.concatenate([rows, wanted[:, None]], axis=1)[None])
+    if pivots[-1] == size:
+        return None
+    total = Formula(())
+    for row in np.flatnonzero(K[0, :, size]).tolist():
+        factor = small_fraction(int(K[0, row, size]))
+        if factor is None:
+            return None
+        total += Formula.monomial(factor, dict(table[pivots[row]].terms[0][1]))
+    return total
+
+
+def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) -> Residues:
+    """Return the value of each monomial at each geometry, (G, M)."""
+    known = {name: np.resize(value, count) for name, value in geometry.items()}
+    known |= {f"sqrt({k})": np.full(count, root, dtype=np.uint64) for k, root in ROOTS.items()}
+    raised: dict[tuple[str, int], Residues] = {}
+    rows = np.ones((count, len(table)), dtype=np.uint64)
+    for column, monomial in enumerate(table):
+        for symbol, exponent in monomial.terms[0][1]:
+            if (symbol, exponent) not in raised:
+                raised[symbol, exponent] = power(known[symbol], exponent % (PRIME - 1))
+            rows[:, column] = rows[:, column] * raised[symbol, exponent] % np.uint64(PRIME)
+    return rows
+
+
+def small_fraction(value: int, limit: int = 1000) -> Fraction | None:
+    """Return the fraction of numbers up to ``limit`` that a residue stands for, None when there is none."""
+    r0, r1, t0, t1 = PRIME, value, 0, 1
+    while r1 > limit:
+        r0, r1, t0, t1 = r1, r0 % r1, t1, t0 - r0 // r1 * t1
+    if t1 == 0 or abs(t1) > limit:
+        return None
+    return Fraction(r1, t1)

@@ -1,0 +1,254 @@
+"""Base parameters over a prime field: counts and relations of the paper's two arms, and what must not change them."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid.errors import ReductionsDisagree
+from dynid.files.robotfile import load_robot
+from dynid.model import build_model
+from dynid.model.certificate import certified, require_agreement
+from dynid.model.exact import reduce_exactly
+from dynid.model.groups import base_name, group_text
+from dynid.model.reduce import reduce
+from dynid.robot import Coupling, Joint, Robot
+
+ROBOTS = Path(__file__).parents[3] / "robots"
+PAPER = ROBOTS / "paper"
+GEN2 = load_robot(PAPER / "kinova_gen2_table6.yaml")
+LWR_ZERO = load_robot(PAPER / "kuka_lwr4plus_table7.yaml")
+LWR = replace(
+    LWR_ZERO,
+    joints=tuple(replace(j, d=d) for j, d in zip(LWR_ZERO.joints, (0.31, 0, 0.4, 0, 0.39, 0, 0.078), strict=True)),
+)
+
+
+def with_joints(robot, **changes):
+    return replace(robot, joints=tuple(replace(j, **changes) for j in robot.joints))
+
+
+def shifted(robot):
+    """Return the arm in modified DH: each twist belongs to the joint before."""
+    twists = [0.0, *(j.twist for j in robot.joints[:-1])]
+    joints = tuple(replace(j, twist=t) for j, t in zip(robot.joints, twists, strict=True))
+    return replace(robot, convention="modified", joints=joints)
+
+
+def counts(robot):
+    """Return rank, alone, none, representatives of combinations, dependent ones."""
+    r = reduce_exactly(build_model(robot))
+    x1 = r.rank - len(r.alone)
+    return r.rank, len(r.alone), len(r.none), x1, len(r.combined) - x1
+
+
+def texts(robot):
+    groups = reduce_exactly(build_model(robot)).groups
+    return [group_text(group) for group in groups if len(group) > 1]
+
+
+FRICTION = ("viscous", "coulomb")
+WALL, NOWHERE = (9.81, 0, 0), (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "expected"),
+    [
+        pytest.param(GEN2, (48, 31, 11, 17, 18), id="gen2"),
+        pytest.param(LWR_ZERO, (48, 31, 16, 17, 13), id="lwr-zero"),
+        pytest.param(LWR, (48, 31, 11, 17, 18), id="lwr"),
+        pytest.param(with_joints(GEN2, motor_inertia=False), (43, 26, 11, 17, 16), id="gen2-no-rotors"),
+        pytest.param(with_joints(LWR_ZERO, motor_inertia=False), (43, 26, 16, 17, 11), id="lwr-zero-no-rotors"),
+        pytest.param(with_joints(LWR, motor_inertia=False), (43, 26, 11, 17, 16), id="lwr-no-rotors"),
+        pytest.param(with_joints(GEN2, friction=FRICTION), (62, 45, 11, 17, 18), id="gen2-friction"),
+        pytest.param(with_joints(LWR_ZERO, friction=FRICTION), (62, 45, 16, 17, 13), id="lwr-zero-friction"),
+        pytest.param(with_joints(LWR, friction=FRICTION), (62, 45, 11, 17, 18), id="lwr-friction"),
+        pytest.param(shifted(GEN2), (48, 31, 11, 17, 18), id="gen2-modified"),
+        pytest.param(shifted(LWR), (48, 31, 11, 17, 18), id="lwr-modified"),
+        pytest.param(shifted(LWR_ZERO), (48, 31, 16, 17, 13), id="lwr-zero-modified"),
+        pytest.param(replace(GEN2, gravity=WALL), (50, 32, 8, 18, 19), id="gen2-wall"),
+        pytest.param(replace(LWR_ZERO, gravity=WALL), (50, 32, 13, 18, 14), id="lwr-zero-wall"),
+        pytest.param(replace(GEN2, gravity=NOWHERE), (44, 27, 13, 17, 20), id="gen2-no-gravity"),
+        pytest.param(replace(LWR_ZERO, gravity=NOWHERE), (36, 24, 33, 12, 8), id="lwr-zero-no-gravity"),
+    ],
+)
+def test_rank_and_classes_are_those_of_the_independent_prototype(robot, expected):
+    assert counts(robot) == expected
+
+
+def test_parameters_stand_alone_or_vanish_as_listed():
+    wanted = [f"mcx{k}" for k in range(2, 8)] + ["mcy7", "Izz7"] + [f"Im{k}" for k in range(3, 8)]
+    wanted += [f"{name}{k}" for name in ("Ixy", "Ixz", "Iyz") for k in range(2, 8)]
+    first = {f"{name}1" for name in ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyz", "Izz")} | {"m2", "mcy2"}
+    for robot, more in ((GEN2, set()), (LWR, set()), (LWR_ZERO, {f"m{k}" for k in range(3, 8)})):
+        r = reduce_exactly(build_model(robot))
+        assert set(r.alone) == set(wanted)
+        assert set(r.none) == first | more
+
+
+def test_gen2_relations_are_named_in_dh_symbols():
+    assert texts(GEN2) == [
+        "Iyy1R = Iyy1 + Im1 + Izz2",
+        "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)",
+        "Ixx2R = Ixx2 - Izz2 + Izz3 + 2*d3*mcy3 + d3^2*(m3+m4+m5+m6+m7)",
+        "Iyy2R = Iyy2 + Im2 + Izz3 + 2*d3*mcy3 + d3^2*(m3+m4+m5+m6+m7)",
+        "mcz3R = mcz3 + mcy4 + d4*(m4+m5+m6+m7)",
+        "Ixx3R = Ixx3 - Izz3 + Izz4 + 2*d4*mcy4 + d4^2*(m4+m5+m6+m7)",
+        "Iyy3R = Iyy3 + Izz4 + 2*d4*mcy4 + d4^2*(m4+m5+m6+m7)",
+        "mcz4R = mcz4 + mcy5 + d5*(m5+m6+m7)",
+        "Ixx4R = Ixx4 - Izz4 + Izz5 + 2*d5*mcy5 + d5^2*(m5+m6+m7)",
+        "Iyy4R = Iyy4 + Izz5 + 2*d5*mcy5 + d5^2*(m5+m6+m7)",
+        "mcz5R = mcz5 + mcy6",
+        "Ixx5R = Ixx5 - Izz5 + Izz6",
+        "Iyy5R = Iyy5 + Izz6",
+        "mcz6R = mcz6 + mcz7 + d7*m7",
+        "Ixx6R = Ixx6 - Izz6 + Iyy7 + 2*d7*mcz7 + d7^2*m7",
+        "Iyy6R = Iyy6 + Iyy7 + 2*d7*mcz7 + d7^2*m7",
+        "Ixx7R = Ixx7 - Iyy7",
+    ]
+
+
+LWR_SHARED = ["Ixx5R = Ixx5 - Izz5 + Izz6", "Iyy5R = Iyy5 + Izz6"]
+
+
+def test_corrected_lwr_relations_are_named_in_dh_symbols():
+    assert texts(LWR) == [
+        "Iyy1R = Iyy1 + Im1 + Izz2",
+        "mcz2R = mcz2 - mcy3 + d3*(m3+m4+m5+m6+m7)",
+        "Ixx2R = Ixx2 - Izz2 + Izz3 - 2*d3*mcy3 + d3^2*(m3+m4+m5+m6+m7)",
+        "Iyy2R = Iyy2 + Im2 + Izz3 - 2*d3*mcy3 + d3^2*(m3+m4+m5+m6+m7)",
+        "mcz3R = mcz3 + mcy4",
+        "Ixx3R = Ixx3 - Izz3 + Izz4",
+        "Iyy3R = Iyy3 + Izz4",
+        "mcz4R = mcz4 + mcy5 + d5*(m5+m6+m7)",
+        "Ixx4R = Ixx4 - Izz4 + Izz5 + 2*d5*mcy5 + d5^2*(m5+m6+m7)",
+        "Iyy4R = Iyy4 + Izz5 + 2*d5*mcy5 + d5^2*(m5+m6+m7)",
+        "mcz5R = mcz5 - mcy6",
+        *LWR_SHARED,
+        "mcz6R = mcz6 + mcz7 + d7*m7",
+        "Ixx6R = Ixx6 - Izz6 + Iyy7 + 2*d7*mcz7 + d7^2*m7",
+        "Iyy6R = Iyy6 + Iyy7 + 2*d7*mcz7 + d7^2*m7",
+        "Ixx7R = Ixx7 - Iyy7",
+    ]
+
+
+def test_printed_lwr_relations_have_no_lengths():
+    assert texts(LWR_ZERO) == [
+        "Iyy1R = Iyy1 + Im1 + Izz2",
+        "mcz2R = mcz2 - mcy3",
+        "Ixx2R = Ixx2 - Izz2 + Izz3",
+        "Iyy2R = Iyy2 + Im2 + Izz3",
+        "mcz3R = mcz3 + mcy4",
+        "Ixx3R = Ixx3 - Izz3 + Izz4",
+        "Iyy3R = Iyy3 + Izz4",
+        "mcz4R = mcz4 + mcy5",
+        "Ixx4R = Ixx4 - Izz4 + Izz5",
+        "Iyy4R = Iyy4 + Izz5",
+        "mcz5R = mcz5 - mcy6",
+        *LWR_SHARED,
+        "mcz6R = mcz6 + mcz7",
+        "Ixx6R = Ixx6 - Izz6 + Iyy7",
+        "Iyy6R = Iyy6 + Iyy7",
+        "Ixx7R = Ixx7 - Iyy7",
+    ]
+
+
+@pytest.mark.parametrize(
+    "robot", [GEN2, LWR, LWR_ZERO, load_robot(ROBOTS / "kinova_gen2.yaml"), load_robot(ROBOTS / "kuka_lwr4plus.yaml")]
+)
+def test_every_coefficient_of_both_arms_has_a_name(robot):
+    assert reduce_exactly(build_model(robot)).unnamed == 0
+
+
+def test_values_beside_the_formulas_are_those_of_the_singular_values():
+    for robot in (GEN2, LWR):
+        model = build_model(robot)
+        np.testing.assert_allclose(reduce_exactly(model).K, reduce(model).K, atol=1e-12)
+
+
+@pytest.mark.parametrize("d4", [0.1, 1e-3, 1e-6, 1e-9, 1e-12])
+def test_classes_do_not_depend_on_how_small_an_offset_is(d4):
+    joints = tuple(replace(j, d=d4) if k == 3 else j for k, j in enumerate(GEN2.joints))
+    r = reduce_exactly(build_model(replace(GEN2, joints=joints)))
+    usual = reduce_exactly(build_model(GEN2))
+    assert [group_text(g) for g in r.groups] == [group_text(g) for g in usual.groups]
+
+
+@pytest.mark.parametrize("twist", ["1.5708", "90 deg", "pi/2"])
+def test_every_way_to_write_a_right_angle_gives_the_same_relations(twist, tmp_path):
+    text = (PAPER / "kinova_gen2_table6.yaml").read_text()
+    path = tmp_path / "arm.yaml"
+    text = text.replace("angle_unit: deg", "angle_unit: rad").replace("twist: 90,", f"twist: {twist},")
+    text = text.replace("offset: [0, -180, 0, 0, 0, 180, 0]", "offset: [0, 0, 0, 0, 0, 0, 0]")
+    path.write_text(text)
+    assert texts(load_robot(path)) == texts(GEN2)
+
+
+def test_a_near_right_angle_makes_the_methods_disagree_and_the_message_says_where():
+    joints = tuple(replace(j, twist=1.5708) if k == 5 else j for k, j in enumerate(GEN2.joints))
+    model = build_model(replace(GEN2, joints=joints))
+    with pytest.raises(ReductionsDisagree) as caught:
+        require_agreement(reduce_exactly(model), reduce(model, tolerance=1e-4))
+    assert caught.value.code == "E209"
+    assert "singular values relative to the largest are" in caught.value.what
+
+
+def test_methods_that_agree_give_one_certified_answer():
+    model = build_model(LWR)
+    svd = reduce(model)
+    both = certified(reduce_exactly(model), svd)
+    assert (both.method, both.rank, both.alone, both.none) == ("exact", 48, svd.alone, svd.none)
+
+
+def test_gravity_along_an_oblique_joint_axis_is_recognised_without_a_tolerance():
+    # Joint 1 stands along gravity only because both lean by 45 degrees; other leaning arms have more parameters.
+    joints = tuple(
+        Joint(f"j{k}", twist=t, a=a, d=0.1, friction=())
+        for k, t, a in ((1, math.pi / 4, 0), (2, math.pi / 2, 0.3), (3, 0, 0.2))
+    )
+    upright = Robot("upright", "modified", (replace(joints[0], twist=0.0), *joints[1:]), gravity=(0, 0, -9.81))
+    leaning = Robot("leaning", "modified", joints, gravity=(0, 6.93, -6.93))
+    assert counts(leaning) == counts(upright)
+    require_agreement(reduce_exactly(build_model(leaning)), reduce(build_model(leaning)))
+
+
+def test_a_subset_of_links_keeps_only_their_columns():
+    r = reduce_exactly(build_model(replace(GEN2, links=(6, 7))))
+    assert set(r.names) <= {f"{n.rstrip('0123456789')}{k}" for n in r.names for k in (6, 7)}
+    assert "mcz6R = mcz6 + mcz7 + d7*m7" in [group_text(g) for g in r.groups]
+    require_agreement(r, reduce(build_model(replace(GEN2, links=(6, 7)))))
+
+
+def test_coupled_motors_take_part_like_any_column():
+    matrix = np.eye(7)
+    matrix[5, 6] = 0.1
+    robot = replace(
+        with_joints(GEN2, friction=("viscous", "coulomb", "offset")),
+        coupling=Coupling(tuple(map(tuple, matrix.tolist()))),
+    )
+    model = build_model(robot)
+    require_agreement(reduce_exactly(model), reduce(model))
+
+
+def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_offsets():
+    arm = load_robot(ROBOTS / "kinova_gen2.yaml")
+    r = reduce_exactly(build_model(arm), still=True)
+    names = [base_name(g) for g in r.groups]
+    assert r.rank == 19
+    assert names[:12] == [
+        "mcx2",
+        "mcz2R",
+        "mcx3",
+        "mcz3R",
+        "mcx4",
+        "mcz4R",
+        "mcx5",
+        "mcz5R",
+        "mcx6",
+        "mcz6R",
+        "mcx7",
+        "mcy7",
+    ]
+    assert names[12:] == [f"fo{k}" for k in range(1, 8)]
