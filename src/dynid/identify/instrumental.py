@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
-from dynid.identify.robust import HUBER, robust_noise
-from dynid.identify.segments import Segment
-from dynid.identify.uncertainty import automatic_lags, long_run_variance, sandwich, scores
+from dynid.identify.hac import hac_covariance
+from dynid.identify.robust import huber_weight
+from dynid.identify.segments import Segment, robust_noise, root_mean_square
 
 Floats = NDArray[np.float64]
 
@@ -64,24 +64,19 @@ def instrumental(
         RankDeficient: the instruments do not move with the regressor.
     """
     n = next(iter(segments)).tau.shape[1]
-    noise, theta, weigh = np.ones(n), None, False
+    noise, theta, weigh = np.ones(n), np.zeros(0), False
     for _ in range(max_rounds):
         bread, right, condition = _normal_equations(segments, noise, theta if weigh else None)
         before, theta = noise, bread @ right
-        residual = np.concatenate([segment.residual(theta) for segment in segments])
-        noise = robust_noise(residual) if robust else _root_mean_square(residual)
+        noise = (robust_noise if robust else root_mean_square)(segments, theta)
         if weigh == robust and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
         weigh = robust
-    pulls = [_scores(segment, theta, noise, robust) for segment in segments]
-    lags = automatic_lags(pulls) if lags is None else lags
-    covariance = sandwich(bread, long_run_variance(pulls, lags), residual.size)
-    return InstrumentalFit(theta, covariance, noise, lags, condition)
+    honest = hac_covariance(segments, theta, noise, lags, robust=robust)
+    return InstrumentalFit(theta, honest.covariance, noise, honest.lags, condition)
 
 
-def _normal_equations(
-    segments: Iterable[Segment], noise: Floats, theta: Floats | None
-) -> tuple[Floats, Floats, float]:
+def _normal_equations(segments: Iterable[Segment], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats, float]:
     """Return (Z^T S W)^-1, Z^T S tau and the scaled condition number; Huber weights where theta is given."""
     left: Floats | float = 0.0
     right: Floats | float = 0.0
@@ -104,20 +99,7 @@ def _normal_equations(
 
 def _weighted_instruments(segment: Segment, noise: Floats, theta: Floats | None) -> Floats:
     assert segment.Z is not None
-    weight = 1.0 / noise**2
+    weight = segment.mask / noise**2
     if theta is not None:
-        weight = weight * np.minimum(1.0, HUBER * noise / np.maximum(np.abs(segment.residual(theta)), 1e-300))
-    return segment.Z * np.broadcast_to(weight, segment.tau.shape)[:, :, None]
-
-
-def _scores(segment: Segment, theta: Floats, noise: Floats, robust: bool) -> Floats:
-    residual = segment.residual(theta)
-    if robust:
-        residual = np.clip(residual, -HUBER * noise, HUBER * noise)
-    assert segment.Z is not None
-    return scores(segment.Z, residual, noise)
-
-
-def _root_mean_square(residual: Floats) -> Floats:
-    floor = 1e-12 * max(float(np.abs(residual).max(initial=0.0)), 1e-30)
-    return np.asarray(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), floor))
+        weight = weight * huber_weight(segment.residual(theta), noise)
+    return segment.Z * weight[:, :, None]

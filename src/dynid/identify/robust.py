@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.least_squares import Solution, merge, solve
-from dynid.identify.segments import Segment, joint_factors
+from dynid.identify.segments import Segment, joint_factors, robust_noise
 
 Floats = NDArray[np.float64]
 
@@ -69,17 +69,17 @@ def look_for_spikes(segments: Iterable[Segment], theta: Floats) -> Spikes:
     Returns:
         What they look like.
     """
-    residual = np.concatenate([segment.residual(theta) for segment in segments])
-    scaled = residual / robust_noise(residual)
-    centred = residual - residual.mean(axis=0)
-    variance = np.maximum(np.mean(centred**2, axis=0), np.finfo(float).tiny)
-    return Spikes(np.mean(np.abs(scaled) > SPIKE, axis=0), np.mean(centred**4, axis=0) / variance**2)
-
-
-def robust_noise(residual: Floats) -> Floats:
-    """Return the standard deviation that the middle of each column suggests, (N, n) -> (n,)."""
-    spread = 1.4826 * np.median(np.abs(residual), axis=0)
-    return np.asarray(np.maximum(spread, 1e-12 * max(float(np.abs(residual).max(initial=0.0)), 1e-30)))
+    noise, rows = robust_noise(segments, theta), 0
+    moments, beyond = np.zeros((5, len(noise))), np.zeros(len(noise))
+    for segment in segments:
+        scaled = segment.residual(theta) / noise
+        moments += [np.sum(scaled**k, axis=0) for k in range(5)]
+        beyond += np.sum(np.abs(scaled) > SPIKE, axis=0)
+        rows = rows + segment.mask.sum(axis=0)
+    one, two, three, four = moments[1:] / np.maximum(rows, 1)
+    variance = np.maximum(two - one**2, np.finfo(float).tiny)
+    fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
+    return Spikes(beyond / np.maximum(rows, 1), fourth / variance**2)
 
 
 def huber(segments: Iterable[Segment], start: Floats, max_rounds: int = 50) -> RobustFit:
@@ -95,18 +95,30 @@ def huber(segments: Iterable[Segment], start: Floats, max_rounds: int = 50) -> R
     """
     theta, rounds = np.array(start, dtype=float), 0
     while True:
-        residuals = [segment.residual(theta) for segment in segments]
-        noise = robust_noise(np.concatenate(residuals))
-        weights = [np.minimum(1.0, HUBER / np.maximum(np.abs(e / noise), 1e-12)) for e in residuals]
-        factors, _ = joint_factors(_weigh(segment, w) for segment, w in zip(segments, weights, strict=True))
+        noise = robust_noise(segments, theta)
+        factors, _ = joint_factors(_weighted(segments, theta, noise))
         solution = solve(merge(factors, 1.0 / noise))
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
         moved = np.abs(change) / np.maximum(np.sqrt(np.diagonal(solution.inverse)), 1e-300)
         if moved.max() < 1e-3 or rounds == max_rounds:
-            share = np.mean(np.concatenate(weights) < 1.0, axis=0)
-            return RobustFit(theta, noise, np.asarray(share), solution, rounds)
+            return RobustFit(theta, noise, _share_beyond(segments, theta, noise), solution, rounds)
 
 
-def _weigh(segment: Segment, weight: Floats) -> Segment:
-    root = np.sqrt(weight)
-    return Segment(segment.W * root[:, :, None], segment.tau * root)
+def _weighted(segments: Iterable[Segment], theta: Floats, noise: Floats) -> Iterator[Segment]:
+    for segment in segments:
+        root = np.sqrt(huber_weight(segment.residual(theta), noise))
+        yield Segment(segment.W * root[:, :, None], segment.tau * root, usable=segment.usable)
+
+
+def _share_beyond(segments: Iterable[Segment], theta: Floats, noise: Floats) -> Floats:
+    beyond: Floats | float = 0.0
+    rows: Floats | float = 0.0
+    for segment in segments:
+        beyond = beyond + np.sum(np.abs(segment.residual(theta)) > HUBER * noise, axis=0)
+        rows = rows + segment.mask.sum(axis=0)
+    return np.asarray(beyond / np.maximum(rows, 1))
+
+
+def huber_weight(residual: Floats, noise: Floats) -> Floats:
+    """Return min(1, 1.345 sigma / |residual|), (N, n)."""
+    return np.minimum(1.0, HUBER / np.maximum(np.abs(residual / noise), 1e-12))
