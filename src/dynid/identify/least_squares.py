@@ -225,7 +225,7 @@ def _joint_noise(factors: Floats, rows: Ints, fit: Fit) -> Floats:
 def _floor(factors: Floats, rows: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
     torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(rows, 1))
-    return np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30))
+    return np.asarray(np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30)))
 
 
 def _freedom(rows: float, spent: float) -> float:

@@ -49,7 +49,8 @@ def joint_factors(segments: Iterable[Segment]) -> tuple[Floats, Ints]:
     rows: Ints = np.zeros(0, dtype=np.int64)
     for segment in segments:
         n = segment.tau.shape[1]
-        factors, rows = (factors, rows) if factors else ([None] * n, np.zeros(n, dtype=np.int64))
+        if not factors:
+            factors, rows = [None for _ in range(n)], np.zeros(n, dtype=np.int64)
         for j in range(n):
             good = segment.mask[:, j]
             factors[j] = accumulate(factors[j], segment.W[good, j], segment.tau[good, j])
@@ -77,4 +78,4 @@ def robust_noise(segments: Iterable[Segment], theta: Floats) -> Floats:
         1.4826 * float(np.median(np.abs(e[good]))) if good.any() else 0.0
         for e, good in zip(residual.T, mask.T, strict=True)
     ]
-    return np.maximum(np.array(spread), 1e-12 * max(float(np.abs(residual).max(initial=0.0)), 1e-18))
+    return np.asarray(np.maximum(spread, 1e-12 * max(float(np.abs(residual).max(initial=0.0)), 1e-18)))

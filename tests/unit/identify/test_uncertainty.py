@@ -84,7 +84,9 @@ def test_jackknife_and_bootstrap_match_the_spread_over_recordings(many):
     ratios = []
     for seed in range(15):
         segment = recording(seed, 0.8)
-        blocks = [joint_factors([Segment(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)]
+        blocks = [
+            joint_factors([Segment(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)
+        ]
         factors, noise = np.stack(blocks, axis=1), many[seed][0].noise
         by_jackknife = np.sqrt(np.diagonal(jackknife(factors, noise)))
         by_bootstrap = np.std(block_bootstrap(factors, noise, draws=200), axis=0)
@@ -96,7 +98,7 @@ def test_effective_samples_follow_the_ar1_formula():
     rng = np.random.default_rng(3)
     for rho in (0.0, 0.5, 0.9):
         worth = np.mean([effective_samples(ar1(rng, (4000, 1), rho)) for _ in range(10)])
-        assert worth == pytest.approx(4000 * (1 - rho) / (1 + rho), rel=0.25)  # Bartlett weights see a little less than all of it
+        assert worth == pytest.approx(4000 * (1 - rho) / (1 + rho), rel=0.25)
 
 
 def test_lags_grow_with_the_memory_of_the_scores():
