@@ -26,6 +26,8 @@ DEFAULT_GAMMA = 3.0
 BOUND_WEIGHT = 1e-5
 #: Weight of all logarithms in the pure constraint.
 NEAREST_WEIGHT = 1e-5
+#: Rounds of pooling, and relative change of the sizes at which it ends.
+POOLING_ROUNDS, POOLED = 10, 0.03
 #: Share of a standard deviation within which base parameters are kept, on the way to "exactly".
 COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 #: A base parameter counts as reproduced when it is kept to this share of its standard deviation.
@@ -92,6 +94,51 @@ def fit_consistent(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAUL
     objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
     minimum = minimise(objective, interior_point(physics))
     return _report(objective, minimum, physics, BOUND_WEIGHT * int(_only_bounds(physics).sum()))
+
+
+def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GAMMA) -> tuple[ConsistentFit, Physics]:
+    """Fit like ``fit_consistent``, and let joints lend each other the size of their friction and rotor inertia.
+
+    Nobody knows these in advance, and in a short or slow log one joint's may vanish or explode. The pull of each kind
+    towards a common size s, minimised over s as well, is gamma * n * log(arithmetic / geometric mean): no unit and no
+    size is preferred, only equality. Good data override it. Source: empirical Bayes; solved by majorisation.
+
+    Args:
+        R: whitened regressor or its triangular factor, (rows, c).
+        r: whitened torques, (rows,).
+        physics: bounds and prior.
+        gamma: weight of the prior and of the pull.
+
+    Returns:
+        The fit, and the physics with the sizes found as prior, for ``complete``.
+    """
+    objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
+    minimum = minimise(objective, interior_point(physics))
+    for _ in range(POOLING_ROUNDS):
+        x, before = minimum.y, physics
+        physics = pool(before, x)
+        if np.allclose(physics.prior, before.prior, rtol=POOLED):
+            break
+        objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
+        minimum = minimise(objective, minimum)
+    return _report(objective, minimum, physics, BOUND_WEIGHT * int(_only_bounds(physics).sum())), physics
+
+
+def pool(physics: Physics, x: Floats) -> Physics:
+    """Return the physics with the mean of each kind in x as prior of its positive parameters that had none.
+
+    Args:
+        physics: bounds and prior.
+        x: parameters, (c,).
+
+    Returns:
+        Physics in which friction and rotor inertia have a prior; pooled ones are updated by pooling again.
+    """
+    prior = physics.prior.copy()
+    for columns in physics.pools:
+        if len(columns) > 1:
+            prior[columns] = x[columns].mean()
+    return replace(physics, prior=prior)
 
 
 def nearest_consistent(R: Floats, r: Floats, physics: Physics) -> ConsistentFit:

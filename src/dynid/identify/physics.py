@@ -86,6 +86,7 @@ class Physics:
         G: rows of the bounds G x >= h, (k, c).
         h: right side of the bounds, (k,).
         labels: one sentence for each bound, (k).
+        pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
     """
 
     names: tuple[str, ...]
@@ -94,6 +95,7 @@ class Physics:
     G: Floats
     h: Floats
     labels: tuple[str, ...]
+    pools: tuple[Ints, ...] = ()
 
     @property
     def prior_pseudo_inertia(self) -> Floats:
@@ -156,8 +158,13 @@ def make_physics(
     G, h = np.zeros((len(rows), len(names))), np.array([row[1] for row in rows])
     for k, (terms, _, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
-    labels = tuple(row[2] for row in rows)
-    return Physics(tuple(names), link_columns(names), np.asarray(prior, dtype=float), G, h, labels)
+    labels, prior = tuple(row[2] for row in rows), np.asarray(prior, dtype=float)
+    unknown = [name for name in names if prior[where[name]] <= 0.0]
+    pools = tuple(
+        np.array([where[name] for name in unknown if re.fullmatch(rf"{kind}\d+", name)], dtype=np.int64)
+        for kind in nonnegative
+    )
+    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools)
 
 
 def _link_numbers(names: Sequence[str]) -> list[int]:

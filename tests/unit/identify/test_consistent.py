@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotPhysical
-from dynid.identify.consistent import complete, fit_consistent, interior_point, nearest_consistent
+from dynid.identify.consistent import complete, fit_consistent, fit_pooled, interior_point, nearest_consistent
 from dynid.identify.physics import basis, make_physics
 
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
@@ -186,3 +186,49 @@ def test_soft_completion_improves_noisy_base_parameters(arm, base):
     assert np.linalg.norm(whitened @ (base @ (done.fit.x - arm.truth))) < np.linalg.norm(
         whitened @ (beta - base @ arm.truth)
     )
+
+
+def heldout(arm, x):
+    """Torque error on another, fast motion [%]."""
+    W = arm.regressor(*arm.motion(300, seed=5))
+    return 100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
+
+
+def test_poor_data_are_rescued_by_the_prior_and_not_by_the_constraint(arm):
+    errors = []
+    for seed in range(1, 9):
+        R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
+        shortest = np.linalg.lstsq(R, r, rcond=1e-10)[0]
+        fits = shortest, nearest_consistent(R, r, arm.physics).x, fit_pooled(R, r, arm.physics)[0].x
+        errors.append([heldout(arm, x) for x in fits])
+    least_squares, constraint, pooled = np.median(errors, axis=0)
+    assert least_squares > 150
+    assert constraint > 2 * pooled
+    assert pooled < 20
+
+
+def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
+    R, r = arm.whitened(300, 0.2, 10.0)
+    fit, physics = fit_pooled(R, r, arm.physics)
+    for kind in physics.pools:
+        assert physics.prior[kind] == pytest.approx(fit.x[kind].mean(), rel=0.05)
+
+    def cost(x):
+        residual, spread = R @ x - r, 0.0
+        for kind in physics.pools:
+            spread += 7 * np.log(x[kind].mean()) - np.log(x[kind]).sum()
+        P = [np.tensordot(x[k], basis(), 1) for k in physics.bodies]
+        pull = [np.trace(np.linalg.solve(a, b)) for a, b in zip(physics.prior_pseudo_inertia, P, strict=True)]
+        return 0.5 * residual @ residual + 3 * (spread + sum(pull) - np.linalg.slogdet(P)[1].sum())
+
+    for kind in physics.pools:
+        for factor in (0.8, 1.25):
+            moved = fit.x.copy()
+            moved[kind] *= factor
+            assert cost(moved) > cost(fit.x) - 0.01
+
+
+def test_good_data_override_the_pooling(arm):
+    R, r = arm.whitened(5000)
+    plain, pooled = fit_consistent(R, r, arm.physics).x, fit_pooled(R, r, arm.physics)[0].x
+    assert abs(heldout(arm, plain) - heldout(arm, pooled)) < 0.05
