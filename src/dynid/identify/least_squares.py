@@ -96,19 +96,20 @@ def solve(R: Floats) -> Solution:
     A, b = R[:-1, :-1], R[:-1, -1]
     length = np.linalg.norm(A, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    U, S, Vt = np.linalg.svd(A / length)
-    rank = int(np.sum(RANK_TOLERANCE * S[0] < S)) if S[0] > 0.0 else 0
-    V = Vt[:rank].T / S[:rank]
+    U, sigma, Vt = np.linalg.svd(A / length)
+    cutoff = RANK_TOLERANCE * sigma[0]
+    rank = int(np.sum(sigma > cutoff))
+    V = Vt[:rank].T / sigma[:rank]
     projected = U.T @ b
     raw = np.linalg.svd(A, compute_uv=False)
-    full = rank == len(S)
+    full = rank == len(sigma)
     return Solution(
         theta=(V @ projected[:rank]) / length,
         inverse=(V @ V.T) / np.outer(length, length),
         residual=float(R[-1, -1] ** 2 + projected[rank:] @ projected[rank:]),
         rank=rank,
         condition_number=float(raw[0] / raw[-1]) if full else float("inf"),
-        condition_number_scaled=float(S[0] / S[-1]) if full else float("inf"),
+        condition_number_scaled=float(sigma[0] / sigma[-1]) if full else float("inf"),
         weak=Vt[rank:].T / length[:, None],
     )
 
@@ -209,9 +210,7 @@ def _fit(factors: Floats, rows: Ints, noise: Floats, prior: Floats | None = None
     if prior is not None:
         whitened = merge(np.stack([whitened, prior]))
     solution = solve(whitened)
-    return Fit(
-        solution.theta, noise, joint_rms(factors, rows, solution.theta), whitened, solution.inverse, solution
-    )
+    return Fit(solution.theta, noise, joint_rms(factors, rows, solution.theta), whitened, solution.inverse, solution)
 
 
 def _joint_noise(factors: Floats, rows: Ints, fit: Fit) -> Floats:
@@ -226,7 +225,7 @@ def _joint_noise(factors: Floats, rows: Ints, fit: Fit) -> Floats:
 def _floor(factors: Floats, rows: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
     torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(rows, 1))
-    return np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30))
+    return np.asarray(np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30)))
 
 
 def _freedom(rows: float, spent: float) -> float:

@@ -39,7 +39,7 @@ def scores(W: Floats, residual: Floats, noise: Floats) -> Floats:
     Returns:
         (N, p); joints are summed because their residuals are correlated at the same instant.
     """
-    return np.einsum("tjp,tj->tp", W, residual / noise**2, optimize=True)
+    return np.asarray((W.swapaxes(1, 2) @ (residual / noise**2)[:, :, None])[:, :, 0])
 
 
 def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
@@ -85,19 +85,23 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     return int(min(np.ceil(bandwidth), max(1, length // 4)))
 
 
-def sandwich(bread: Floats, meat: Floats, rows: int) -> Floats:
+def sandwich(bread: Floats, meat: Floats, rows: int, memory: float = 0.0) -> Floats:
     """Return the covariance B M B^T of the parameters.
 
     Args:
         bread: sensitivity of the parameters to the scores, (p, p): inverse of W^T S W, or of Z^T S W.
         meat: from ``long_run_variance``, (p, p).
         rows: number of rows, for the small-sample factor rows / (rows - p).
+        memory: lags over the length of the series; a covariance estimated with long lags is itself uncertain, and is
+            widened so that 1.96 standard errors are a 95 % interval (Kiefer, Vogelsang 2005, Bartlett kernel).
 
     Returns:
         (p, p).
     """
     p = len(bread)
-    return np.asarray(bread @ meat @ bread.T) * (rows / max(rows - p, 1))
+    b = min(memory, 1.0)
+    widening = (1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.9600
+    return np.asarray(bread @ meat @ bread.T) * widening**2 * (rows / max(rows - p, 1))
 
 
 def effective_samples(residual: Floats) -> float:
@@ -166,7 +170,9 @@ def _solve_grams(gram: Floats) -> Floats:
     return np.asarray(np.linalg.solve(gram[:, :-1, :-1], gram[:, :-1, -1:])[:, :, 0])
 
 
-def simultaneous_factor(covariance: Floats, level: float = 0.95, method: str = "max_t", freedom: float = np.inf) -> float:
+def simultaneous_factor(
+    covariance: Floats, level: float = 0.95, method: str = "max_t", freedom: float = np.inf
+) -> float:
     """Return the factor on standard errors for intervals that hold for all parameters at once.
 
     Args:
@@ -252,7 +258,7 @@ def f_test(whitened: Floats, group: Ints, rows: int, effective: float | None = N
     p, k = whitened.shape[1] - 1, len(group)
     keep = np.setdiff1d(np.arange(p + 1), group)
     full = solve(whitened).residual
-    growth = solve(np.linalg.qr(whitened[:, keep], mode="r")).residual - full
+    growth = solve(np.asarray(np.linalg.qr(whitened[:, keep], mode="r"))).residual - full
     statistic = growth / k / (full / (rows - p)) * effective / rows
     return GroupTest(float(statistic), float(special.fdtrc(k, max(effective - p, 1.0), statistic)))
 
@@ -274,7 +280,7 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[Knowledge, 
     Args:
         theta: parameters, (p,).
         std_error: honest standard errors, (p,); infinite where the rank is short.
-        effect: root mean square of each whitened column of the regressor, (p,): torque in units of noise a unit of theta.
+        effect: root mean square of each whitened column of the regressor, (p,): noise a unit of theta.
 
     Returns:
         One judgement a parameter.

@@ -1,0 +1,63 @@
+"""Covariance that allows for coloured residuals, for least squares, Huber weights and instruments alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identify.robust import HUBER
+from dynid.identify.segments import Segment
+from dynid.identify.uncertainty import automatic_lags, long_run_variance, sandwich, scores
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HonestCovariance:
+    """A HAC covariance.
+
+    Attributes:
+        covariance: of the parameters, (p, p).
+        lags: memory of the residuals that it allows for, in samples.
+    """
+
+    covariance: Floats
+    lags: int
+
+
+def hac_covariance(
+    segments: Iterable[Segment], theta: Floats, noise: Floats, lags: int | None = None, *, robust: bool = False
+) -> HonestCovariance:
+    """Return the covariance of an estimate whose residuals are coloured and correlated between joints.
+
+    Args:
+        segments: conditioned rows; instruments are used where they come with them.
+        theta: the estimate, (p,).
+        noise: standard deviation of each joint that the estimator divided by, (n,) [N m].
+        lags: memory of the residuals in samples; None to find it from the scores.
+        robust: whether the estimate had Huber weights.
+
+    Returns:
+        The covariance and the lags used.
+    """
+    sensitivity: Floats | float = 0.0
+    pulls: list[list[Floats]] = []
+    rows = 0
+    for segment in segments:
+        residual = segment.residual(theta)
+        Z = segment.W if segment.Z is None else segment.Z
+        inside = segment.mask & (np.abs(residual) <= HUBER * noise) if robust else segment.mask
+        left = (Z * (inside / noise**2)[:, :, None]).reshape(-1, len(theta))
+        sensitivity = sensitivity + left.T @ segment.W.reshape(-1, len(theta))
+        if not (segment.follows and pulls):
+            pulls.append([])
+        pulls[-1].append(scores(Z, np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual, noise))
+        rows += int(segment.mask.sum())
+    series = [np.concatenate(pieces) for pieces in pulls]
+    lags = automatic_lags(series) if lags is None else lags
+    scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
+    bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
+    return HonestCovariance(sandwich(bread, long_run_variance(series, lags), rows, lags / sum(map(len, series))), lags)

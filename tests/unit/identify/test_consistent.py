@@ -1,0 +1,234 @@
+"""Consistent fits against Clarabel's conic solver, and what complete sets keep of base parameters."""
+
+import time
+
+import numpy as np
+import pytest
+
+from dynid.errors import NotPhysical
+from dynid.identify.consistent import complete, fit_consistent, fit_pooled, interior_point, nearest_consistent
+from dynid.identify.physics import basis, make_physics
+
+REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
+
+
+def clarabel_optimum(R, r, physics, gamma, scale=1e-2):
+    """Return the smallest 1/2 |R x - r|^2 + gamma * sum(-logdet P + tr(P0^-1 P)) within the bounds."""
+    clarabel = pytest.importorskip("clarabel")
+    sparse = pytest.importorskip("scipy.sparse")
+    c, links = R.shape[1], len(physics.bodies)
+    size = c + (14 * links if gamma else 0)  # x, then for each link a triangle of ten and four logarithms
+    quadratic, q = np.zeros((size, size)), np.zeros(size)
+    centre = np.linalg.lstsq(R, r, rcond=1e-10)[0]  # why: solver tolerances are relative to the objective
+    residual = R @ centre - r
+    quadratic[:c, :c], q[:c] = R.T @ R, R.T @ residual
+    inverse = np.linalg.inv(physics.prior_pseudo_inertia)
+    rows, b, cones, constant = [], [], [], 0.5 * residual @ residual
+    keep = np.zeros((len(physics.h), size))
+    keep[:, :c] = -physics.G
+    rows.append(keep), b.append(physics.G @ centre - physics.h), cones.append(clarabel.NonnegativeConeT(len(physics.h)))
+    for link, columns in enumerate(physics.bodies):
+        first = c + 14 * link
+        order = 8 if gamma else 4
+        matrices = np.zeros((size, order, order))
+        matrices[columns, :4, :4] = basis()
+        if gamma:
+            pull = gamma * np.einsum("ab,kba->k", inverse[link], basis())
+            q[columns] += pull
+            constant += pull @ centre[columns]
+            triangle = [(i, j) for j in range(4) for i in range(j, 4)]
+            for k, (i, j) in enumerate(triangle):
+                matrices[first + k, i, 4 + j] += 1
+                matrices[first + k, 4 + j, i] += 1
+                if i == j:
+                    matrices[first + k, 4 + i, 4 + i] = 1
+                    cone = np.zeros((3, size))
+                    cone[0, first + 10 + i], cone[2, first + k] = -1, -1
+                    rows.append(cone), b.append(np.array([0.0, 1.0, 0.0])), cones.append(clarabel.ExponentialConeT())
+                    q[first + 10 + i] = -gamma
+        upper = [(i, j) for j in range(order) for i in range(j + 1)]
+        rows.append(np.array([-matrices[:, i, j] * (1 if i == j else 2**0.5) for i, j in upper]))
+        offset = np.tensordot(centre, matrices[:c], axes=1)
+        (
+            b.append(np.array([offset[i, j] * (1 if i == j else 2**0.5) for i, j in upper])),
+            cones.append(clarabel.PSDTriangleConeT(order)),
+        )
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    P = sparse.csc_matrix(np.triu(scale * quadratic))
+    A = sparse.csc_matrix(np.vstack(rows))
+    solution = clarabel.DefaultSolver(P, scale * q, A, np.concatenate(b), cones, settings).solve()
+    assert "Solved" in str(solution.status)
+    return solution.obj_val / scale + constant
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+@pytest.mark.parametrize("gamma", [1.0, 3.0, 10.0])
+def test_entropic_fit_reaches_the_optimum_that_clarabel_finds(arm, regime, gamma):
+    R, r = arm.whitened(*REGIMES[regime])
+    fit = fit_consistent(R, r, arm.physics, gamma)
+    best = clarabel_optimum(R, r, arm.physics, gamma)
+    bounds = -1e-5 * np.log(arm.physics.slack(fit.x)).sum()
+    assert fit.objective - bounds == pytest.approx(best, abs=1e-3 * max(1.0, fit.cost / 10))
+    assert fit.gap < 1e-3
+    assert arm.physics.holds(fit.x)
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_pure_constraint_reaches_the_cost_that_clarabel_finds(arm, regime):
+    R, r = arm.whitened(*REGIMES[regime])
+    fit = nearest_consistent(R, r, arm.physics)
+    best = clarabel_optimum(R, r, arm.physics, 0.0)
+    assert fit.cost == pytest.approx(best, rel=1e-3, abs=1e-3)
+    assert fit.gap < 1e-3
+    assert arm.physics.holds(fit.x)
+
+
+def test_seven_links_take_at_most_twenty_milliseconds(arm):
+    R, r = arm.whitened()
+    best, deadline = np.inf, time.monotonic() + 5.0
+    while best > 0.020 and time.monotonic() < deadline:  # other work on the machine must not fail this test
+        start = time.thread_time()
+        fit = fit_consistent(R, r, arm.physics)
+        best = min(best, time.thread_time() - start)
+    assert best <= 0.020
+    assert fit.steps <= 30
+
+
+def test_decrement_bounds_the_distance_to_any_other_point(arm):
+    R, r = arm.whitened()
+    fit = fit_consistent(R, r, arm.physics)
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        other = fit.x * (1 + 1e-3 * rng.standard_normal(91))
+        if arm.physics.holds(other):
+            residual, P = R @ other - r, arm.physics.bodies
+            value = 0.5 * residual @ residual + 3 * sum(
+                -np.linalg.slogdet(np.tensordot(other[k], basis(), 1))[1]
+                + np.trace(np.linalg.solve(P0, np.tensordot(other[k], basis(), 1)))
+                for k, P0 in zip(P, arm.physics.prior_pseudo_inertia, strict=True)
+            )
+            assert value > fit.objective - fit.gap - 1e-2
+
+
+def test_without_data_the_answer_is_the_prior(arm):
+    fit = fit_consistent(np.zeros((1, 91)), np.zeros(1), arm.physics)
+    assert np.allclose(fit.x[arm.physics.bodies], arm.prior[arm.physics.bodies], rtol=1e-5, atol=1e-7)
+    assert fit.data_share[arm.physics.bodies].max() < 1e-6
+
+
+def test_facts_are_kept_even_where_the_prior_breaks_them(arm):
+    box = {7: (np.array([-0.01, -0.01, -0.03]), np.array([0.01, 0.01, 0.03]))}
+    facts = {"total_mass": (14.8, 14.9), "link_mass": {3: (2.0, 2.1)}, "com_box": box}
+    physics = make_physics(arm.physics.names, arm.prior, **facts)
+    assert not physics.holds(np.where(arm.prior == 0, 1.0, arm.prior))
+    R, r = arm.whitened()
+    for fit in (fit_consistent(R, r, physics), nearest_consistent(R, r, physics)):
+        masses = fit.x[physics.bodies[:, 0]]
+        assert 14.8 <= masses.sum() <= 14.9
+        assert 2.0 <= masses[2] <= 2.1
+        assert np.all(np.abs(fit.x[physics.bodies[6, 1:4]] / masses[6]) <= [0.01, 0.01, 0.03])
+        assert physics.holds(fit.x)
+
+
+def test_contradicting_facts_are_named(arm):
+    physics = make_physics(arm.physics.names, arm.prior, total_mass=(1, 2), link_mass={1: (3, 4)})
+    with pytest.raises(NotPhysical, match="contradict"):
+        interior_point(physics)
+
+
+def test_an_impossible_prior_is_named(arm):
+    prior = arm.prior.copy()
+    prior[11] = -1.0
+    with pytest.raises(NotPhysical, match="link 2"):
+        interior_point(make_physics(arm.physics.names, prior))
+
+
+@pytest.fixture(scope="module")
+def base(arm):
+    """Base parameters from the rows of a random regressor: beta = K x."""
+    rng = np.random.default_rng(5)
+    W = arm.regressor(rng.uniform(-2, 2, (100, 7)), *rng.uniform(-3, 3, (2, 100, 7))).reshape(-1, 91)
+    _, S, Vt = np.linalg.svd(W)
+    return Vt[: int((1e-9 * S[0] < S).sum())]
+
+
+def test_complete_set_keeps_every_base_parameter(arm, base):
+    R, _ = arm.whitened()
+    covariance = np.linalg.inv((whitened := R @ base.T).T @ whitened)
+    beta = base @ arm.truth
+    done = complete(base, beta, covariance, arm.physics, exact=True)
+    assert len(base) == 62
+    assert done.reproduced
+    assert np.abs(done.miss / beta).max() < 1e-5
+    assert np.abs(done.miss_sigma).max() < 1e-4
+    assert arm.physics.holds(done.fit.x)
+    assert np.all(done.fit.data_share[arm.physics.names.index("fc1")] > 0.99)
+    assert np.all(done.fit.data_share[arm.physics.bodies[0, :4]] < 0.01)
+
+
+def test_base_parameters_of_no_body_are_called_so(arm, base):
+    R, _ = arm.whitened()
+    covariance = np.linalg.inv((whitened := R @ base.T).T @ whitened)
+    beta = base @ arm.truth * (1 + 0.2 * np.random.default_rng(6).standard_normal(62))
+    done = complete(base, beta, covariance, arm.physics, exact=True)
+    assert not done.reproduced
+    assert np.abs(done.miss_sigma).max() > 1
+    assert arm.physics.holds(done.fit.x)
+
+
+def test_soft_completion_improves_noisy_base_parameters(arm, base):
+    R, r = arm.whitened(alpha=0.5, noise=3.0)
+    whitened = R @ base.T
+    covariance = np.linalg.inv(whitened.T @ whitened)
+    beta = covariance @ whitened.T @ r
+    done = complete(base, beta, covariance, arm.physics, exact=False)
+    assert np.linalg.norm(whitened @ (base @ (done.fit.x - arm.truth))) < np.linalg.norm(
+        whitened @ (beta - base @ arm.truth)
+    )
+
+
+def heldout(arm, x):
+    """Torque error on another, fast motion [%]."""
+    W = arm.regressor(*arm.motion(300, seed=5))
+    return 100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
+
+
+def test_poor_data_are_rescued_by_the_prior_and_not_by_the_constraint(arm):
+    errors = []
+    for seed in range(1, 9):
+        R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
+        shortest = np.linalg.lstsq(R, r, rcond=1e-10)[0]
+        fits = shortest, nearest_consistent(R, r, arm.physics).x, fit_pooled(R, r, arm.physics)[0].x
+        errors.append([heldout(arm, x) for x in fits])
+    least_squares, constraint, pooled = np.median(errors, axis=0)
+    assert least_squares > 150
+    assert constraint > 2 * pooled
+    assert pooled < 20
+
+
+def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
+    R, r = arm.whitened(300, 0.2, 10.0)
+    fit, physics = fit_pooled(R, r, arm.physics)
+    for kind in physics.pools:
+        assert physics.prior[kind] == pytest.approx(fit.x[kind].mean(), rel=0.05)
+
+    def cost(x):
+        residual, spread = R @ x - r, 0.0
+        for kind in physics.pools:
+            spread += 7 * np.log(x[kind].mean()) - np.log(x[kind]).sum()
+        P = [np.tensordot(x[k], basis(), 1) for k in physics.bodies]
+        pull = [np.trace(np.linalg.solve(a, b)) for a, b in zip(physics.prior_pseudo_inertia, P, strict=True)]
+        return 0.5 * residual @ residual + 3 * (spread + sum(pull) - np.linalg.slogdet(P)[1].sum())
+
+    for kind in physics.pools:
+        for factor in (0.8, 1.25):
+            moved = fit.x.copy()
+            moved[kind] *= factor
+            assert cost(moved) > cost(fit.x) - 0.01
+
+
+def test_good_data_override_the_pooling(arm):
+    R, r = arm.whitened(5000)
+    plain, pooled = fit_consistent(R, r, arm.physics).x, fit_pooled(R, r, arm.physics)[0].x
+    assert abs(heldout(arm, plain) - heldout(arm, pooled)) < 0.05
