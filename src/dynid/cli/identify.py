@@ -17,10 +17,12 @@ from dynid.cli.loop3 import (
     read_sources,
     reading_of,
     reading_options,
+    reading_part,
     stack_sources,
 )
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
+from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, LogNotFound, WrongUsage
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "wls", "holdout": "20%"
 
 @dynid_command(
     "identify",
+    repeatable=True,
     examples=(
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
@@ -56,6 +59,7 @@ def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[s
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
     facts = run_identify(common, robot, logs, **options)
+    write_run(Path(facts["folder"]), facts["inputs"])
     return ExitStatus.LIMIT_NOT_MET if sum(broken(common, facts, *limit) for limit in limits) else ExitStatus.DONE
 
 
@@ -91,10 +95,10 @@ def run_identify(
     if may_write(common, path, inputs):
         stack, header = obtain_stack(common, base, folder, logs, options, inputs)
         found = fitted(common, base, stack, options)
-        wrote = write_results(common, folder, base, stack, found, {**header, "inputs": inputs})
+        wrote = write_results(common, folder, base, stack, found, {**common.header(inputs), **header})
     else:
         found, wrote = results.load(path).identification, []
-    facts = answer_of(base, found, wrote)
+    facts = {**answer_of(base, found, wrote), "folder": folder, "inputs": inputs}
     if show:
         show_result(common, base, found)
     if show and final:
@@ -147,7 +151,8 @@ def obtain_stack(
             "log_findings": [asdict(f) for f in findings],
         }
         stack = stack_sources(common, base, sources)
-        numeric.save(folder / "fullnumericregressor.npz", stack, {**header, "inputs": inputs})
+        of_stack = hashes(base.robot, logs, reading_part(options))
+        numeric.save(folder / "fullnumericregressor.npz", stack, {**common.header(of_stack), **header})
         common.terminal.wrote(folder / "fullnumericregressor.npz")
         return stack, header
     path = folder / "fullnumericregressor.npz"

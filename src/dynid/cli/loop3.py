@@ -127,6 +127,11 @@ def base_model(common: Common, robot: Robot) -> BaseModel:
     return base
 
 
+def reading_part(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that change how a log is read: the stack depends on these and on nothing else."""
+    return {key: options[key] for key in READING_DEFAULTS}
+
+
 def hashes(robot: Robot, logs: Sequence[Path], options: dict[str, Any]) -> dict[str, str]:
     """Return what a result depends on: robot, logs, options."""
     for log in logs:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model, hashes, read_sources, reading_of, reading_options, stack_sources
+from dynid.cli.loop3 import base_model, hashes, read_sources, reading_of, reading_options, reading_part, stack_sources
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
+from dynid.cli.runfile import write_run
 
 if TYPE_CHECKING:
     from dynid.errors import Finding
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 @dynid_command(
     "parameters",
+    repeatable=True,
     examples=(
         "dynid parameters kuka_lwr4plus run.bag             stack, ask, identify",
         "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
@@ -58,7 +60,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
 
     folder = common.folder(robot.slug)
     path = folder / "fullnumericregressor.npz"
-    inputs = hashes(robot, logs, options)
+    inputs = hashes(robot, logs, reading_part(options))
     base = base_model(common, robot)
     if not may_write(common, path, inputs):
         sources, header = numeric.load(path)
@@ -66,7 +68,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
     sources, findings = read_sources(common, base, logs, reading_of(options))
     stack = stack_sources(common, base, sources)
     header = {
-        "inputs": inputs,
+        **common.header(inputs),
         "robot": robot.name,
         "key": robot.model_key,
         "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
@@ -75,6 +77,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
         "log_findings": [asdict(f) for f in findings],
     }
     wrote = write_stack(common, folder, base, stack, header)
+    write_run(folder, inputs)
     return answer_of(base, stack, findings, [asdict(f) for f in findings], wrote)
 
 

@@ -71,7 +71,7 @@ def save_model(path: Path, model: Model) -> None:
     arrays = {"op": p.op, "lhs": p.lhs, "rhs": p.rhs, "rows": p.rows, "cols": p.cols, "outputs": p.outputs}
     header = _header(
         model.robot,
-        inputs=list(p.inputs),
+        program_inputs=list(p.inputs),
         constants=list(p.constants),
         shape=list(p.shape),
         parameters=list(model.parameter_names),
@@ -86,7 +86,7 @@ def load_model(path: Path, robot: Robot) -> Model:
     h, a = artifact.header, artifact.arrays
     try:
         program = Program(
-            tuple(str(name) for name in h["inputs"]),
+            tuple(str(name) for name in h["program_inputs"]),
             tuple(int(value) for value in h["constants"]),
             a["op"], a["lhs"], a["rhs"], a["rows"], a["cols"], a["outputs"],
             (int(h["shape"][0]), int(h["shape"][1])),
