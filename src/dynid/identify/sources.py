@@ -64,7 +64,10 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
     chosen = choose_filter(log, reading.cutoff)
-    segments = condition(log, chosen, reading.exclude, measured_velocity=reading.velocity == "measured")
+    coulomb = robot.coulomb_shape.velocity
+    rest = np.array([v if "coulomb" in j.friction else 0.0 for v, j in zip(coulomb, robot.joints, strict=True)])
+    measured = reading.velocity == "measured"
+    segments = condition(log, chosen, reading.exclude, measured_velocity=measured, rest_speed=rest)
     return Source(without_known(segments, model), chosen, path.name), log
 
 

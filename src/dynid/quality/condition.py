@@ -7,7 +7,7 @@ and regressor columns alike (``dynid.identify.stack``). Gaps are cut, never brid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ POSITION_OVER_PARALLEL = 2.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
 EVALUATED_PER_CUTOFF = 20.0
 KEPT_PER_CUTOFF = 4.0
+#: A joint is at rest when it stays slow for this long [s]; a reversal is shorter.
+LEAST_REST = 0.25
 #: A step longer than this many samples is a gap: the motion in between is unknown.
 GAP_SAMPLES = 5.0
 #: Stamps that stray from an even grid by less than this share of the step are taken as even.
@@ -142,7 +144,12 @@ def choose_filter(log: Log, cutoff: float | None = None) -> Filter:
 
 
 def condition(
-    log: Log, chosen: Filter, exclude: Sequence[tuple[float, float]] = (), *, measured_velocity: bool = False
+    log: Log,
+    chosen: Filter,
+    exclude: Sequence[tuple[float, float]] = (),
+    *,
+    measured_velocity: bool = False,
+    rest_speed: Floats | None = None,
 ) -> list[Segment]:
     """Resample, filter and differentiate a log, one segment a stretch without gaps.
 
@@ -150,6 +157,8 @@ def condition(
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
         exclude: stretches to leave out, in seconds of the log's own time.
+        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,); rows
+            of a joint that stays slower for a while do not count.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
 
     Raises:
@@ -172,7 +181,20 @@ def condition(
             where=str(log.source or ""),
             fix="record a longer motion, or raise --cutoff",
         )
-    return segments
+    return segments if rest_speed is None else [_without_rests(segment, rest_speed) for segment in segments]
+
+
+def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
+    """Mark the rows of joints at rest: static friction holds any torque up to its limit, which no column describes."""
+    still = np.abs(segment.qd) < rest_speed
+    least = max(1, round(LEAST_REST / (segment.t[1] - segment.t[0]))) if len(segment) > 1 else 1
+    usable = segment.usable.copy()
+    for j in np.flatnonzero(still.any(axis=0)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], still[:, j], [False]]).astype(int)))
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            if end - start >= least:
+                usable[start:end, j] = False
+    return replace(segment, usable=usable)
 
 
 def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) -> Segment:
