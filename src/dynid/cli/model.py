@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -50,6 +51,9 @@ class Built:
     "--tolerance", metavar="auto|X", default="auto", help="Relative size below which a column depends on others."
 )
 @click.option("--rebuild/--frozen", "rebuild", default=None, help="Rebuild a stored model without asking, or never.")
+@click.option(
+    "--groups", type=click.Choice(["json", "latex", "text"]), help="Print the relations of all base parameters."
+)
 @click.option("--latex", is_flag=True, help="Print the regressor as LaTeX.")
 @click.option("--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function.")
 def command(common: Common, robot: str, **options: Any) -> None:  # noqa: ANN401
@@ -62,6 +66,8 @@ def command(common: Common, robot: str, **options: Any) -> None:  # noqa: ANN401
         built = derive_or_load(common, arm, options["rebuild"])
         if options["latex"] or options["python"]:
             return show_code(common, built.model, latex=options["latex"])
+        if options["groups"]:
+            return show_groups(common, built.model, options["groups"])
         answer = ask(common, "P1", given=options["reduce_now"])
         if answer is not Answer.RETRY:
             break
@@ -161,7 +167,8 @@ def _shown(value: object) -> str:
 
 def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) -> None:
     """Group into base parameters and write them."""
-    from dynid.model.reduce import DEPENDENT, reduce
+    from dynid.model.certificate import base_parameters
+    from dynid.model.reduce import DEPENDENT
     from dynid.model.store import key_of, load_reduction, paths, save_reduction, stored_key
 
     path = paths(common.folder(built.model.robot.slug))[1]
@@ -181,10 +188,10 @@ def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) ->
     else:
         with common.terminal.progress() as progress:
             progress.stage("reduce", "")
-            reduction = reduce(built.model, samples=samples, seed=common.seed, tolerance=limit)
+            reduction = base_parameters(built.model, samples=samples, seed=common.seed, tolerance=limit)
         save_reduction(path, built.model, reduction)
         built.wrote.append(path)
-        gap = f"gap between kept and dropped singular values {reduction.gap:.0e}, seed {common.seed}"
+        gap = f"confirmed exactly; gap between kept and dropped singular values {reduction.gap:.0e}, seed {common.seed}"
         common.terminal.stage(
             "reduced", f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}, {gap}"
         )
@@ -195,6 +202,8 @@ def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) ->
 
 def report(common: Common, built: Built) -> None:
     """Print the answer: the table of classes, or JSON."""
+    from dynid.model.kernels import geometry
+
     terminal, model, reduction = common.terminal, built.model, built.reduction
     answer: dict[str, Any] = {
         "schema": "dynid/model/1",
@@ -211,12 +220,20 @@ def report(common: Common, built: Built) -> None:
         terminal.next(f"dynid model {common_name(model.robot)} --reduce")
         return
     classes = {"alone": reduction.alone, "none": reduction.none, "combined": reduction.combined}
-    groups = [{"name": name, "terms": reduction.terms(i)} for i, name in enumerate(reduction.base_names)]
+    groups = [
+        {"name": name, "terms": reduction.terms(i), "formula": reduction.formulas[i]}
+        for i, name in enumerate(reduction.base_names)
+    ]
     terminal.emit_json({**answer, "rank": reduction.rank, "classes": classes, "groups": groups, "gap": reduction.gap})
     class_table(common, model.robot, reduction)
     for i, name in enumerate(reduction.base_names):
         if name.endswith("R"):
-            terminal.answer(f"  {name} = {formula(reduction.terms(i))}")
+            terminal.answer(f"  {reduction.formulas[i]}")
+    used = set(re.findall(r"\b[ad]\d+\b", " ".join(reduction.formulas)))
+    symbols = {name: value for name, value in geometry(model.robot).items() if name in used}
+    terminal.answer(
+        "  with " + ", ".join(f"{name} = {value:g} m" for name, value in symbols.items()) if symbols else ""
+    )
     terminal.next(
         f"dynid trajectory {common_name(model.robot)}, or with a log: dynid identify {common_name(model.robot)} LOG"
     )
@@ -240,21 +257,28 @@ def class_table(common: Common, robot: Robot, reduction: Reduction) -> None:
     common.terminal.answer(f"# alone   + combined   . none      {totals}")
 
 
-def formula(terms: dict[str, float]) -> str:
-    """Write a base parameter as a sum."""
-    parts = []
-    for name, value in terms.items():
-        size = "" if abs(abs(value) - 1) < 1e-12 else f"{abs(value):.6g} "
-        parts.append(f"{'-' if value < 0 else '+'} {size}{name}")
-    return " ".join(parts).removeprefix("+ ")
-
-
 def common_name(robot: Robot) -> str:
     """Return what a person types for this robot."""
     from dynid.files.robotfile import known_robots
 
     names = [name for name, path in known_robots().items() if path == robot.path]
     return names[0] if names else str(robot.path)
+
+
+def show_groups(common: Common, model: Model, form: str) -> None:
+    """Print the relations, so that a vendor's grouped numbers can be named."""
+    import json
+
+    from dynid.model.exact import reduce_exactly
+    from dynid.model.groups import groups_json, groups_latex, groups_text
+
+    exact = reduce_exactly(model)
+    facts = {"schema": "dynid/model/1", "robot": model.robot.name, **groups_json(exact)}
+    common.terminal.emit_json(facts)
+    if form == "json":
+        common.terminal.answer(json.dumps(facts, indent=2))
+    else:
+        common.terminal.answer(groups_latex(exact) if form == "latex" else groups_text(exact, alone=True))
 
 
 def show_code(common: Common, model: Model, *, latex: bool) -> None:

@@ -121,6 +121,7 @@ def parameter_table(result: Identification, base: BaseModel) -> list[dict[str, A
                 "std_error": error if np.isfinite(error) else None,
                 "class": "alone" if len(terms) == 1 else "combined",
                 "known": result.knowledge[i],
+                "formula": reduction.formulas[i] if reduction.formulas else None,
                 "terms": terms,
                 "prior": None if np.isnan(result.prior[i]) else float(result.prior[i]),
             }
@@ -173,6 +174,7 @@ def save(path: Path, result: Identification, base: BaseModel, header: dict[str, 
         "combined": list(reduction.combined),
         "gap": reduction.gap if np.isfinite(reduction.gap) else None,
         "reduction_method": reduction.method,
+        "formulas": list(reduction.formulas),
         "robot_file": robot_text,
         "robot_path": str(base.robot.path or ""),
     }
@@ -200,6 +202,7 @@ def load(path: Path) -> StoredResult:
             singular_values=a["singular_values"],
             gap=np.inf if h["gap"] is None else float(h["gap"]),
             method=str(h["reduction_method"]),
+            formulas=tuple(h["formulas"]),
         )
         robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
         return StoredResult(identification, reduction, robot, float(h["cutoff_hz"]), tuple(h["log_sha256"]), h, path)

@@ -5,11 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from dynid.errors import ReductionsDisagree
-from dynid.model.exact import ExactReduction
-from dynid.model.reduce import Reduction
+from dynid.model.exact import ExactReduction, reduce_exactly
+from dynid.model.groups import group_text
+from dynid.model.reduce import DEPENDENT, Reduction, reduce
+from dynid.model.regressor import Model
 
 #: Parameters named in the message before it is cut.
 _SHOWN = 8
+
+
+def base_parameters(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+    """Find the base parameters of a model by both methods.
+
+    Args:
+        model: the model.
+        samples: random states for the singular values.
+        seed: their seed.
+        tolerance: relative size below which a normalised column counts as dependent.
+
+    Raises:
+        ReductionsDisagree: when the two methods differ.
+    """
+    return certified(reduce_exactly(model), reduce(model, samples=samples, seed=seed, tolerance=tolerance))
 
 
 def certified(exact: ExactReduction, svd: Reduction) -> Reduction:
@@ -36,6 +53,7 @@ def certified(exact: ExactReduction, svd: Reduction) -> Reduction:
         singular_values=svd.singular_values,
         gap=svd.gap,
         method="exact",
+        formulas=tuple(group_text(group) for group in exact.groups),
     )
 
 

@@ -41,7 +41,8 @@ class Reduction:
         combined: names of parameters identifiable only in linear combinations (X_1 and X_2).
         singular_values: of the stacked, normalised regressor, (c,).
         gap: smallest kept over largest dropped singular value; infinity when nothing was dropped.
-        method: ``"svd"`` or ``"exact"``.
+        method: ``"svd"``, or ``"exact"`` when the exact method has confirmed it.
+        formulas: each base parameter in the symbols of the DH table, (p,); () when only singular values were used.
     """
 
     names: tuple[str, ...]
@@ -53,6 +54,7 @@ class Reduction:
     singular_values: Floats
     gap: float
     method: str
+    formulas: tuple[str, ...] = ()
 
     @property
     def rank(self) -> int:

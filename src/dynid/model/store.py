@@ -15,14 +15,14 @@ import numpy as np
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, read_header, write_artifact
 from dynid.model.program import Program
-from dynid.model.reduce import Reduction, reduce
+from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
 REGRESSOR = "dynid/regressor/1"
 FULL = "dynid/fullregressor/1"
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
-DERIVATION = 1
+DERIVATION = 2
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,7 @@ def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
         combined=list(reduction.combined),
         gap=reduction.gap if np.isfinite(reduction.gap) else None,
         method=reduction.method,
+        formulas=list(reduction.formulas),
     )
     arrays = {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
     write_artifact(path, Artifact(FULL, header, arrays))
@@ -128,6 +129,7 @@ def load_reduction(path: Path) -> Reduction:
             singular_values=a["singular_values"],
             gap=np.inf if h["gap"] is None else float(h["gap"]),
             method=str(h["method"]),
+            formulas=tuple(h["formulas"]),
         )
     except (KeyError, TypeError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
@@ -157,6 +159,8 @@ def obtain_base_model(robot: Robot, out: Path, *, rebuild: bool = False, samples
     path = paths(out)[1]
     if seconds is None and stored_key(path) == key_of(robot):
         return BaseModel(model, load_reduction(path))
-    reduction = reduce(model, samples=samples)
+    from dynid.model.certificate import base_parameters
+
+    reduction = base_parameters(model, samples=samples)
     save_reduction(path, model, reduction)
     return BaseModel(model, reduction)

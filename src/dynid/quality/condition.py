@@ -26,7 +26,7 @@ LOWEST_CUTOFF_HZ = 5.0
 #: Share of the velocity's power that lies within the band of the motion.
 BAND_SHARE = 0.99
 #: The position filter's cut-off over the cut-off of the parallel filter.
-POSITION_OVER_PARALLEL = 2.0
+POSITION_OVER_PARALLEL = 4.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
 EVALUATED_PER_CUTOFF = 20.0
 KEPT_PER_CUTOFF = 4.0
