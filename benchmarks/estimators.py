@@ -25,7 +25,7 @@ from dynid.identify.consistent import complete
 from dynid.identify.hac import hac_covariance
 from dynid.identify.instrumental import instrumental
 from dynid.identify.least_squares import ordinary, weighted
-from dynid.identify.physics import body_parameters, make_physics, pseudo_inertia
+from dynid.identify.physics import BODY_PARAMETERS, body_parameters, make_physics, pseudo_inertia
 from dynid.identify.robust import huber
 from dynid.identify.segments import Segment, joint_factors
 from dynid.model import build_model
@@ -40,6 +40,8 @@ VELOCITY = np.deg2rad([110, 110, 128, 128, 204, 184, 184])
 ACCELERATION = np.array([6.0, 6, 8, 8, 12, 12, 12])
 KP = np.array([2000.0, 2000, 1500, 1500, 800, 500, 250])
 KD = np.array([100.0, 100, 60, 60, 25, 15, 8])
+ROTOR = np.array([0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05])
+FRICTION = np.array([3.0, 3, 2, 2, 1, 1, 0.5])  # viscous and Coulomb alike
 RATE, SECONDS, SUBSTEPS = 1000, 10, 4
 SLOPE = 0.01  # Coulomb friction is fc tanh(qd / SLOPE)
 #: Encoder noise [deg] and torque noise [N m].
@@ -73,18 +75,13 @@ def world():
     names, rng = model.parameter_names, np.random.default_rng(0)
     truth, prior = np.zeros(model.size), np.zeros(model.size)
     for i, mass in enumerate([2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27]):
-        columns = [
-            names.index(f"{p}{i + 1}") for p in ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"]
-        ]
+        columns = [names.index(f"{p}{i + 1}") for p in BODY_PARAMETERS]
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0] * 4])
         truth[columns] = body_parameters(stretch @ pseudo_inertia(_cylinder(mass, i)) @ stretch.T)
         prior[columns] = _cylinder(mass * (1 + 0.2 * rng.standard_normal()), i)
-        for kind, value in zip(("Im", "fv", "fc"), ([0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05], FRICTION, FRICTION)):
+        for kind, value in zip(("Im", "fv", "fc"), (ROTOR, FRICTION, FRICTION), strict=True):
             truth[names.index(f"{kind}{i + 1}")] = value[i]
     return model, reduce(model), truth, make_physics(names, prior), _plant(names, truth)
-
-
-FRICTION = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
 
 
 def _cylinder(mass: float, link: int, radius: float = 0.06) -> np.ndarray:
@@ -98,10 +95,7 @@ def _plant(names, truth):
     for i in range(7):
         parent = plant.addJoint(parent, pin.JointModelRZ(), place, f"joint{i}")
         lift = pin.SE3(pin.utils.rotate("x", TWIST[i]), np.array([0, 0, OFFSET[i]]))
-        m, *rest = (
-            truth[names.index(f"{p}{i + 1}")]
-            for p in ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"]
-        )
+        m, *rest = (truth[names.index(f"{p}{i + 1}")] for p in BODY_PARAMETERS)
         c, (xx, xy, xz, yy, yz, zz) = np.array(rest[:3]) / m, rest[3:]
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
         plant.appendBodyToJoint(parent, pin.Inertia(m, c, tensor), lift)
@@ -125,7 +119,7 @@ def fourier(t: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
 @cache
 def reference_seed() -> int:
     """Return the best of 60 random references by the condition number of the base regressor."""
-    model, reduction, *_ = world()
+    _, reduction, *_ = world()
     t = np.linspace(0, SECONDS, 200)
     conditions = [np.linalg.cond(base_regressor(*fourier(t, seed)).reshape(-1, reduction.rank)) for seed in range(60)]
     print(f"reference: condition number {min(conditions):.0f}")
@@ -225,7 +219,7 @@ def main() -> None:
     options.add_argument("--regimes", default=",".join(REGIMES))
     options.add_argument("--seed", type=int, default=0)
     given = options.parse_args()
-    model, reduction, truth, physics, _ = world()
+    _, reduction, truth, physics, _ = world()
     beta = reduction.K @ truth
     heldout = fourier(np.linspace(0, SECONDS, 500), 10_000)
     W, unseen = base_regressor(*heldout), base_regressor(*heldout) @ beta

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.least_squares import accumulate
+from dynid.identify.stack import Stack
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,6 +42,23 @@ class Segment:
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (N, n) [N m]; zero where rows do not count."""
         return np.where(self.mask, self.tau - self.W @ theta, 0.0)
+
+
+@dataclass(frozen=True)
+class StackSegments:
+    """The rows of a stack as segments, made anew on each walk where the stack did not keep them.
+
+    Attributes:
+        stack: the stacked logs.
+    """
+
+    stack: Stack
+
+    def __iter__(self) -> Iterator[Segment]:
+        """Walk over the rows of all logs in order of time."""
+        for log in range(len(self.stack.sources)):
+            for part in self.stack.rows_of_log(log):
+                yield Segment(part.W, part.tau, usable=part.usable, follows=not part.starts_segment)
 
 
 def joint_factors(segments: Iterable[Segment]) -> tuple[Floats, Ints]:
