@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from runner import Runner
+
 ROOT = Path(__file__).parents[1]
 #: Recordings of real arms, beside the project; tests that use them carry the mark ``data``.
 RECORDINGS = ROOT.parent / "shared" / "data"
@@ -16,6 +18,15 @@ def recordings():
     if not RECORDINGS.is_dir():
         pytest.skip("the recordings (../shared/data) are not here")
     return RECORDINGS
+
+
+@pytest.fixture
+def dynid(tmp_path):
+    """The command line in processes of its own, with an empty home and folder."""
+    folder, home = tmp_path / "work", tmp_path / "home"
+    folder.mkdir()
+    home.mkdir()
+    return Runner(folder, home)
 
 
 def _unskipped(report):

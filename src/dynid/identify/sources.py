@@ -63,7 +63,7 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     if reading.velocity == "measured" and log.qd is None:
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
-    chosen = choose_filter(log, reading.cutoff)
+    chosen = choose_filter(log, robot, reading.cutoff)
     coulomb = robot.coulomb_shape.velocity
     rest = np.array([v if "coulomb" in j.friction else 0.0 for v, j in zip(coulomb, robot.joints, strict=True)])
     measured = reading.velocity == "measured"

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from dynid.errors import LogTooShort
 from dynid.log import Log
 from dynid.quality.filters import decimate, derivative_kernels, lowpass_kernel
+from dynid.quality.motion import bandwidth
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +25,6 @@ Floats = NDArray[np.float64]
 CUTOFF_OVER_MOTION = 5.0
 #: Lowest cut-off chosen by itself [Hz]: slow motions have friction reversals as sharp as fast ones.
 LOWEST_CUTOFF_HZ = 5.0
-#: Share of the velocity's power that lies within the band of the motion.
-BAND_SHARE = 0.99
 #: The position filter's cut-off over the cut-off of the parallel filter.
 POSITION_OVER_PARALLEL = 4.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
@@ -108,35 +108,16 @@ class Segment:
         return len(self.t)
 
 
-def motion_band(log: Log) -> float:
-    """Return the frequency below which the motion's velocity has 99 % of its power, the noise taken off [Hz].
-
-    The noise of the positions is taken as white; its level is read in the upper third of the spectrum.
-    """
-    rate = log.rate
-    count = min(len(log), int(rate * 300))
-    q = log.q[:count] - log.q[:count].mean(axis=0)
-    f = np.fft.rfftfreq(count, 1.0 / rate)
-    power = np.abs(np.fft.rfft(q * np.hanning(count)[:, None], axis=0)) ** 2
-    floor = np.median(power[f > 2.0 / 3.0 * f[-1]], axis=0)
-    velocity = np.maximum(power - 4.0 * floor, 0.0) * (f**2)[:, None]
-    total = velocity.sum(axis=0)
-    moving = total > 0
-    if not moving.any():
-        return 0.0
-    share = np.cumsum(velocity[:, moving], axis=0) / total[moving]
-    return float(max(f[np.searchsorted(column, BAND_SHARE)] for column in share.T))
-
-
-def choose_filter(log: Log, cutoff: float | None = None) -> Filter:
+def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:
     """Choose the filters for a log.
 
     Args:
         log: a prepared log.
+        robot: its robot.
         cutoff: cut-off of the parallel filter [Hz]; from the motion's band when None.
     """
     if cutoff is None:
-        cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * motion_band(log))
+        cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * bandwidth(log, robot))
     cutoff = min(cutoff, 0.45 * log.rate)
     first = max(1, int(log.rate / (EVALUATED_PER_CUTOFF * cutoff)))
     second = max(1, int(log.rate / first / (KEPT_PER_CUTOFF * cutoff)))

@@ -78,7 +78,9 @@ def test_operations_that_read_ahead_are_refused():
     builder = Builder(("x",), (0,))
     program = builder.build([(0, 0, builder.slot(MUL, 0, 0))], (1, 1))
     with pytest.raises(ValueError, match="straight-line"):
-        type(program)(("x",), (0,), program.op, program.lhs + 5, program.rhs, program.rows, program.cols, program.outputs, (1, 1))
+        type(program)(
+            ("x",), (0,), program.op, program.lhs + 5, program.rhs, program.rows, program.cols, program.outputs, (1, 1)
+        )
 
 
 def test_the_printed_function_computes_the_regressor(model):

@@ -48,7 +48,7 @@ def test_names_limits_and_priors_do_not_change_the_key(robot):
 def test_base_parameters_are_read_back(robot, tmp_path):
     first, second = (obtain_base_model(robot, tmp_path) for _ in range(2))
     assert first.reduction.base_names == second.reduction.base_names
-    assert first.reduction.K == pytest.approx(second.reduction.K, abs=0)
+    assert pytest.approx(second.reduction.K, abs=0) == first.reduction.K
 
 
 def test_two_writes_give_equal_bytes(robot, tmp_path):
@@ -69,7 +69,9 @@ def test_a_program_with_operations_that_read_ahead_is_damaged(robot, tmp_path):
     path = tmp_path / "regressor.npz"
     save_model(path, build_model(robot))
     artifact = read_artifact(path)
-    write_artifact(path, Artifact(artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000}))
+    write_artifact(
+        path, Artifact(artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000})
+    )
     with pytest.raises(NotAnArtifact, match="damaged"):
         load_model(path, robot)
 

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from dynid.log import Log
-from dynid.quality.condition import choose_filter, condition, motion_band
+from dynid.quality.condition import choose_filter, condition
 from dynid.quality.filters import decimate, derivative_kernels, lowpass_kernel
+from dynid.robot import Joint, Robot
+
+ARM = Robot("two", "standard", (Joint("first"), Joint("second")))
 
 
 def test_a_kernel_passes_slow_and_stops_fast_signals():
@@ -64,20 +67,16 @@ def sine_log(rate=200.0, seconds=20.0, f=0.5, noise=1e-5, jitter=0.0, n=2):
     return Log(t, q + noise * rng.normal(size=q.shape), np.cos(t)[:, None] * np.ones(n))
 
 
-def test_the_band_of_a_motion_is_its_fastest_sine_in_spite_of_noise():
-    assert motion_band(sine_log(noise=1e-4)) == pytest.approx(1.0, abs=0.15)
-
-
 def test_the_cutoff_follows_the_motion_unless_given():
-    assert choose_filter(sine_log(f=2.0)).cutoff == pytest.approx(20.0, abs=1.0)
-    assert choose_filter(sine_log(f=0.1)).cutoff == 5.0
-    assert choose_filter(sine_log(), cutoff=7.0).cutoff == 7.0
+    assert choose_filter(sine_log(f=2.0), ARM).cutoff == pytest.approx(20.0, abs=1.0)
+    assert choose_filter(sine_log(f=0.1), ARM).cutoff == 5.0
+    assert choose_filter(sine_log(), ARM, cutoff=7.0).cutoff == 7.0
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
 def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter):
     log = sine_log(jitter=jitter, noise=0.0)
-    (segment,) = condition(log, choose_filter(log))
+    (segment,) = condition(log, choose_filter(log, ARM))
     w = 2 * np.pi * 0.5 * np.arange(1, 3)
     assert segment.qd == pytest.approx(w * np.cos(w * segment.t[:, None]), abs=0.01 * w.max())
     assert segment.qdd == pytest.approx(-(w**2) * np.sin(w * segment.t[:, None]), abs=0.02 * (w**2).max())
@@ -86,7 +85,7 @@ def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter)
 def test_a_gap_is_cut_and_not_bridged():
     log = sine_log()
     keep = (log.t < 8) | (log.t > 9)
-    parts = condition(Log(log.t[keep], log.q[keep], log.tau[keep]), choose_filter(log))
+    parts = condition(Log(log.t[keep], log.q[keep], log.tau[keep]), choose_filter(log, ARM))
     assert len(parts) == 2
     assert parts[0].t[-1] < 8
     assert parts[1].t[0] > 9
@@ -96,5 +95,5 @@ def test_excluded_stretches_leave_no_trace():
     log = sine_log()
     q = log.q.copy()
     q[(log.t > 10) & (log.t < 10.5)] = 50.0
-    parts = condition(Log(log.t, q, log.tau), choose_filter(log), exclude=[(9.99, 10.51)])
+    parts = condition(Log(log.t, q, log.tau), choose_filter(log, ARM), exclude=[(9.99, 10.51)])
     assert max(np.abs(part.q).max() for part in parts) < 1.01

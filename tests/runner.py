@@ -9,10 +9,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
-ROOT = Path(__file__).parents[2]
-TOY = Path(__file__).with_name("toy.py")
+ROOT = Path(__file__).parents[1]
+TOY = Path(__file__).parent / "cli" / "toy.py"
 #: A command that has not ended by then hangs [s].
 LIMIT = 40
 
@@ -82,11 +80,3 @@ class Runner:
         os.close(master)
         answer = process.stdout.read().decode() if process.stdout else ""
         return Ended(status, answer, shown.decode())
-
-
-@pytest.fixture
-def dynid(tmp_path):
-    folder, home = tmp_path / "work", tmp_path / "home"
-    folder.mkdir()
-    home.mkdir()
-    return Runner(folder, home)
