@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations_with_replacement, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.exact import Draws, relations
-from dynid.model.field import PRIME, ROOTS, Residues, echelon, power, residue
+from dynid.model.field import PRIME, ROOTS, Residues, echelon, residue
+from dynid.model.fitting import Fitter, lengths_up_to_two, monomials, needed_geometries
 from dynid.model.formula import ONE, Formula
 from dynid.model.transfer import transfer
-from dynid.robot import Robot
+from dynid.robot import Joint
 
 Formulas = dict[tuple[int, int], Formula]
 
@@ -31,9 +31,7 @@ _FACTORS = sorted(
 #: Random states of a neighbourhood of two or three links: its 33 columns need no more rows.
 _SAMPLES = 12
 #: Number of neighbouring links that a relation is looked for in.
-_REACH = 3
-#: Largest number of monomials that a coefficient is fitted with.
-_TABLE = 160
+_REACH = 2
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class _Namer:
         angles = [name for name in draws.symbols if name[0] in "cs"]
         self._symbols = lengths + (angles if turned else [])
         self._roots = {} if turned or not angles else ROOTS
-        self._monomials = [Formula.monomial(1, dict(m)) for m in _lengths(lengths)]
+        self._monomials = [Formula.monomial(1, dict(m)) for m in lengths_up_to_two(lengths)]
         self._factors = {
             residue(f) * root % PRIME: Formula.monomial(f, {f"sqrt({k})": 1} if k > 1 else {})
             for k, root in ((1, 1), *self._roots.items())
@@ -90,7 +88,8 @@ class _Namer:
         }
         self._known = np.array(list(self._factors), dtype=np.uint64)
         self._links = draws.model.link_columns // 11 + 1
-        self._dimension = [_dimension(draws.model.robot, int(k)) for k in draws.model.link_columns]
+        joints = draws.model.robot.joints
+        self._dimension = [_dimension(joints[k // 11], k) for k in draws.model.link_columns.tolist()]
         self._transfers: dict[int, dict[int, dict[int, Formula]]] = {}
         self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
@@ -124,7 +123,8 @@ class _Namer:
             return
         last = int(self._links[j])
         passed = self._passed(last).get(j)
-        if passed is not None and self._substitute(j, passed):
+        if passed is not None:
+            self._substitute(j, passed)
             return
         for first in range(last, max(last - _REACH, 0), -1):
             local = self._local(j, first, last)
@@ -132,58 +132,55 @@ class _Namer:
                 return
 
     def _substitute(self, j: int, local: dict[int, Formula]) -> bool:
-        """Express a column by base columns, given its expression by columns before it."""
+        """Express a column by base columns, given its expression by columns before it; tell whether all have a name."""
         total: dict[int, Formula] = {}
+        open_rows: set[int] = set()
         for column, factor in local.items():
-            if column in self._base:
-                share = {self._base.index(column): ONE}
-            else:
-                rows = [int(i) for i in np.flatnonzero(self._K[0, :, column])]
-                if any((i, column) not in self._formulas for i in rows):
-                    return False
-                share = {i: self._formulas[i, column] for i in rows}
-            for i, formula in share.items():
-                total[i] = total.get(i, Formula(())) + factor * formula
-        right = {i: formula for i, formula in total.items() if self._verified(i, j, formula)}
-        for i, formula in right.items():
-            if formula.terms:
+            own = column in self._base
+            for i in [self._base.index(column)] if own else np.flatnonzero(self._K[0, :, column]).tolist():
+                formula = ONE if own else self._formulas.get((i, column))
+                if formula is None:
+                    open_rows.add(i)
+                else:
+                    total[i] = total.get(i, Formula(())) + factor * formula
+        for i, formula in total.items():
+            if i not in open_rows and formula.terms and self._verified(i, j, formula):
                 self._formulas.setdefault((i, j), formula)
-        return len(right) == len(total)
+        return all((i, j) in self._formulas for i in np.flatnonzero(self._K[0, :, j]).tolist())
 
     def _passed(self, link: int) -> dict[int, dict[int, Formula]]:
-        """Return the parameters of a link that pass through its joint, expressed by others of it and of the link before."""
+        """Return the parameters that pass through a link's joint, expressed by others of it and the link before."""
         if link not in self._transfers:
             self._transfers[link] = self._find_passed(link) if link > 1 else {}
         return self._transfers[link]
 
     def _find_passed(self, link: int) -> dict[int, dict[int, Formula]]:
-        robot = self._draws.model.robot
-        symbols = [s for s in self._symbols if int(s.lstrip("acds")) == link]
-        wide = range(11 * (link - 2), 11 * link)
-        columns = [wide[k] for k in (*range(10), *range(11, 21))]
+        joint, convention = self._draws.model.robot.joints[link - 1], self._draws.model.robot.convention
+        both = [11 * (link - 2) + k for k in (*range(10), *range(11, 21))]
         place = {int(k): i for i, k in enumerate(self._draws.model.link_columns)}
         passed: dict[int, dict[int, Formula]] = {}
         for stage in (0, 1):
-            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
-            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            tables = self._tables(link, link, stage)
+            geometry = self._draws.free(needed_geometries(tables), self._turned)
             try:
-                dependent, K = transfer(robot.joints[link - 1], link, robot.convention, geometry)
+                dependent, K = transfer(joint, link, convention, geometry)
             except ZeroDivisionError:
                 return passed
+            fitter = Fitter(tables, geometry, len(K))
             for row, own in enumerate(dependent):
-                window = _Window(np.array(columns), columns, K, geometry, tables, {})
-                shares = {
-                    columns[k]: window.fitted(
-                        _dimension(robot, columns[k]) - _dimension(robot, columns[own + 10]), K[:, row, k], self._factors
-                    )
-                    for k in np.flatnonzero(K[0, row])
-                }
-                named = {place[k]: f for k, f in shares.items() if f is not None and k in place}
-                if len(named) == len(shares) and columns[own + 10] in place:
-                    passed.setdefault(place[columns[own + 10]], named)
+                used = np.flatnonzero(K[0, row]).tolist()
+                degree = {k: _dimension(joint, both[k]) - _dimension(joint, both[own + 10]) for k in used}
+                found = {both[k]: fitter.fitted(degree[k], K[:, row, k], self._factors) for k in used}
+                named = {place[k]: formula for k, formula in found.items() if formula is not None and k in place}
+                if len(named) == len(used) and both[own + 10] in place:
+                    passed.setdefault(place[both[own + 10]], named)
             if len(passed) == len(dependent):
                 break
         return passed
+
+    def _tables(self, first: int, last: int, stage: int) -> dict[int, list[Formula]]:
+        symbols = [s for s in self._symbols if first <= int(s.lstrip("acds")) <= last]
+        return {degree: monomials(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
 
     def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
         """Return the expression of a column by others of links ``first`` to ``last``, None when there is none."""
@@ -197,7 +194,7 @@ class _Namer:
                 column = window.pivots[row]
                 if column not in found:
                     degree = self._dimension[column] - self._dimension[j]
-                    formula = window.fitted(degree, window.K[:, row, place], self._factors)
+                    formula = window.fitter.fitted(degree, window.K[:, row, place], self._factors)
                     if formula is not None:
                         found[column] = formula
             if len(found) == np.count_nonzero(window.K[0, :, place]):
@@ -208,17 +205,16 @@ class _Namer:
         """Return the relations among some neighbouring links at many geometries, kept for the other columns there."""
         key = first, last, stage
         if key not in self._windows:
-            start = last if stage < 2 else first
-            symbols = [s for s in self._symbols if start <= int(s.lstrip("acds")) <= last]
-            tables = {degree: _table(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
-            geometry = self._draws.free(max(map(len, tables.values())) + 4, self._turned)
+            tables = self._tables(last if stage < 2 else first, last, stage)
+            geometry = self._draws.free(needed_geometries(tables), self._turned)
             columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
                 pivots, K = echelon(self._draws.columns(geometry, columns, _SAMPLES))
             except ZeroDivisionError:
                 self._windows[key] = None
             else:
-                self._windows[key] = _Window(columns, [int(columns[k]) for k in pivots], K, geometry, tables, {})
+                fitter = Fitter(tables, geometry, len(K))
+                self._windows[key] = _Window(columns, [int(columns[k]) for k in pivots], K, fitter)
         return self._windows[key]
 
 
@@ -230,110 +226,18 @@ class _Window:
         columns: the columns, (w,).
         pivots: the leftmost independent ones.
         K: relations at G geometries, (G, p, w).
-        geometry: the geometries, (G,) each.
-        tables: monomials that a coefficient of each degree in lengths may hold.
-        values: the monomials' values by degree, (G, M), filled when needed.
+        fitter: names coefficients that are known at these geometries.
     """
 
     columns: NDArray[np.intp]
     pivots: list[int]
     K: Residues
-    geometry: dict[str, Residues]
-    tables: dict[int, list[Formula]]
-    values: dict[int, tuple[Residues, Residues]]
-
-    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
-        """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
-        table = self.tables.get(degree, [])
-        if not table:
-            return None
-        if degree not in self.values:
-            rows = _evaluated(table, self.geometry, len(self.K))
-            self.values[degree] = rows, power(rows[:2], PRIME - 2)
-        rows, inverses = self.values[degree]
-        ratios = wanted[:2, None] * inverses % np.uint64(PRIME)
-        for k in np.flatnonzero(ratios[0] == ratios[1]).tolist():
-            if int(ratios[0, k]) in factors:
-                return factors[int(ratios[0, k])] * table[k]
-        return _fit(table, rows, wanted)
+    fitter: Fitter
 
 
-def _dimension(robot: Robot, column: int) -> int:
-    """Return the power of metres in the unit of a rigid-body parameter."""
-    link, kind = divmod(column, 11)
+def _dimension(joint: Joint, column: int) -> int:
+    """Return the power of metres in the unit of a rigid-body parameter of a joint's link."""
+    kind = column % 11
     if kind == 10:
-        return 2 if robot.joints[link].revolute else 0
+        return 2 if joint.revolute else 0
     return 0 if kind == 0 else 1 if kind < 4 else 2
-
-
-def _lengths(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...]]:
-    """Return monomials of at most two lengths, and the inverses of one."""
-    found: list[tuple[tuple[str, int], ...]] = []
-    for degree in (0, 1, 2):
-        for chosen in combinations_with_replacement(lengths, degree):
-            found.append(tuple((s, chosen.count(s)) for s in sorted(set(chosen))))
-    return found + [((s, -k),) for k in (1, 2) for s in lengths]
-
-
-def _table(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Formula]:
-    """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
-
-    Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
-    """
-    lengths = [s for s in symbols if s[0] in "ad"]
-    angles = [s for s in symbols if s[0] in "cs"]
-    most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
-    reach = range(0 if stage == 0 else -2, 3)
-    stretched = [p for p in product(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
-    turned = [
-        p for p in product(range(-2, 3), repeat=len(angles)) if sum(map(abs, p)) <= (4 if min(p, default=0) >= 0 else most)
-    ]
-    surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
-    powers = [
-        {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
-        for a, b, c in product(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
-    ]
-    return [Formula.monomial(1, p) for p in powers][:_TABLE]
-
-
-def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
-    return sum(map(abs, powers)), sum(k < 0 for k in powers)
-
-
-def _fit(table: list[Formula], rows: Residues, wanted: Residues) -> Formula | None:
-    """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
-    size = len(table)
-    pivots, K = echelon(np.concatenate([rows, wanted[:, None]], axis=1)[None])
-    if pivots[-1] == size:
-        return None
-    total = Formula(())
-    for row in np.flatnonzero(K[0, :, size]).tolist():
-        factor = small_fraction(int(K[0, row, size]))
-        if factor is None:
-            return None
-        total += Formula.monomial(factor, dict(table[pivots[row]].terms[0][1]))
-    return total
-
-
-def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) -> Residues:
-    """Return the value of each monomial at each geometry, (G, M)."""
-    known = {name: np.resize(value, count) for name, value in geometry.items()}
-    known |= {f"sqrt({k})": np.full(count, root, dtype=np.uint64) for k, root in ROOTS.items()}
-    raised: dict[tuple[str, int], Residues] = {}
-    rows = np.ones((count, len(table)), dtype=np.uint64)
-    for column, monomial in enumerate(table):
-        for symbol, exponent in monomial.terms[0][1]:
-            if (symbol, exponent) not in raised:
-                raised[symbol, exponent] = power(known[symbol], exponent % (PRIME - 1))
-            rows[:, column] = rows[:, column] * raised[symbol, exponent] % np.uint64(PRIME)
-    return rows
-
-
-def small_fraction(value: int, limit: int = 1000) -> Fraction | None:
-    """Return the fraction of numbers up to ``limit`` that a residue stands for, None when there is none."""
-    r0, r1, t0, t1 = PRIME, value, 0, 1
-    while r1 > limit:
-        r0, r1, t0, t1 = r1, r0 % r1, t1, t0 - r0 // r1 * t1
-    if t1 == 0 or abs(t1) > limit:
-        return None
-    return Fraction(r1, t1)

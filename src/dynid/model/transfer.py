@@ -1,6 +1,6 @@
-"""What a joint lets pass: shares of a body that may as well belong to the link before, whatever the rest of the arm is.
+"""What a joint lets pass: shares of a body that may as well belong to the link before, in any arm.
 
-A turning joint cannot tell to which side mass on its axis belongs; a sliding joint cannot tell it of rotational inertia.
+A turning joint cannot tell to which side mass on its axis belongs, a sliding joint where rotational inertia belongs.
 Written with pseudo-inertia matrices J, 4 x 4 with J' = T J T^t under a change of frame, in the prime field.
 Source: Gautier & Khalil 1990, direct calculation of minimum inertial parameters; pseudo-inertia as in Wensing 2018.
 """
@@ -26,8 +26,8 @@ def transfer(joint: Joint, number: int, convention: str, geometry: dict[str, Res
         geometry: values of the DH symbols at G geometries, (G,) each; what is missing is zero or a right angle.
 
     Returns:
-        The parameters (0-9, of the link itself) that others express, and those expressions, (G, r, 20): shares of the ten
-        parameters of the link before, then of the link itself.
+        The parameters (0-9, of the link itself) that others express, and those expressions, (G, r, 20): shares of the
+        ten parameters of the link before, then of the link itself.
 
     Raises:
         ZeroDivisionError: when the structure differs between the geometries.
