@@ -143,7 +143,7 @@ class Draws:
         return drawn
 
     def columns(
-        self, geometry: dict[str, Residues], chosen: NDArray[np.intp] | None = None, samples: int = _SAMPLES
+        self, geometry: dict[str, Residues], chosen: NDArray[np.intp] | None = None, *, samples: int
     ) -> Residues:
         """Return columns of the regressor stacked over new random states.
 
@@ -234,9 +234,10 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
 
 def relations(draws: Draws, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
     """Return the leftmost independent columns, the same in every geometry, and K (G, p, c), checked on fresh states."""
-    base, K = echelon(draws.columns(geometry))
-    fresh = draws.columns(geometry, samples=_FRESH)
-    for A, k in zip(fresh, K, strict=True):
+    columns = draws.columns(geometry, samples=_SAMPLES + _FRESH)
+    used = _SAMPLES * draws.model.robot.n
+    base, K = echelon(columns[:, :used])
+    for A, k in zip(columns[:, used:], K, strict=True):
         if np.any(product(A[:, base], k) != A):
             raise ReductionsDisagree("relations found at 24 random states do not hold at 4 further ones")
     return base, K

@@ -1,7 +1,7 @@
 """Arithmetic in a prime field: exact linear algebra on the regressor without any tolerance.
 
 Every length is a fraction, every angle a rational point of the unit circle, so each entry of the regressor is a whole
-number modulo the prime; a relation that holds there at random states holds for the arm, up to a chance of one in 10^7.
+number modulo the prime; a relation that holds there at random states holds for the arm, up to a chance of one in 10^6.
 Source: Schwartz-Zippel lemma.
 """
 
@@ -75,19 +75,13 @@ def _fifteen(steps: int) -> int:
 def rational_circle(t: Residues) -> tuple[Residues, Residues]:
     """Return cosine and sine for half tangents, elementwise; 1 + t^2 is never zero since -1 has no square root."""
     square = t * t % _P
-    inverse = power(square + np.uint64(1), PRIME - 2)
-    return (np.uint64(1) + _P - square) % _P * inverse % _P, np.uint64(2) * t % _P * inverse % _P
+    scale = inverse(square + np.uint64(1))
+    return (np.uint64(1) + _P - square) % _P * scale % _P, np.uint64(2) * t % _P * scale % _P
 
 
-def power(base: Residues, exponent: int) -> Residues:
-    """Return base to a non-negative power, elementwise."""
-    result, base = np.ones_like(base), base % _P
-    while exponent:
-        if exponent & 1:
-            result = result * base % _P
-        base = base * base % _P
-        exponent >>= 1
-    return result
+def inverse(values: Residues) -> Residues:
+    """Return 1 / values, elementwise."""
+    return np.array([pow(value, -1, PRIME) for value in values.ravel().tolist()], dtype=np.uint64).reshape(values.shape)
 
 
 def product(A: Residues, B: Residues) -> Residues:
@@ -152,7 +146,7 @@ def echelon(A: Residues) -> tuple[list[int], Residues]:
             raise ZeroDivisionError("a column is dependent for some values of the geometry only")
         heads = A[draws, chosen, column:]
         A[draws, chosen, column:] = A[:, rank, column:]
-        heads = heads * power(heads[:, :1], PRIME - 2) % _P
+        heads = heads * inverse(heads[:, :1]) % _P
         A[:, rank, column:] = 0
         touched = np.flatnonzero(A[:, :, column].any(axis=0))
         update = A[:, touched, column:] + (_P - A[:, touched, column, None]) * heads[:, None, :]

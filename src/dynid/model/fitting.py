@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations_with_replacement, product
+from itertools import combinations_with_replacement
+from itertools import product as pairings
 
 import numpy as np
 
-from dynid.model.field import PRIME, ROOTS, Residues, echelon, power
+from dynid.model.field import PRIME, ROOTS, Residues, echelon, inverse, product
 from dynid.model.formula import Formula
 
 #: Largest number of monomials that a coefficient is fitted with, and the geometries beyond it that check the fit.
@@ -26,22 +28,21 @@ class Fitter:
 
     def __init__(self, tables: dict[int, list[Formula]], geometry: dict[str, Residues], count: int) -> None:
         self._tables, self._geometry, self._count = tables, geometry, count
-        self._values: dict[int, tuple[Residues, Residues]] = {}
+        self._solvers: dict[int, _Solver] = {}
 
     def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
         """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
         table = self._tables.get(degree, [])
         if not table:
             return None
-        if degree not in self._values:
-            rows = _evaluated(table, self._geometry, self._count)
-            self._values[degree] = rows, power(rows[:2], PRIME - 2)
-        rows, inverses = self._values[degree]
-        ratios = wanted[:2, None] * inverses % np.uint64(PRIME)
+        if degree not in self._solvers:
+            self._solvers[degree] = _solver(table, self._geometry, self._count)
+        solver = self._solvers[degree]
+        ratios = wanted[:2, None] * solver.inverses % np.uint64(PRIME)
         for k in np.flatnonzero(ratios[0] == ratios[1]).tolist():
             if int(ratios[0, k]) in factors:
                 return factors[int(ratios[0, k])] * table[k]
-        return _fit(table, rows, wanted)
+        return _fit(table, solver, wanted)
 
 
 def needed_geometries(tables: dict[int, list[Formula]]) -> int:
@@ -67,16 +68,16 @@ def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, 
     angles = [s for s in symbols if s[0] in "cs"]
     most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
     reach = range(0 if stage == 0 else -2, 3)
-    stretched = [p for p in product(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
+    stretched = [p for p in pairings(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
     turned = [
         p
-        for p in product(range(-2, 3), repeat=len(angles))
+        for p in pairings(range(-2, 3), repeat=len(angles))
         if sum(map(abs, p)) <= (4 if min(p, default=0) >= 0 else most)
     ]
     surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
     powers = [
         {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
-        for a, b, c in product(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
+        for a, b, c in pairings(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
     ]
     return [Formula.monomial(1, p) for p in powers][:_TABLE]
 
@@ -85,18 +86,43 @@ def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
     return sum(map(abs, powers)), sum(k < 0 for k in powers)
 
 
-def _fit(table: list[Formula], rows: Residues, wanted: Residues) -> Formula | None:
+@dataclass(frozen=True)
+class _Solver:
+    """The values of a table's monomials at G geometries, ready to solve for sums of them.
+
+    Attributes:
+        rows: values, (G, M).
+        inverses: reciprocals at the first two geometries, (2, M).
+        independent: the leftmost independent monomials, (m,).
+        solve: inverse of their values at the first m geometries, (m, m).
+    """
+
+    rows: Residues
+    inverses: Residues
+    independent: list[int]
+    solve: Residues
+
+
+def _solver(table: list[Formula], geometry: dict[str, Residues], count: int) -> _Solver:
+    rows = _evaluated(table, geometry, count)
+    independent, _ = echelon(rows[None])
+    size = len(independent)
+    square = np.concatenate([rows[:size, independent], np.eye(size, dtype=np.uint64)], axis=1)
+    return _Solver(rows, inverse(rows[:2]), independent, echelon(square[None])[1][0, :, size:])
+
+
+def _fit(table: list[Formula], solver: _Solver, wanted: Residues) -> Formula | None:
     """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
-    size = len(table)
-    pivots, K = echelon(np.concatenate([rows, wanted[:, None]], axis=1)[None])
-    if pivots[-1] == size:
+    size = len(solver.independent)
+    shares = product(solver.solve, wanted[:size, None])
+    if np.any(product(solver.rows[:, solver.independent], shares)[:, 0] != wanted):
         return None
     total = Formula(())
-    for row in np.flatnonzero(K[0, :, size]).tolist():
-        factor = small_fraction(int(K[0, row, size]))
+    for k in np.flatnonzero(shares).tolist():
+        factor = small_fraction(int(shares[k, 0]))
         if factor is None:
             return None
-        total += Formula.monomial(factor, dict(table[pivots[row]].terms[0][1]))
+        total += Formula.monomial(factor, dict(table[solver.independent[k]].terms[0][1]))
     return total
 
 
@@ -109,7 +135,9 @@ def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) 
     for column, monomial in enumerate(table):
         for symbol, exponent in monomial.terms[0][1]:
             if (symbol, exponent) not in raised:
-                raised[symbol, exponent] = power(known[symbol], exponent % (PRIME - 1))
+                raised[symbol, exponent] = np.array(
+                    [pow(x, exponent, PRIME) for x in known[symbol].tolist()], dtype=np.uint64
+                )
             rows[:, column] = rows[:, column] * raised[symbol, exponent] % np.uint64(PRIME)
     return rows
 

@@ -209,7 +209,7 @@ class _Namer:
             geometry = self._draws.free(needed_geometries(tables), self._turned)
             columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
-                pivots, K = echelon(self._draws.columns(geometry, columns, _SAMPLES))
+                pivots, K = echelon(self._draws.columns(geometry, columns, samples=_SAMPLES))
             except ZeroDivisionError:
                 self._windows[key] = None
             else:
