@@ -27,7 +27,7 @@ from dynid.identify.instrumental import instrumental
 from dynid.identify.least_squares import ordinary, weighted
 from dynid.identify.physics import BODY_PARAMETERS, body_parameters, make_physics, pseudo_inertia
 from dynid.identify.robust import huber
-from dynid.identify.segments import Segment, joint_factors
+from dynid.identify.rows import Rows, joint_factors
 from dynid.model import build_model
 from dynid.model.reduce import reduce
 from dynid.quality.filters import decimate, lowpass_kernel
@@ -162,7 +162,7 @@ def simulate(regime: str, seed: int) -> Recording:
     return Recording(log_q, log_tau, reference)
 
 
-def conditioned(recording: Recording, cutoff: float | None, factor: int, instruments: bool) -> Segment:
+def conditioned(recording: Recording, cutoff: float | None, factor: int, instruments: bool) -> Rows:
     """Zero-phase Butterworth on positions, central differences, parallel filter and decimation by ``factor``."""
     q = recording.q
     if cutoff is not None:
@@ -172,7 +172,7 @@ def conditioned(recording: Recording, cutoff: float | None, factor: int, instrum
     inside = slice(100, -100)
     W = base_regressor(q[inside], qd[inside], qdd[inside])
     Z = base_regressor(*(x[inside] for x in recording.reference)) if instruments else None
-    return Segment(*(None if x is None else _decimate(x, factor) for x in (W, recording.tau[inside], Z)))
+    return Rows(*(None if x is None else _decimate(x, factor) for x in (W, recording.tau[inside], Z)))
 
 
 def _decimate(x: np.ndarray, factor: int) -> np.ndarray:
@@ -185,7 +185,7 @@ def _decimate(x: np.ndarray, factor: int) -> np.ndarray:
     return out.reshape(len(out), *x.shape[1:])
 
 
-def estimate(method: str, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+def estimate(method: str, segment: Rows) -> tuple[np.ndarray, np.ndarray]:
     """Return base parameters and their covariance, textbook for OLS, HAC otherwise."""
     if method.startswith("iv"):
         fit = instrumental([segment], robust="huber" in method)

@@ -496,7 +496,10 @@ WARNINGS: dict[str, str] = {
     "W319": "A torque stays at its largest value: clipped samples are left out.",
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W402": "A base parameter is hardly excited by this log.",
-    "W404": "The identified parameters belong to no physical body.",
+    "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
+    "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
+    "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
+    "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
 }
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
-DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "wls", "holdout": "20%", "drop_weak": False}
+DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "auto", "holdout": "20%", "drop_weak": False, "feasible": None}
 
 
 @dynid_command(
@@ -47,7 +47,16 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "wls", "holdout": "20%"
 @click.argument("robot")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @click.option(
-    "--method", type=click.Choice(["wls", "ols"]), default=DEFAULTS["method"], show_default=True, help="Estimator."
+    "--method",
+    type=click.Choice(["auto", "wls", "ols", "irls", "iv", "ridge"]),
+    default="auto",
+    show_default=True,
+    help="Estimator; auto takes what the log offers and says why.",
+)
+@click.option(
+    "--feasible/--no-feasible",
+    default=None,
+    help="Put the physically possible set in force, or the plain estimate (default: by prior and held-out rows).",
 )
 @click.option(
     "--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back."
@@ -167,16 +176,31 @@ def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any
     from dynid.identify.estimate import estimate
 
     holdout = held_out(common, base, stack, options)
-    found = estimate(stack, base, method=options["method"], holdout=holdout, drop_weak=options["drop_weak"])
-    method = {"wls": "weighted least squares, one noise level a joint", "ols": "ordinary least squares"}[
-        options["method"]
-    ]
+    found = estimate(
+        stack,
+        base,
+        method=options["method"],
+        holdout=holdout,
+        drop_weak=options["drop_weak"],
+        feasible=options["feasible"],
+    )
+    common.terminal.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
+    common.terminal.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
     scaled, raw = found.condition_number_scaled, found.condition_number
     condition = f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)"
-    common.terminal.stage("estimate", f"{method}; {len(found.names)} base parameters; held out: {found.heldout}")
     common.terminal.stage("excited", condition)
     common.terminal.findings(found.findings)
     return found
+
+
+IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
+METHOD_TEXT = {
+    "wls": "weighted least squares, one noise level a joint",
+    "ols": "ordinary least squares",
+    "irls": "weighted least squares that gives spikes little weight (Huber)",
+    "iv": "instrumental variables from the commanded motion",
+    "ridge": "weighted least squares with a pull towards the prior's base parameters",
+}
 
 
 def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> HoldOut | None:
@@ -253,8 +277,10 @@ def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict
         "heldout_relative_error_percent": found.heldout_relative_error_percent,
         "joints": joints,
         "parameters": parameter_table(found, base),
-        "physically_consistent": None,
-        "links": None,
+        "physically_consistent": found.in_force == "physical",
+        "in_force": found.in_force,
+        "heldout_relative_error_percent_by_set": found.heldout_by_set,
+        "links": found.physical.links(),
         "findings": [asdict(f) for f in found.findings],
         "wrote": wrote,
     }
@@ -284,6 +310,10 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(base, found))
     counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
     terminal.answer()
+    full = found.physical
+    mass = sum(value for name, value in zip(full.names, full.x, strict=True) if re.fullmatch(r"m\d+", name))
+    terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
+    terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
     terminal.fact(
         "known",
         f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log",

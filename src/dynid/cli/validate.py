@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.identify.result import StoredResult
-    from dynid.identify.stack import Rows
+    from dynid.identify.rows import Rows
     from dynid.model.store import BaseModel
     from dynid.validate.metrics import JointCheck
     from dynid.validate.predict import EstimatedMotion

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, RankDeficient
-from dynid.identify.least_squares import Fit, joint_rms, ordinary, relative_error, weighted
+from dynid.identify.fullset import full_set
+from dynid.identify.least_squares import joint_rms, relative_error
+from dynid.identify.methods import METHODS, Estimate, Part, choose
 from dynid.identify.result import Identification, JointQuality
 from dynid.identify.stack import Stack
-from dynid.identify.uncertainty import Knowledge, automatic_lags, judge, long_run_variance, sandwich, scores
+from dynid.identify.uncertainty import Knowledge, judge
+from dynid.model.mass_matrix import random_poses, sign_alarm
 from dynid.model.prior import prior_parameters
 from dynid.model.store import BaseModel
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-METHODS: dict[str, Callable[[Floats, NDArray[np.int64]], Fit]] = {"ols": ordinary, "wls": weighted}
 #: Beyond this condition number with normalised columns, a percent of noise becomes tens of percent of parameter.
 LARGE_CONDITION = 1000.0
+#: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
+CONTRADICTION = 1.5
+#: A physical set may be this much worse on held-out rows and still be preferred: it can be simulated and extrapolates.
+NEARLY_AS_GOOD = 1.05
+#: Share of open parameters beyond which a log is called poor.
+MANY_OPEN = 0.2
+#: Poses in which the mass matrix is tested.
+POSES = 500
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,13 @@ def last_share(stack: Stack, share: float) -> HoldOut:
 
 
 def estimate(
-    stack: Stack, base: BaseModel, *, method: str, holdout: HoldOut | None, drop_weak: bool = False
+    stack: Stack,
+    base: BaseModel,
+    *,
+    method: str = "auto",
+    holdout: HoldOut | None,
+    drop_weak: bool = False,
+    feasible: bool | None = None,
 ) -> Identification:
     """Fit the base parameters, with honest errors and a held-out figure.
 
@@ -67,100 +82,161 @@ def estimate(
     Args:
         stack: the stacked logs.
         base: model and base parameters.
-        method: ``"ols"`` or ``"wls"``.
+        method: a name in ``METHODS``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
+        feasible: put the physically possible set in force, or the plain estimate; None to decide by what is there.
 
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
     """
-    factors, rows = stack.whole
-    fit = METHODS[method](factors, rows)
-    findings = _excitation_findings(stack, fit, drop_weak)
-    covariance = _covariance(stack, fit, rows)
-    std_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    open_ = np.abs(fit.solution.weak).max(axis=1, initial=0.0) > 1e-9
-    std_error[open_] = np.inf
+    whole = Part(stack, np.ones(stack.blocks, dtype=bool))
+    prior = prior_base(base)
+    name, why = choose(whole) if method == "auto" else (method, "as asked")
+    plain = replace(METHODS[name](whole, prior), why=why)
+    findings = _excitation_findings(stack, plain, drop_weak)
+    physical = full_set(base, plain)
+    held = {} if holdout is None else _held_out(stack, base, holdout, name, prior)
+    if feasible is None:
+        feasible, choice = _physical_wins(base, method, held)
+    else:
+        choice = "as asked"
+    theta = physical.theta if feasible else plain.theta
+    factors, rows = whole.factors
+    rms = joint_rms(factors, rows, theta)
     size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
-    norm = np.linalg.norm(factors @ np.append(fit.theta, -1.0), axis=1)
-    held = _held_out(stack, holdout, method)
-    effect = np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(max(1, rows.sum()))
-    knowledge = judge(fit.theta, std_error, effect)
+    judged = held.get("physical" if feasible else "plain")
+    std_error, knowledge = _certainty(plain, theta, rows)
     joints = tuple(
         JointQuality(
             joint=joint,
-            rms=float(fit.rms[j]),
-            relative_percent=float(100.0 * norm[j] / size[j]) if size[j] else 0.0,
+            rms=float(rms[j]),
+            relative_percent=float(100.0 * rms[j] * np.sqrt(rows[j]) / size[j]) if size[j] else 0.0,
             torque_rms=float(size[j] / np.sqrt(max(1, rows[j]))),
-            heldout_rms=None if held is None else float(held[0][j]),
+            heldout_rms=None if judged is None else float(judged[0][j]),
         )
         for j, joint in enumerate(stack.joints)
     )
     return Identification(
-        method=method,
+        method=name,
+        why=why,
         names=stack.names,
-        theta=fit.theta,
-        covariance=covariance,
+        theta=theta,
+        plain=plain.theta,
+        covariance=plain.covariance,
         std_error=std_error,
-        knowledge=tuple(
-            k.value if not o else Knowledge.NOT_DETERMINED.value for k, o in zip(knowledge, open_, strict=True)
-        ),
-        prior=prior_base(base),
-        noise=fit.noise,
+        knowledge=knowledge,
+        prior=prior,
+        noise=plain.noise,
         joints=joints,
-        relative_error_percent=relative_error(factors, fit.theta),
-        heldout_relative_error_percent=None if held is None else held[1],
+        relative_error_percent=relative_error(factors, theta),
+        heldout_relative_error_percent=None if judged is None else judged[1],
+        heldout_by_set={key: value[1] for key, value in held.items()},
         heldout=holdout.text if holdout else "nothing held out",
-        rank=fit.solution.rank,
-        condition_number=fit.solution.condition_number,
-        condition_number_scaled=fit.solution.condition_number_scaled,
+        rank=plain.solution.rank,
+        condition_number=plain.solution.condition_number,
+        condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
-        findings=findings,
+        physical=physical,
+        in_force="physical" if feasible else "plain",
+        choice=choice,
+        findings=(
+            *findings,
+            *_physics_findings(base, plain, joint_rms(factors, rows, physical.theta), knowledge, feasible),
+        ),
     )
 
 
-def _excitation_findings(stack: Stack, fit: Fit, drop_weak: bool) -> tuple[Finding, ...]:
-    rank, size = fit.solution.rank, len(fit.theta)
+def _certainty(plain: Estimate, theta: Floats, rows: NDArray[np.int64]) -> tuple[Floats, tuple[str, ...]]:
+    """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite."""
+    std_error = np.sqrt(np.maximum(np.diag(plain.covariance), 0.0))
+    open_ = np.abs(plain.solution.weak).max(axis=1, initial=0.0) > 1e-9
+    std_error[open_] = np.inf
+    effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, rows.sum()))
+    judged = judge(theta, std_error, effect)
+    words = (Knowledge.NOT_DETERMINED if o else k for k, o in zip(judged, open_, strict=True))
+    return std_error, tuple(word.value for word in words)
+
+
+def _excitation_findings(stack: Stack, plain: Estimate, drop_weak: bool) -> tuple[Finding, ...]:
+    rank, size = plain.solution.rank, len(plain.theta)
     if rank < size:
-        open_ = np.abs(fit.solution.weak).max(axis=1)
+        open_ = np.abs(plain.solution.weak).max(axis=1)
         names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
         text = f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
         if not drop_weak:
-            raise RankDeficient(
-                text, fix="record a motion in which every joint moves on its own, or continue with --drop-weak"
-            )
+            fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"
+            raise RankDeficient(text, fix=fix)
         return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
-    condition = fit.solution.condition_number_scaled
+    condition = plain.solution.condition_number_scaled
     if condition > LARGE_CONDITION:
-        text = f"condition number {condition:.0f} (good: below 100): plan a motion that tells more: dynid trajectory"
+        advice = "plan a motion that tells more: dynid trajectory"
+        text = f"condition number {condition:.0f} (good: below 100): {advice}"
         return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
     return ()
 
 
-def _covariance(stack: Stack, fit: Fit, rows: NDArray[np.int64]) -> Floats:
-    """Return the covariance that stands for residuals that are alike over a good part of a second (Newey-West)."""
-    if stack.observer is None:
-        return fit.covariance
-    series: list[Floats] = []
-    for number in range(len(stack.sources)):
-        for part in stack.rows_of_log(number):
-            residual = np.where(part.usable, part.tau - part.W @ fit.theta, 0.0)
-            score = scores(part.W, residual, fit.noise)
-            if part.starts_segment or not series:
-                series.append(score)
-            else:
-                series[-1] = np.concatenate([series[-1], score])
-    scale = np.sqrt(np.diag(fit.covariance))
-    scaled = [one * scale for one in series]
-    return sandwich(fit.covariance, long_run_variance(series, automatic_lags(scaled)), int(rows.sum()))
+def _physical_wins(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[bool, str]:
+    """Decide which parameters are in force, and say why.
+
+    A table of link inertias is knowledge, and a log of one motion must not overrule it. Cylinders are only a shape: they
+    rescue a poor log, but a good one knows better; rows that were not fitted tell which of the two it is.
+    """
+    if method != "auto":
+        return False, "the estimator was chosen by hand"
+    if base.robot.prior is not None and base.robot.prior.links:
+        return True, "the robot file has a table of link inertias as prior"
+    if not held:
+        return True, "nothing was held out to compare with"
+    plain, physical = held["plain"][1], held["physical"][1]
+    figures = f"held-out error {physical:.2f} % against {plain:.2f} %"
+    if physical <= NEARLY_AS_GOOD * plain:
+        return True, f"it predicts the held-out rows at least nearly as well as the plain estimate ({figures})"
+    return False, f"the physical set predicts the held-out rows worse ({figures})"
 
 
-def _held_out(stack: Stack, holdout: HoldOut | None, method: str) -> tuple[Floats, float] | None:
-    if holdout is None:
-        return None
-    theta = METHODS[method](*stack.joint_factors(holdout.train)).theta
+def _physics_findings(
+    base: BaseModel, plain: Estimate, rms: Floats, knowledge: tuple[str, ...], feasible: bool
+) -> list[Finding]:
+    """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little."""
+    found = []
+    open_ = sum(word == "not determined" for word in knowledge) / len(knowledge)
+    observer = base.model.observer(base.reduction.base)
+    alarm = sign_alarm(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), random_poses(base.robot, POSES))
+    if alarm.raised:
+        cause = (
+            "too little motion to tell, or a wrong sign or offset under `driver:`"
+            if open_ > MANY_OPEN
+            else "check sign and offset of each joint under `driver:` in the robot file"
+        )
+        text = f"the plain fit has no positive mass matrix in {100 * alarm.share:.0f} % of random poses: {cause}"
+        found.append(Finding("W405", "info" if open_ > MANY_OPEN else "warning", text, {"share": alarm.share}))
+    growth = rms / np.maximum(plain.rms, 1e-12)
+    worst = int(np.argmax(growth))
+    if growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
+        joint = base.robot.joint_names[worst]
+        text = (
+            f"the physical set explains {joint} worse than the plain fit: its torque error grows from "
+            f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
+        )
+        found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])}))
+    if open_ > MANY_OPEN:
+        count = f"{sum(word == 'not determined' for word in knowledge)} of {len(knowledge)} base parameters"
+        plain_text = "the plain estimate holds for motions like this one only; for others use --feasible"
+        consequence = "their values come mostly from the prior" if feasible else plain_text
+        text = f"{count} are not determined by this log: {consequence}"
+        found.append(Finding("W406", "warning", text, {"share": open_}))
+    return found
+
+
+def _held_out(
+    stack: Stack, base: BaseModel, holdout: HoldOut, method: str, prior: Floats
+) -> dict[str, tuple[Floats, float]]:
+    """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
+    fitted = METHODS[method](Part(stack, holdout.train), prior)
     factors, rows = holdout.test.joint_factors(holdout.judged)
-    return joint_rms(factors, rows, theta), relative_error(factors, theta)
+    sets = {"plain": fitted.theta, "physical": full_set(base, fitted).theta}
+    return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}
 
 
 def prior_base(base: BaseModel) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.robust import HUBER
-from dynid.identify.segments import Segment
+from dynid.identify.rows import Rows
 from dynid.identify.uncertainty import automatic_lags, long_run_variance, sandwich, scores
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ class HonestCovariance:
 
 
 def hac_covariance(
-    segments: Iterable[Segment], theta: Floats, noise: Floats, lags: int | None = None, *, robust: bool = False
+    segments: Iterable[Rows], theta: Floats, noise: Floats, lags: int | None = None, *, robust: bool = False
 ) -> HonestCovariance:
     """Return the covariance of an estimate whose residuals are coloured and correlated between joints.
 

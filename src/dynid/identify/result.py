@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot
+from dynid.identify.fullset import FullSet
 from dynid.model.reduce import Reduction
 from dynid.model.store import BaseModel
 from dynid.robot import Robot
@@ -19,6 +20,8 @@ from dynid.robot import Robot
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/identification/1"
+ARRAYS = ("theta", "plain", "covariance", "std_error", "prior", "noise")
+FULL_ARRAYS = ("x", "std_error", "data_share", "theta")
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,11 @@ class Identification:
 
     Attributes:
         method: estimator.
+        why: why this one.
         names: base parameters, (p,).
-        theta: their values, (p,).
-        covariance: honest covariance, (p, p).
+        theta: their values; those of the physical set where there is one, (p,).
+        plain: what the estimator itself found, (p,).
+        covariance: honest covariance of ``plain``, (p, p).
         std_error: standard errors; infinite where the log says nothing, (p,).
         knowledge: ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
         prior: values believed before, NaN where nothing was, (p,).
@@ -61,12 +66,18 @@ class Identification:
         condition_number: of W with columns as they are.
         condition_number_scaled: of W with columns of unit length.
         samples: instants in the stack.
+        physical: the physically possible full set nearest to data and prior.
+        in_force: whether ``theta`` is that of the ``"physical"`` set or the ``"plain"`` estimate.
+        choice: why.
+        heldout_by_set: held-out relative error of both, where rows were held out.
         findings: what is worth a warning.
     """
 
     method: str
+    why: str
     names: tuple[str, ...]
     theta: Floats
+    plain: Floats
     covariance: Floats
     std_error: Floats
     knowledge: tuple[str, ...]
@@ -80,6 +91,10 @@ class Identification:
     condition_number: float
     condition_number_scaled: float
     samples: int
+    physical: FullSet
+    in_force: str
+    choice: str
+    heldout_by_set: dict[str, float]
     findings: tuple[Finding, ...] = ()
 
 
@@ -160,7 +175,8 @@ def write_yaml(path: Path, result: Identification, base: BaseModel, facts: dict[
 def save(path: Path, result: Identification, base: BaseModel, header: dict[str, Any]) -> None:
     """Write parameters.npz."""
     scalars = asdict(replace(result, findings=()))
-    arrays = {key: scalars.pop(key) for key in ("theta", "covariance", "std_error", "prior", "noise")}
+    arrays = {key: scalars.pop(key) for key in ARRAYS}
+    arrays |= {f"full_{key}": scalars["physical"].pop(key) for key in FULL_ARRAYS}
     reduction = base.reduction
     arrays |= {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
     robot_text = base.robot.path.read_text(encoding="utf-8") if base.robot.path else ""
@@ -190,8 +206,9 @@ def load(path: Path) -> StoredResult:
         facts["joints"] = tuple(JointQuality(**joint) for joint in facts["joints"])
         facts["findings"] = tuple(Finding(**finding) for finding in h["findings"])
         facts |= {key: tuple(facts[key]) for key in ("names", "knowledge")}
-        keys = ("theta", "covariance", "std_error", "prior", "noise")
-        identification = Identification(**facts, **{key: a[key] for key in keys})
+        full = {key: tuple(value) if isinstance(value, list) else value for key, value in facts["physical"].items()}
+        facts["physical"] = FullSet(**full, **{key: a[f"full_{key}"] for key in FULL_ARRAYS})
+        identification = Identification(**facts, **{key: a[key] for key in ARRAYS})
         reduction = Reduction(
             names=tuple(h["all_parameters"]),
             base=a["base"].astype(np.intp),

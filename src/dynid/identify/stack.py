@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.least_squares import accumulate, merge
+from dynid.identify.rows import Rows
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
 from dynid.quality.condition import Filter, Segment
@@ -31,27 +32,6 @@ MOST_BLOCKS = 64
 _EVALUATED = 4096
 #: Rows of short logs are kept so that covariance and prediction need not evaluate them again [bytes].
 KEPT_BYTES = 64 << 20
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of one stretch of time.
-
-    Attributes:
-        t: (M,) [s].
-        W: base regressor after the parallel filter, (M, n, p).
-        tau: torques after the parallel filter, (M, n).
-        usable: rows that count, (M, n).
-        block: number of the block of time they belong to.
-        starts_segment: whether a stretch without gaps begins here.
-    """
-
-    t: Floats
-    W: Floats
-    tau: Floats
-    usable: NDArray[np.bool_]
-    block: int
-    starts_segment: bool
 
 
 @dataclass(frozen=True)
@@ -94,25 +74,42 @@ def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
             for start, end in pairwise(cuts.tolist()):
                 part = slice(start - first, end - first)
                 number = block + int(np.searchsorted(edges, start, side="right")) - 1
-                yield Rows(rows.t[part], rows.W[part], rows.tau[part], rows.usable[part], number, start == 0)
+                yield Rows(
+                    W=rows.W[part],
+                    tau=rows.tau[part],
+                    Z=None if rows.Z is None else rows.Z[part],
+                    usable=rows.mask[part],
+                    follows=start > 0,
+                    t=rows.t[part],
+                    block=number,
+                )
         block += blocks
 
 
 def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int) -> Rows:
-    taps = kernel.shape[1]
-    part = slice(first * step, (last - 1) * step + taps)
-    evaluated = [e.copy() for _, e in observer.blocks(segment.q[part], segment.qd[part], segment.qdd[part])]
-    entries = decimate(np.concatenate(evaluated, axis=1), kernel, step)[0]
+    part = slice(first * step, (last - 1) * step + kernel.shape[1])
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
     usable = np.ones((last - first, observer.shape[0]), dtype=bool)
     if not segment.usable[part].all():
         spoilt = (~segment.usable[part]).T.astype(float)
         usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
-    W = np.zeros((last - first, *observer.shape))
-    W[:, observer.rows, observer.cols] = entries.T
-    centre = part.start + (taps - 1) // 2
-    t = segment.t[centre : centre + (last - first - 1) * step + 1 : step]
-    return Rows(t, W, np.ascontiguousarray(tau.T), usable, 0, first == 0)
+    command = segment.command
+    return Rows(
+        W=_columns(segment.q[part], segment.qd[part], segment.qdd[part], observer, kernel, step),
+        tau=np.ascontiguousarray(tau.T),
+        Z=None if command is None else _columns(*(x[part] for x in command), observer, kernel, step),
+        usable=usable,
+        t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first],
+    )
+
+
+def _columns(q: Floats, qd: Floats, qdd: Floats, observer: Observer, kernel: Floats, step: int) -> Floats:
+    """Return the base regressor after the parallel filter, (M, n, p)."""
+    entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
+    filtered = decimate(entries, kernel, step)[0]
+    W = np.zeros((filtered.shape[1], *observer.shape))
+    W[:, observer.rows, observer.cols] = filtered.T
+    return W
 
 
 @dataclass(frozen=True)
@@ -147,6 +144,11 @@ class Stack:
             yield from self.kept[number]
         elif self.observer is not None:
             yield from rows_of(self.sources[number], self.observer)
+
+    def __iter__(self) -> Iterator[Rows]:
+        """Walk over the rows of all logs in order of time; may be done many times."""
+        for number in range(len(self.sources)):
+            yield from self.rows_of_log(number)
 
     @property
     def blocks(self) -> int:
@@ -219,7 +221,7 @@ def stack(
 
 def _fold(R: Floats, rows: Rows, joint: int, active: NDArray[np.intp]) -> int:
     """Add the rows of one joint to its factor in place; only the columns that this joint has are worked on."""
-    good = rows.usable[:, joint]
+    good = rows.mask[:, joint]
     columns = np.append(active, rows.W.shape[2])
     small = accumulate(R[np.ix_(columns, columns)], rows.W[good][:, joint, active], rows.tau[good, joint])
     R[np.ix_(columns, columns)] = small

@@ -6,8 +6,9 @@ and regressor columns alike (``dynid.identify.stack``). Gaps are cut, never brid
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,9 @@ class Segment:
         raw_q: unfiltered position at the same times, (N, n).
         raw_qd: unfiltered velocity: the driver's where there is one, otherwise plain differences, (N, n).
         raw_tau: unfiltered torques, (N, n).
+        command_q: commanded positions under the same filter, (N, n); empty where the log has none.
+        command_qd: commanded velocities, (N, n).
+        command_qdd: commanded accelerations, (N, n).
     """
 
     t: Floats
@@ -102,6 +106,14 @@ class Segment:
     raw_q: Floats
     raw_qd: Floats
     raw_tau: Floats
+    command_q: Floats
+    command_qd: Floats
+    command_qdd: Floats
+
+    @property
+    def command(self) -> tuple[Floats, Floats, Floats] | None:
+        """Commanded motion, None where the log has none."""
+        return (self.command_q, self.command_qd, self.command_qdd) if self.command_q.size else None
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -199,7 +211,7 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) 
 
 def _block(
     log: Log, index: NDArray[np.intp], grid: Floats, even: slice | None, kernels: Floats, step: int, measured: bool
-) -> tuple[Floats, Floats, Floats, Floats, Floats, NDArray[np.bool_], Floats, Floats, Floats]:
+) -> tuple[NDArray[Any], ...]:
     taps = kernels.shape[1]
     half = (taps - 1) // 2
 
@@ -226,7 +238,21 @@ def _block(
         q[centres],
         raw_qd[centres],
         tau[centres],
-    )  # type: ignore[return-value]
+        *_command(log, column, kernels, step, len(grid[centres])),
+    )
+
+
+def _command(
+    log: Log, column: Callable[[Floats], Floats], kernels: Floats, step: int, count: int
+) -> tuple[Floats, Floats, Floats]:
+    """Return the commanded motion under the position filter; empty arrays where the log has none."""
+    command = log.extra.get("q_ref")
+    if command is None:
+        return (np.empty((count, 0)),) * 3
+    q, qd, qdd = (
+        np.ascontiguousarray(x.T) for x in decimate(np.ascontiguousarray(column(command).T), kernels, step)
+    )
+    return q, qd, qdd
 
 
 def _resampled(t: Floats, x: Floats, grid: Floats) -> Floats:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.identify.stack import Rows, Source
+from dynid.identify.rows import Rows
+from dynid.identify.stack import Source
 from dynid.quality.filters import decimate
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ def predict(source: Source, rows: Sequence[Rows], theta: Floats) -> EstimatedMot
         qdd_estimated=joined["qdd"],
         tau_measured=np.concatenate([r.tau for r in rows]),
         tau_estimated=np.concatenate([r.W @ theta for r in rows]),
-        usable=np.concatenate([r.usable for r in rows]),
+        usable=np.concatenate([r.mask for r in rows]),
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from dynid.errors import LogTooShort
 from dynid.identify.least_squares import accumulate, joint_rms, merge, ordinary, relative_error, ridge, solve, weighted
-from dynid.identify.segments import Segment, joint_factors
+from dynid.identify.rows import Rows, joint_factors
 
 TRUTH = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
 NOISE = np.array([0.1, 1.0, 10.0])
@@ -18,7 +18,7 @@ def rows(samples=400, noise=NOISE, seed=0):
 
 
 def factors(W, tau):
-    return joint_factors([Segment(W, tau)])
+    return joint_factors([Rows(W, tau)])
 
 
 def test_ordinary_fit_is_that_of_all_rows():
@@ -125,7 +125,7 @@ def test_unusable_rows_do_not_count():
     usable = np.ones(tau.shape, dtype=bool)
     usable[::7, 1] = False
     spoilt = np.where(usable, tau, 1e6)
-    R, count = joint_factors([Segment(W, spoilt, usable=usable)])
+    R, count = joint_factors([Rows(W, spoilt, usable=usable)])
     assert list(count) == [400, usable[:, 1].sum(), 400]
     keep = usable.ravel()
     expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]

@@ -5,7 +5,7 @@ import pytest
 
 from dynid.identify.hac import hac_covariance
 from dynid.identify.least_squares import weighted
-from dynid.identify.segments import Segment, joint_factors
+from dynid.identify.rows import Rows, joint_factors
 from dynid.identify.uncertainty import (
     Knowledge,
     automatic_lags,
@@ -36,7 +36,7 @@ def recording(seed, rho, samples=1000, joints=2):
     rng = np.random.default_rng(seed)
     W = ar1(rng, (samples, joints * 4), 0.95).reshape(samples, joints, 4)
     noise = ar1(rng, (samples, joints), rho) @ np.array([[1.0, 0.5], [0.0, 0.5]])
-    return Segment(W, W @ TRUTH + noise)
+    return Rows(W, W @ TRUTH + noise)
 
 
 def fitted(segment):
@@ -85,7 +85,7 @@ def test_jackknife_and_bootstrap_match_the_spread_over_recordings(many):
     for seed in range(15):
         segment = recording(seed, 0.8)
         blocks = [
-            joint_factors([Segment(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)
+            joint_factors([Rows(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)
         ]
         factors, noise = np.stack(blocks, axis=1), many[seed][0].noise
         by_jackknife = np.sqrt(np.diagonal(jackknife(factors, noise)))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.least_squares import accumulate
-from dynid.identify.stack import Stack
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -17,15 +16,17 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Segment:
-    """Conditioned rows of one stretch of time. Pass them as a list, or as any object that can be walked many times.
+class Rows:
+    """Filtered rows of one stretch of time. Pass them as a list, or as any object that can be walked many times.
 
     Attributes:
-        W: base regressor, (N, n, p).
-        tau: torques, (N, n) [N m].
-        Z: instruments, (N, n, p): the regressor on a motion that does not know the measurement noise; or None.
-        usable: rows that count, (N, n); None for all.
-        follows: whether its first row follows the last row of the segment before it without a gap.
+        W: base regressor after the parallel filter, (M, n, p).
+        tau: torques after the parallel filter, (M, n) [N m].
+        Z: instruments, (M, n, p): the regressor on a motion that does not know the measurement noise; or None.
+        usable: rows that count, (M, n); None for all.
+        follows: whether its first row follows the last row of the rows before it without a gap.
+        t: time, (M,) [s].
+        block: number of the block of time within its log.
     """
 
     W: Floats
@@ -33,35 +34,20 @@ class Segment:
     Z: Floats | None = None
     usable: Mask | None = None
     follows: bool = False
+    t: Floats = field(default_factory=lambda: np.zeros(0))
+    block: int = 0
 
     @property
     def mask(self) -> Mask:
-        """Rows that count, (N, n)."""
+        """Rows that count, (M, n)."""
         return np.ones(self.tau.shape, dtype=bool) if self.usable is None else self.usable
 
     def residual(self, theta: Floats) -> Floats:
-        """Return tau - W theta, (N, n) [N m]; zero where rows do not count."""
+        """Return tau - W theta, (M, n) [N m]; zero where rows do not count."""
         return np.where(self.mask, self.tau - self.W @ theta, 0.0)
 
 
-@dataclass(frozen=True)
-class StackSegments:
-    """The rows of a stack as segments, made anew on each walk where the stack did not keep them.
-
-    Attributes:
-        stack: the stacked logs.
-    """
-
-    stack: Stack
-
-    def __iter__(self) -> Iterator[Segment]:
-        """Walk over the rows of all logs in order of time."""
-        for log in range(len(self.stack.sources)):
-            for part in self.stack.rows_of_log(log):
-                yield Segment(part.W, part.tau, usable=part.usable, follows=not part.starts_segment)
-
-
-def joint_factors(segments: Iterable[Segment]) -> tuple[Floats, Ints]:
+def joint_factors(segments: Iterable[Rows]) -> tuple[Floats, Ints]:
     """Return the triangular factor of each joint's rows, (n, p + 1, p + 1), and their number, (n,)."""
     factors: list[Floats | None] = []
     rows: Ints = np.zeros(0, dtype=np.int64)
@@ -76,7 +62,7 @@ def joint_factors(segments: Iterable[Segment]) -> tuple[Floats, Ints]:
     return np.array(factors), rows
 
 
-def root_mean_square(segments: Iterable[Segment], theta: Floats) -> Floats:
+def root_mean_square(segments: Iterable[Rows], theta: Floats) -> Floats:
     """Return the root mean square of each joint's residual, (n,) [N m]; never quite zero."""
     squares: Floats | float = 0.0
     rows: Ints | int = 0
@@ -88,7 +74,7 @@ def root_mean_square(segments: Iterable[Segment], theta: Floats) -> Floats:
     return np.asarray(np.maximum(np.sqrt(squares / np.maximum(rows, 1)), 1e-12 * max(largest, 1e-18)))
 
 
-def robust_noise(segments: Iterable[Segment], theta: Floats) -> Floats:
+def robust_noise(segments: Iterable[Rows], theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m]."""
     residuals, masks = zip(*((segment.residual(theta), segment.mask) for segment in segments), strict=True)
     residual, mask = np.concatenate(residuals), np.concatenate(masks)

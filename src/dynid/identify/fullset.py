@@ -1,0 +1,99 @@
+"""From base parameters to a full set of link parameters that a real arm could have.
+
+What the data determine is kept within its uncertainty, the rest is taken from the prior, and every number says which it
+is. Source: entropic regularisation of pseudo-inertias (Lee, Wensing, Park 2020); docs/explanation/consistency.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identify.consistent import ConsistentFit, fit_pooled
+from dynid.identify.methods import Estimate
+from dynid.identify.physics import make_physics
+from dynid.model.prior import body_of, prior_parameters
+from dynid.model.store import BaseModel
+
+Floats = NDArray[np.float64]
+
+#: A link parameter is called measured when the data take away at least this share of what the prior left open.
+FROM_DATA = 0.5
+
+
+@dataclass(frozen=True)
+class FullSet:
+    """A physically possible value for every parameter of the model.
+
+    Attributes:
+        names: parameter names, (c,).
+        x: their values, (c,).
+        std_error: data and prior together, (c,).
+        data_share: how much of each value comes from the data, 0 (prior) to 1, (c,).
+        theta: base parameters of the set, (p,).
+        inflation: how much larger the honest variance is than the textbook one.
+        touched: bounds that the data push against.
+    """
+
+    names: tuple[str, ...]
+    x: Floats
+    std_error: Floats
+    data_share: Floats
+    theta: Floats
+    inflation: float
+    touched: tuple[str, ...]
+
+    def links(self) -> list[dict[str, Any]]:
+        """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
+        where = {name: k for k, name in enumerate(self.names)}
+        found = []
+        for name in self.names:
+            if name.startswith("m") and name[1:].isdigit():
+                first = where[name]
+                body = body_of(self.x[first : first + 10])
+                xx, xy, xz, yy, yz, zz = body.inertia_com
+                share = self.data_share[first : first + 10]
+                found.append(
+                    {
+                        "link": int(name[1:]),
+                        "mass_kg": body.mass,
+                        "com_m": list(body.com),
+                        "inertia_com_kg_m2": {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz},
+                        "origin": {
+                            self.names[first + k]: "data" if share[k] >= FROM_DATA else "prior" for k in range(10)
+                        },
+                    }
+                )
+        return found
+
+
+def full_set(base: BaseModel, estimate: Estimate) -> FullSet:
+    """Find the physically possible parameters that the estimate and the prior agree on best.
+
+    Args:
+        base: model and base parameters.
+        estimate: base parameters from the data, with their honest covariance.
+
+    Raises:
+        NotPhysical: the prior of the robot file is itself not physical.
+    """
+    names, K = base.reduction.names, base.reduction.K
+    prior = np.zeros(len(names))
+    links = prior_parameters(base.robot).reshape(-1, 10)
+    for k, column in enumerate(base.model.link_columns):
+        link, p = divmod(int(column), 11)
+        prior[k] = links[link, p] if p < 10 else 0.0
+    physics = make_physics(names, prior)
+    p = len(estimate.theta)
+    A = estimate.whitened[:p, :p]
+    inflation = max(1.0, float(np.sum((A @ estimate.covariance) * A)) / max(1, estimate.solution.rank))
+    R = A / np.sqrt(inflation)
+    fit, _ = fit_pooled(R @ K, R @ estimate.theta, physics)
+    return _as_set(names, K, fit, inflation)
+
+
+def _as_set(names: tuple[str, ...], K: Floats, fit: ConsistentFit, inflation: float) -> FullSet:
+    return FullSet(names, fit.x, fit.std_error, fit.data_share, K @ fit.x, inflation, fit.touched)

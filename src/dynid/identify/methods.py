@@ -1,0 +1,161 @@
+"""The estimators behind ``dynid identify --method``: rows of logs in, parameters with honest errors out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.identify.hac import hac_covariance
+from dynid.identify.instrumental import instrumental
+from dynid.identify.least_squares import Solution, joint_rms, merge, ordinary, ridge, solve, weighted
+from dynid.identify.robust import huber, look_for_spikes
+from dynid.identify.rows import Rows
+from dynid.identify.stack import Stack
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: A prior base parameter is believed to this share of itself by ``ridge``, and never better than this share of the
+#: largest of its kind: published inertias of one arm differ by as much between sources.
+RIDGE_BELIEF, RIDGE_FLOOR = 0.5, 0.05
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some blocks of time of a stack, to be walked many times.
+
+    Attributes:
+        stack: the stacked logs.
+        blocks: which of its blocks, (B,).
+    """
+
+    stack: Stack
+    blocks: Mask
+
+    def __iter__(self) -> Iterator[Rows]:
+        """Walk over the rows of the chosen blocks in order of time."""
+        for number in range(len(self.stack.sources)):
+            first = int(np.searchsorted(self.stack.logs, number))
+            for rows in self.stack.rows_of_log(number):
+                if self.blocks[first + rows.block]:
+                    yield rows
+
+    @cached_property
+    def factors(self) -> tuple[Floats, NDArray[np.int64]]:
+        """One triangular factor a joint and its number of rows."""
+        return self.stack.whole if self.blocks.all() else self.stack.joint_factors(self.blocks)
+
+    @property
+    def commanded(self) -> bool:
+        """Whether every log says what was commanded."""
+        return all(segment.command is not None for source in self.stack.sources for segment in source.segments)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Base parameters from one estimator.
+
+    Attributes:
+        method: its name.
+        theta: base parameters, (p,).
+        noise: standard deviation of each joint's residual, (n,) [N m].
+        rms: root mean square of each joint's residual, (n,) [N m].
+        covariance: of theta, allowing for coloured residuals, (p, p).
+        whitened: triangular factor of all rows divided by their noise, (p + 1, p + 1).
+        solution: rank and condition numbers of the whitened rows.
+        why: one sentence on the choice, for people.
+    """
+
+    method: str
+    theta: Floats
+    noise: Floats
+    rms: Floats
+    covariance: Floats
+    whitened: Floats
+    solution: Solution
+    why: str = ""
+
+
+def ols(part: Part, prior: Floats) -> Estimate:
+    """Ordinary least squares, the paper's choice (Eq. 24)."""
+    fit = ordinary(*part.factors)
+    return _estimate("ols", part, fit.theta, fit.noise)
+
+
+def wls(part: Part, prior: Floats) -> Estimate:
+    """Least squares with one noise level a joint."""
+    fit = weighted(*part.factors)
+    return _estimate("wls", part, fit.theta, fit.noise)
+
+
+def irls(part: Part, prior: Floats) -> Estimate:
+    """Least squares in which spikes have little weight (Huber)."""
+    fit = huber(part, weighted(*part.factors).theta)
+    return _estimate("irls", part, fit.theta, fit.noise, robust=True)
+
+
+def iv(part: Part, prior: Floats) -> Estimate:
+    """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
+    if not part.commanded:
+        raise WrongUsage(
+            "--method iv needs the commanded motion, and the log has none (q_ref)",
+            fix="use --method wls, or a log recorded by dynid record",
+        )
+    fit = instrumental(part, robust=True)
+    return _estimate("iv", part, fit.theta, fit.noise, covariance=fit.covariance)
+
+
+def ridge_to_prior(part: Part, prior: Floats) -> Estimate:
+    """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
+    known = np.nan_to_num(prior)
+    spread = np.maximum(RIDGE_BELIEF * np.abs(known), RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
+    fit = ridge(*part.factors, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
+    return _estimate("ridge", part, fit.theta, fit.noise, covariance=fit.covariance)
+
+
+METHODS: dict[str, Callable[[Part, Floats], Estimate]] = {
+    "wls": wls,
+    "ols": ols,
+    "irls": irls,
+    "iv": iv,
+    "ridge": ridge_to_prior,
+}
+
+
+def choose(part: Part) -> tuple[str, str]:
+    """Choose the estimator from what the logs offer.
+
+    Returns:
+        Its name, and why.
+    """
+    if part.commanded:
+        return "iv", "the log holds the commanded motion, whose instruments are free of encoder noise"
+    spikes = look_for_spikes(part, weighted(*part.factors).theta)
+    if spikes.found:
+        share = 100 * float(np.max(spikes.share))
+        return "irls", f"the residual has spikes (up to {share:.1f} % of a joint's samples), which get little weight"
+    return "wls", "no commanded motion in the log and no spikes in the residual"
+
+
+def _estimate(
+    method: str,
+    part: Part,
+    theta: Floats,
+    noise: Floats,
+    *,
+    robust: bool = False,
+    covariance: Floats | None = None,
+) -> Estimate:
+    factors, rows = part.factors
+    whitened = merge(factors, 1.0 / noise)
+    solution = solve(whitened)
+    if covariance is None and solution.rank < len(theta):
+        covariance = solution.inverse
+    if covariance is None:
+        covariance = hac_covariance(part, theta, noise, robust=robust).covariance
+    return Estimate(method, theta, noise, joint_rms(factors, rows, theta), covariance, whitened, solution)
