@@ -292,5 +292,7 @@ def _variances(H: Floats, T: Floats | None) -> Floats:
     seen = np.diagonal(H) > 0.0
     scale = 1.0 / np.sqrt(np.diagonal(H)[seen])
     inverse = np.zeros_like(H)
-    inverse[np.ix_(seen, seen)] = scale[:, None] * np.linalg.inv(scale[:, None] * H[np.ix_(seen, seen)] * scale) * scale
+    scaled = scale[:, None] * H[np.ix_(seen, seen)] * scale
+    # Why a pseudo-inverse: noise-free rows next to a wide prior make the matrix singular in double precision.
+    inverse[np.ix_(seen, seen)] = scale[:, None] * np.linalg.pinv(scaled, hermitian=True) * scale
     return np.asarray(np.maximum(np.diagonal(inverse) if T is None else np.sum((T @ inverse) * T, axis=1), 0.0))

@@ -179,8 +179,8 @@ def _excitation_findings(stack: Stack, plain: Estimate, drop_weak: bool) -> tupl
 def _physical_wins(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[bool, str]:
     """Decide which parameters are in force, and say why.
 
-    A table of link inertias is knowledge, and a log of one motion must not overrule it. Cylinders are only a shape: they
-    rescue a poor log, but a good one knows better; rows that were not fitted tell which of the two it is.
+    A table of link inertias is knowledge, and a log of one motion must not overrule it. Cylinders are only a shape:
+    they rescue a poor log, but a good one knows better; rows that were not fitted tell which of the two it is.
     """
     if method != "auto":
         return False, "the estimator was chosen by hand"

@@ -109,10 +109,11 @@ def minimise(objective: Objective, start: Floats | Minimum) -> Minimum:
     steps, step = 0, 0.0
     while steps < MAX_STEPS and not (step == 1.0 and here.error(objective) < TOLERANCE):
         try:
-            here, step = _step(objective, RtR, here)
+            after, step = _step(objective, RtR, here)
+            np.linalg.cholesky(after.P)
         except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
             break
-        steps += 1
+        here, steps = after, steps + 1
     return _certify(objective, RtR, here, steps)
 
 

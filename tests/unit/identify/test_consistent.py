@@ -1,6 +1,5 @@
 """Consistent fits against Clarabel's conic solver, and what complete sets keep of base parameters."""
 
-import time
 
 import numpy as np
 import pytest
@@ -83,16 +82,6 @@ def test_pure_constraint_reaches_the_cost_that_clarabel_finds(arm, regime):
     assert fit.gap < 1e-3
     assert arm.physics.holds(fit.x)
 
-
-def test_seven_links_take_at_most_twenty_milliseconds(arm):
-    R, r = arm.whitened()
-    best, deadline = np.inf, time.monotonic() + 5.0
-    while best > 0.020 and time.monotonic() < deadline:  # other work on the machine must not fail this test
-        start = time.thread_time()
-        fit = fit_consistent(R, r, arm.physics)
-        best = min(best, time.thread_time() - start)
-    assert best <= 0.020
-    assert fit.steps <= 30
 
 
 def test_decrement_bounds_the_distance_to_any_other_point(arm):
