@@ -17,10 +17,12 @@ from dynid.trajectory.feasible import CONTINUOUS
 
 Floats = NDArray[np.float64]
 
-#: Poses from which is learned which spheres always touch: neighbours, wrist housings, the foot on the floor.
+#: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
 POSES = 300
-#: Spheres that touch in more than this share of random poses are taken to be built that way.
+#: Links that touch in more than this share of random poses meet in a joint, whose limits keep them apart.
 USUAL = 0.2
+#: Distance of neighbouring spheres over their radius: the string is at its thinnest 20 % thinner than the cylinder.
+SPACING = 1.2
 #: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
 SCALE = 0.05
 WEIGHT = 100.0
@@ -129,7 +131,7 @@ class Spheres:
         """Place the spheres and learn which of them always touch."""
         links, centres, radii = [], [], []
         for i, shape in enumerate(link_cylinders(self.robot)):
-            count = max(2, math.ceil(shape.length / shape.radius) + 1)
+            count = max(2, math.ceil(shape.length / (SPACING * shape.radius)) + 1)
             for s in np.linspace(0.0, 1.0, count):
                 links.append(i)
                 centres.append((1 - s) * np.array(shape.start) + s * np.array(shape.end))
@@ -140,7 +142,9 @@ class Spheres:
         first, second = first[apart], second[apart]
         points = self.points(self._random_poses())[0]
         touching = self._pair_distance(points, first, second)[0] < self.scene.self_distance
-        kept = touching.mean(axis=0) < USUAL
+        names = self.links[first] * self.robot.n + self.links[second]
+        usual = [name for name in np.unique(names) if touching[:, names == name].any(axis=1).mean() >= USUAL]
+        kept = ~np.isin(names, usual)
         self._first, self._second = first[kept], second[kept]
         floor = -np.inf if self.scene.floor is None else self.scene.floor
         low = (points[:, :, 2] - self._radii - floor < self.scene.distance).mean(axis=0) >= USUAL
@@ -161,9 +165,10 @@ class Spheres:
         )
 
     def _pair_distance(self, points: Floats, first: NDArray[np.intp], second: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return distances of pairs, (N, pairs), and the vectors between their centres."""
         apart = points[:, first] - points[:, second]
-        length = np.sqrt(np.sum(apart**2, axis=2)) + 1e-12
-        return length - self._radii[first] - self._radii[second], apart / length[:, :, None]
+        length = np.sqrt(np.einsum("nkx,nkx->nk", apart, apart)) + 1e-12
+        return length - self._radii[first] - self._radii[second], apart
 
     def _box_distance(self, points: Floats, box: Box) -> tuple[Floats, Floats]:
         """Return distances to a box, negative inside, and their gradients by the points."""
@@ -184,42 +189,33 @@ class Spheres:
     def value(self, q: Floats) -> tuple[float, Floats]:
         """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
         points, rotations, origins = self.points(q)
-        pull = np.zeros_like(points)
-        total = 0.0
-
-        def charge(distance: Floats, wanted: float) -> Floats:
-            nonlocal total
-            lack = np.maximum(wanted - distance, 0.0) / SCALE
-            total += WEIGHT * float(np.sum(lack**2)) / len(q)
-            return -2 * WEIGHT / SCALE / len(q) * lack
-
-        distance, direction = self._pair_distance(points, self._first, self._second)
-        slope = charge(distance, self.scene.self_distance)
-        if np.any(slope):
-            force = slope[:, :, None] * direction
-            np.add.at(pull, (slice(None), self._first), force)
-            np.add.at(pull, (slice(None), self._second), -force)
-        if self.scene.floor is not None:
-            pull[:, self._lifted, 2] += charge(self._floor_distance(points), self.scene.distance)
-        for box in self.scene.obstacles:
+        scene = self.scene
+        pull, tool_pull = np.zeros_like(points), np.zeros((len(q), 3))
+        distance, apart = self._pair_distance(points, self._first, self._second)
+        total, slope = _charge(distance, scene.self_distance)
+        close = np.nonzero(slope)
+        if len(close[0]):
+            sample, pair = close
+            length = (distance[close] + self._radii[self._first[pair]] + self._radii[self._second[pair]])[:, None]
+            force = slope[close][:, None] * apart[close] / length
+            np.add.at(pull, (sample, self._first[pair]), force)
+            np.add.at(pull, (sample, self._second[pair]), -force)
+        if scene.floor is not None:
+            extra, slope = _charge(self._floor_distance(points), scene.distance)
+            total, pull[:, self._lifted, 2] = total + extra, pull[:, self._lifted, 2] + slope
+        for box in scene.obstacles:
             distance, direction = self._box_distance(points, box)
-            pull += charge(distance, self.scene.distance)[:, :, None] * direction
-        return total, self._to_joints(points, rotations, origins, pull) + self._workspace(rotations, origins, charge)
+            extra, slope = _charge(distance, scene.distance)
+            total, pull = total + extra, pull + slope[:, :, None] * direction
+        if scene.workspace is not None:
+            tool = origins[:, -1]
+            for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
+                extra, slope = _charge(sign * (tool - edge), 0.0)
+                total, tool_pull = total + extra, tool_pull + sign * slope
+        return total, self._to_joints(points, rotations, origins, pull, tool_pull)
 
-    def _workspace(self, rotations: Floats, origins: Floats, charge: object) -> Floats:
-        """Return the gradient of the penalty on a tool outside its workspace."""
-        if self.scene.workspace is None:
-            return np.zeros(origins.shape[:2])
-        tool = origins[:, -1:]
-        room = np.stack([tool - self.scene.workspace.lower, np.array(self.scene.workspace.upper) - tool])
-        slope = charge(room, 0.0)  # type: ignore[operator]
-        pull = slope[0] - slope[1]
-        axes, feet = joint_axes(self.robot, rotations, origins)
-        turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
-        return np.sum(np.where(turning, np.cross(axes, tool - feet), axes) * pull, axis=2)
-
-    def _to_joints(self, points: Floats, rotations: Floats, origins: Floats, pull: Floats) -> Floats:
-        """Turn forces on the spheres into joint efforts: every joint carries the spheres of the links after it."""
+    def _to_joints(self, points: Floats, rotations: Floats, origins: Floats, pull: Floats, tool_pull: Floats) -> Floats:
+        """Turn forces on spheres and tool into joint efforts: every joint carries the links after it."""
         n = self.robot.n
         axes, feet = joint_axes(self.robot, rotations, origins)
         force, moment = np.zeros((2, len(points), n, 3))
@@ -227,6 +223,8 @@ class Spheres:
         for i in range(n):
             here = self.links == i
             force[:, i], moment[:, i] = pull[:, here].sum(axis=1), turned[:, here].sum(axis=1)
+        force[:, -1] += tool_pull
+        moment[:, -1] += np.cross(origins[:, -1], tool_pull)
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
         return np.sum(axes * np.where(turning, moment - np.cross(feet, force), force), axis=2)
@@ -253,3 +251,9 @@ class Spheres:
             room = np.minimum(tool - self.scene.workspace.lower, np.array(self.scene.workspace.upper) - tool).min(axis=1)
             found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin())))
         return found
+
+
+def _charge(distance: Floats, wanted: float) -> tuple[float, Floats]:
+    """Return the penalty on distances below the wanted one, (N, ...), and its gradient."""
+    lack = np.maximum(wanted - distance, 0.0) / SCALE
+    return WEIGHT * float(np.sum(lack**2)) / len(distance), -2 * WEIGHT / SCALE / len(distance) * lack
