@@ -37,7 +37,8 @@ class Tape:
         value: list[Any] = [fixed.get(name) for name in program.inputs] + [float(c) for c in program.constants]
         moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
         steps = []
-        for k, (op, lhs, rhs) in enumerate(zip(program.op.tolist(), program.lhs.tolist(), program.rhs.tolist(), strict=True)):
+        listed = np.stack([program.op, program.lhs, program.rhs], axis=1).tolist()
+        for k, (op, lhs, rhs) in enumerate(listed):
             a, b = value[lhs], 0.0 if op == NEG else value[rhs]
             folded = a is not None and b is not None
             value.append(FOLD[op](a, b) if folded else None)
@@ -66,7 +67,7 @@ class Tape:
         return calls
 
     def _backward_calls(self, steps: list[tuple[int, int, int, int]]) -> list[tuple[Any, Any, Any, Any]]:
-        """List the array operations of the reverse sweep; the first contribution to a slope is written, later ones added."""
+        """List the array operations of the reverse sweep; a first contribution is written, others added."""
         seen = {slot for _, slot in self._outputs}
         calls: list[tuple[Any, Any, Any, Any]] = []
 

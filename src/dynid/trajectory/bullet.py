@@ -28,6 +28,8 @@ FAR = 0.3
 WIDTH, HEIGHT = 480, 360
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
+#: Colours of the links in turn, told apart by colour-blind people too.
+_BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
 
 
 class World:
@@ -57,13 +59,8 @@ class World:
         for number, (lower, upper) in enumerate(job["obstacles"], start=1):
             self._things[f"obstacle {number}"] = self._box(lower, upper, (0.8, 0.45, 0.2, 0.9))
         for k in range(-1, count):
-            shade = 0.35 + 0.12 * (k % 4)
-            pybullet.changeVisualShape(self._arm, k, rgbaColor=(0.15, shade, 0.75, 1) if k % 2 else (0.9, 0.55 + shade / 4, 0.15, 1))
-
-    @property
-    def missing(self) -> list[str]:
-        """Joints that the URDF has."""
-        return sorted(self._index)
+            color = _BLUE if k % 2 else _ORANGE
+            pybullet.changeVisualShape(self._arm, k, rgbaColor=color)
 
     def _box(self, lower: list[float], upper: list[float], color: tuple[float, ...]) -> int:
         half = (np.subtract(upper, lower) / 2).tolist()
@@ -109,7 +106,8 @@ class World:
         apart. The foot stands on the floor.
         """
         candidates = [(f"{self._names[a]} - {self._names[b]}", self._arm, a, b) for a, b in self._pairs()]
-        candidates += [(f"{self._names[k]} - {name}", body, k, -1) for name, body in self._things.items() for k in sorted(self._names)]
+        for name, body in self._things.items():
+            candidates += [(f"{self._names[k]} - {name}", body, k, -1) for k in sorted(self._names)]
         touching = np.zeros(len(candidates))
         for q in poses:
             self.place(q)

@@ -16,6 +16,7 @@ from dynid.robot import Robot, rotation_rpy
 from dynid.trajectory.feasible import CONTINUOUS
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 #: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
 POSES = 300
@@ -164,7 +165,7 @@ class Spheres:
             origins,
         )
 
-    def _pair_distance(self, points: Floats, first: NDArray[np.intp], second: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def _pair_distance(self, points: Floats, first: Ints, second: Ints) -> tuple[Floats, Floats]:
         """Return distances of pairs, (N, pairs), and the vectors between their centres."""
         apart = points[:, first] - points[:, second]
         length = np.sqrt(np.einsum("nkx,nkx->nk", apart, apart)) + 1e-12
@@ -247,8 +248,8 @@ class Spheres:
             k, s = np.unravel_index(distance.argmin(), distance.shape)
             found.append(Contact(f"link {self.links[s] + 1} - obstacle {number}", float(distance[k, s]), int(k)))
         if self.scene.workspace is not None:
-            tool = origins[:, -1]
-            room = np.minimum(tool - self.scene.workspace.lower, np.array(self.scene.workspace.upper) - tool).min(axis=1)
+            tool, workspace = origins[:, -1], self.scene.workspace
+            room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
             found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin())))
         return found
 

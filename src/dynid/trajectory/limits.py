@@ -129,8 +129,8 @@ def require(found: Check, margin: float = 0.0) -> None:
         fix = "slower does not help: this pose is too heavy for the joint; use waypoints nearer to the base"
     else:
         fix = "slower does not help: move the waypoints away from the limit, or try another --seed"
-    what = f"{worst.joint} {_VERB[worst.quantity].format(worst.value)} at t = {worst.time:.1f} s; limit {worst.limit:.3g}{kept}{more}"
-    raise LimitBroken(what, fix=fix)
+    done = f"{worst.joint} {_VERB[worst.quantity].format(worst.value)} at t = {worst.time:.1f} s"
+    raise LimitBroken(f"{done}; limit {worst.limit:.3g}{kept}{more}", fix=fix)
 
 
 _VERB = {
@@ -162,7 +162,8 @@ def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> 
             value, limit = float(values[worst]), float(upper[j] if values[worst] > upper[j] else lower[j])
             alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
             shown = (abs(value), abs(limit)) if order else (value, limit)
-            found.append(Violation(robot.joint_names[j], quantity, *shown, float(when[worst]) / trajectory.alpha, alpha))
+            time = float(when[worst]) / trajectory.alpha
+            found.append(Violation(robot.joint_names[j], quantity, *shown, time, alpha))
     return found
 
 
@@ -196,7 +197,7 @@ def _torques(
 
 
 def _torque_alpha(trajectory: Trajectory, limits: Bounds, torque: Torque) -> float | None:
-    """Return a speed factor at which all torques fit, found by bisection; None when even standing in the poses is too much."""
+    """Return a speed factor at which all torques fit, by bisection; None when even to stand in the poses is too much."""
     path = trajectory.slowed(1.0).sampled(RATE / 10)
 
     def fits(alpha: float) -> bool:

@@ -91,7 +91,8 @@ def optimise(problem: Problem, search: Search, progress: Progress = SILENT) -> l
                     best[start] = min(best.get(start, (np.inf, x)), (value, x), key=lambda pair: pair[0])
                 if best:
                     least = min(value for value, _ in best.values())
-                    progress.advance(min(time.monotonic() - begin, search.seconds), search.seconds, f"best {describe(problem, least)}")
+                    done = min(time.monotonic() - begin, search.seconds)
+                    progress.advance(done, search.seconds, f"best {describe(problem, least)}")
         except KeyboardInterrupt:
             if not best:
                 raise

@@ -37,7 +37,8 @@ class Trajectory:
     def __post_init__(self) -> None:
         """Check the speed factor."""
         if not 0 < self.alpha <= 1:
-            raise WrongUsage(f"alpha = {self.alpha:g}", why="alpha slows a plan down", fix="give a number above 0 and up to 1")
+            fix = "give a number above 0 and up to 1"
+            raise WrongUsage(f"alpha = {self.alpha:g}", why="alpha slows a plan down", fix=fix)
 
     @property
     def duration(self) -> float:
@@ -101,7 +102,7 @@ def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:
 
 
 def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:
-    """Return the factor by which each interval has to grow for its peak rates, (K - 1,); exactly 1 or less when fine."""
+    """Return the factor by which each interval has to grow for its peak rates, (K - 1,); at most 1 when fine."""
     knots = np.concatenate([[0.0], np.cumsum(lengths)])
     factor = np.zeros(len(lengths))
     for order, limit in ((1, limits.velocity), (2, limits.acceleration)):

@@ -81,7 +81,8 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
     with _job(trajectory, robot, urdf, scene, look) as job:
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
-            child = subprocess.run(_command(job), stdout=stream, stderr=stream, env=_environment(), timeout=PATIENCE, check=False)  # noqa: S603
+            streams = {"stdin": subprocess.DEVNULL, "stdout": stream, "stderr": stream}
+            child = subprocess.run(_command(job), **streams, env=_environment(), timeout=PATIENCE, check=False)
         answer = job.with_suffix(".answer")
         if not answer.is_file():
             raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
@@ -130,7 +131,7 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
     with _job(trajectory, robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
-        child = subprocess.Popen(_command(job), stdout=stream, stderr=stream, env=_environment())  # noqa: S603
+        child = subprocess.Popen(_command(job), stdout=stream, stderr=stream, env=_environment())
         try:
             yield
         finally:
@@ -178,7 +179,7 @@ def _urdf_joints(urdf: Path) -> list[str]:
     import xml.etree.ElementTree as ET
 
     try:
-        root = ET.parse(urdf).getroot()  # noqa: S314 - the expat of Python refuses entity bombs since 2.4.1
+        root = ET.parse(urdf).getroot()
     except (OSError, ET.ParseError) as error:
         raise WrongRobotFile(f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf") from None
     return [j.get("name", "") for j in root.iter("joint") if j.get("type") in ("revolute", "continuous", "prismatic")]
@@ -191,7 +192,8 @@ def _urdf_names(robot: Robot, urdf: Path) -> list[str]:
         if set(names) <= set(there):
             return list(names)
     missing = ", ".join(name for name in robot.joint_names if name not in there)
-    raise WrongRobotFile(f"{urdf} lacks the joints {missing}; it has {', '.join(there)}", where=str(urdf), fix="rename the joints")
+    what = f"{urdf} lacks the joints {missing}; it has {', '.join(there)}"
+    raise WrongRobotFile(what, where=str(urdf), fix="rename the joints")
 
 
 class _as_driver:  # noqa: N801 - reads as a function
@@ -227,7 +229,8 @@ def _failure(status: int, log: str, urdf: Path) -> Exception:
         )
     if "Cannot load URDF" in log or "cannot" in log.lower():
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "")
-        return WrongRobotFile(f"PyBullet cannot load {urdf}: {last}", where=str(urdf), fix="check the URDF and its meshes")
+        what = f"PyBullet cannot load {urdf}: {last}"
+        return WrongRobotFile(what, where=str(urdf), fix="check the URDF and its meshes")
     return RuntimeError(f"the preview process ended with status {status}:\n{log[-2000:]}")
 
 
@@ -248,7 +251,7 @@ def _compare_axes(robot: Robot, poses: Floats, found: Floats, urdf: Path) -> Non
         j = int(np.argmax(wrong))
         degrees, apart = np.degrees(angle[:, j].max()), across[:, j].max()
         raise WrongRobotFile(
-            f"{robot.joint_names[j]}: its axis in {urdf} is {degrees:.1f} deg and {1000 * apart:.1f} mm off the DH table",
+            f"{robot.joint_names[j]}: axis in {urdf} is {degrees:.1f} deg and {1000 * apart:.1f} mm off the DH table",
             where=str(urdf),
             fix="correct the DH table, `base:` or the signs and offsets under `driver:`",
         )
