@@ -174,6 +174,7 @@ def run(job_path: Path) -> None:
         times, poses, random = arrays["t"], arrays["q"], arrays["random"]
     world = World(job, window=job["window"])
     if job["window"]:
+        job_path.with_suffix(".ready").touch()
         world.play(times, poses)
         return
     answer: dict[str, Any] = {"axes": world.axes(random[:10])}

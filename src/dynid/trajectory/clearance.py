@@ -98,7 +98,8 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
     axes, points = joint_axes(robot, rotations, origins)
     turning = np.array([joint.revolute for joint in robot.joints])[None, :, None]
     columns = np.where(turning, np.cross(axes, origins[:, -1:] - points), axes)
-    return np.linalg.norm(np.sum(columns * qd[:, :, None], axis=1), axis=1)
+    speed: Floats = np.linalg.norm(np.sum(columns * qd[:, :, None], axis=1), axis=1)
+    return speed
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,8 @@ class Spheres:
 
     def _floor_distance(self, points: Floats) -> Floats:
         assert self.scene.floor is not None
-        return points[:, self._lifted, 2] - self._radii[self._lifted] - self.scene.floor
+        height: Floats = points[:, self._lifted, 2] - self._radii[self._lifted] - self.scene.floor
+        return height
 
     def value(self, q: Floats) -> tuple[float, Floats]:
         """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
@@ -228,7 +230,8 @@ class Spheres:
         moment[:, -1] += np.cross(origins[:, -1], tool_pull)
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
-        return np.sum(axes * np.where(turning, moment - np.cross(feet, force), force), axis=2)
+        effort: Floats = np.sum(axes * np.where(turning, moment - np.cross(feet, force), force), axis=2)
+        return effort
 
     def contacts(self, q: Floats) -> list[Contact]:
         """Return the least clearance between links, to the floor, to each obstacle and of the tool to its workspace."""

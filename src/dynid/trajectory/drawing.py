@@ -76,8 +76,8 @@ def _traces(draw: Any, box: tuple[int, int, int, int], traces: Traces, marks: li
         draw.line((left, y, right, y), "#dddddd" if share == 0.5 else "#999999")
         draw.text((box[0] + 4, y - 7), text, "#555555", font_size=11)
     for mark in marks:
-        x = left + mark / t[-1] * (right - left)
-        draw.line((x, top, x, bottom), "#bbbbbb" if len(marks) > 1 else "#333333", width=2)
+        at = left + mark / t[-1] * (right - left)
+        draw.line((at, top, at, bottom), "#bbbbbb" if len(marks) > 1 else "#333333", width=2)
     step = max(1, len(t) // 600)
     x = left + t[::step] / t[-1] * (right - left)
     for j, label in enumerate(labels):

@@ -21,7 +21,7 @@ from dynid.trajectory.plan import Trajectory
 Floats = NDArray[np.float64]
 Torque = Callable[[Motion], Floats]
 
-#: Rate of the check [Hz].
+#: Rate of the check at full speed; a slowed motion is checked at the same points of its path [Hz].
 RATE = 1000.0
 #: A limit is broken when it is exceeded by more than rounding.
 ROUNDING = 1e-7
@@ -98,7 +98,7 @@ def check(
         torque: predicted torques of a motion, (N, n); None to leave torques out.
         speed: largest speed of the tool [m/s]; None for any.
     """
-    motion = trajectory.sampled(RATE)
+    motion = trajectory.sampled(RATE * trajectory.alpha)
     tau = None if torque is None else torque(motion)
     violations = [v for order in range(3) for v in _rates(trajectory, robot, limits, order)]
     if tau is not None and torque is not None:
@@ -197,7 +197,7 @@ def _torques(
 
 
 def _torque_alpha(trajectory: Trajectory, limits: Bounds, torque: Torque) -> float | None:
-    """Return a speed factor at which all torques fit, by bisection; None when even to stand in the poses is too much."""
+    """Return a speed factor at which all torques fit, by bisection; None when even standing there is too much."""
     path = trajectory.slowed(1.0).sampled(RATE / 10)
 
     def fits(alpha: float) -> bool:

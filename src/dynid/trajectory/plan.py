@@ -14,6 +14,8 @@ from dynid.trajectory.feasible import Bounds, extrema
 
 Floats = NDArray[np.float64]
 
+#: Samples evaluated at once: Phi of a long motion at 1 kHz would not fit into memory comfortably.
+BLOCK = 4096
 #: Rounds of the rule that stretches intervals; each round brings every interval to within a few percent.
 ROUNDS = 60
 #: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
@@ -55,8 +57,11 @@ class Trajectory:
         Source: Paper Eq. 19 in its right form, q = p(alpha t), qd = alpha p', qdd = alpha^2 p''.
         """
         s = np.clip(self.alpha * t, 0.0, self.basis.duration)
-        q, qd, qdd = (self.basis.matrix(s, order) @ self.coefficients * self.alpha**order for order in range(3))
-        return Motion(t, q, qd, qdd)
+        values = np.empty((3, len(t), self.coefficients.shape[1]))
+        for part in (slice(k, k + BLOCK) for k in range(0, len(t), BLOCK)):
+            for order in range(3):
+                values[order, part] = self.basis.matrix(s[part], order) @ self.coefficients * self.alpha**order
+        return Motion(t, *values)
 
     def sampled(self, rate: float) -> Motion:
         """Return the motion from its beginning to its end at a sample rate [Hz]."""

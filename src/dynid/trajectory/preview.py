@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ Floats = NDArray[np.float64]
 RATE, POSES = 100.0, 3000
 #: Time after which a child that draws is taken to hang [s].
 PATIENCE = 600.0
+#: Time within which a window opens [s].
+OPENING = 60.0
 #: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
 AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
 
@@ -81,8 +84,10 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
     with _job(trajectory, robot, urdf, scene, look) as job:
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
-            streams = {"stdin": subprocess.DEVNULL, "stdout": stream, "stderr": stream}
-            child = subprocess.run(_command(job), **streams, env=_environment(), timeout=PATIENCE, check=False)
+            child = subprocess.run(
+                _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment(),
+                timeout=PATIENCE, check=False,
+            )  # fmt: skip
         answer = job.with_suffix(".answer")
         if not answer.is_file():
             raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
@@ -131,12 +136,24 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
     with _job(trajectory, robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
-        child = subprocess.Popen(_command(job), stdout=stream, stderr=stream, env=_environment())
+        child = subprocess.Popen(
+            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment()
+        )
         try:
+            _await(child, job)
             yield
         finally:
             child.terminate()
             child.wait()
+
+
+def _await(child: subprocess.Popen[bytes], job: Path) -> None:
+    """Wait until the window is there."""
+    begin = time.monotonic()
+    while not job.with_suffix(".ready").exists():
+        if child.poll() is not None or time.monotonic() - begin > OPENING:
+            raise NoDisplay("PyBullet could not open its window", why=job.with_suffix(".log").read_text()[-300:])
+        time.sleep(0.05)
 
 
 def has_display() -> bool:
@@ -207,7 +224,8 @@ class _as_driver:  # noqa: N801 - reads as a function
     def __call__(self, q: Floats) -> Floats:
         if self._map is None:
             return q
-        return (q - np.array(self._map.offset)) * np.array(self._map.sign)
+        turned: Floats = (q - np.array(self._map.offset)) * np.array(self._map.sign)
+        return turned
 
 
 def _command(job: Path) -> list[str]:
