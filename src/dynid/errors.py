@@ -497,6 +497,8 @@ WARNINGS: dict[str, str] = {
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W402": "A base parameter is hardly excited by this log.",
     "W404": "The identified parameters belong to no physical body.",
+    "W604": "There is no display: the preview was saved as pictures instead.",
+    "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
 }
 
 

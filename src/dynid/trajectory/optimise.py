@@ -119,9 +119,7 @@ def _workers(problem: Problem, search: Search) -> Iterator[tuple[Any, list[Any]]
     # Why: the effect columns of a model are functions, which do not travel between processes; they are made anew.
     sent = replace(problem, model=Model(problem.model.robot, problem.model.rigid))
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
-    running = [
-        context.Process(target=_work, args=(sent, search, k, count, reports), daemon=True) for k in range(count)
-    ]
+    running = [context.Process(target=_work, args=(sent, search, k, count, reports), daemon=True) for k in range(count)]
     with _one_thread_each():
         for process in running:
             process.start()

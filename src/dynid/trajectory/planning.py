@@ -58,6 +58,7 @@ class Wishes:
         noise: torque noise of each joint, (n,).
         known: information matrix of earlier logs; None without any.
         rate: sample rate of the coming log [Hz].
+        seed: of the random motions without a search.
     """
 
     duration: float
@@ -74,6 +75,7 @@ class Wishes:
     search: Search | None = None
     known: Floats | None = None
     rate: float = 100.0
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ def proposals(shop: Workshop, progress: Progress = SILENT) -> Iterator[Trajector
 def _random(shop: Workshop, basis: Basis) -> Iterator[Floats]:
     shaping = Shaping(basis, shop.limits, np.zeros(1))
     for start in range(RANDOM_STARTS):
-        yield shaping.coefficients(shaping.random(np.random.default_rng((start,))))
+        yield shaping.coefficients(shaping.random(np.random.default_rng((shop.wishes.seed, start))))
 
 
 def clear_pose(shop: Workshop) -> Floats:
