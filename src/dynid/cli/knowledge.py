@@ -92,7 +92,7 @@ def _of_log(common: Common, base: BaseModel, path: Path) -> Floats:
     from dynid.identify.sources import Reading
 
     stack = stack_sources(common, base, read_sources(common, base, (path,), Reading())[0])
-    factors, rows = stack.joint_factors()
+    factors, rows = stack.joint_factors(np.ones(stack.blocks, dtype=bool))
     found = weighted(factors, rows).noise
     p = base.reduction.rank
     return np.asarray(sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True)))

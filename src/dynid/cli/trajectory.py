@@ -128,8 +128,7 @@ class Task:
     "--review", type=click.Path(path_type=Path), metavar="FILE", help="Preview and accept a motion planned before."
 )
 @click.option("--accept", is_flag=True, help="Mark the motion as reviewed without being asked.")
-@click.pass_context
-def command(ctx: click.Context, common: Common, robot: str, plan: Path | None, **options: Any) -> None:  # noqa: ANN401
+def command(common: Common, robot: str, plan: Path | None, **options: Any) -> None:  # noqa: ANN401
     """Plan an excitation motion, prove it safe, preview it, and ask."""
     from dynid.cli.motionview import review_stored
     from dynid.files.robotfile import load_robot
@@ -137,7 +136,7 @@ def command(ctx: click.Context, common: Common, robot: str, plan: Path | None, *
 
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
-    written, options = with_plan(ctx, plan, arm, options)
+    written, options = with_plan(click.get_current_context(), plan, arm, options)
     path = common.folder(arm.slug) / "trajectory.npz"
     if options["review"] is not None:
         task = Task(options, base_model(common, arm), written, None, common.seed)
@@ -194,7 +193,7 @@ def limits_hash(robot: Robot) -> str:
     """Return a hash of what a plan depends on beyond the model: limits, base pose, prior."""
     from dataclasses import asdict
 
-    parts = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
+    parts: list[Any] = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
     parts += [asdict(robot.prior) if robot.prior else None, asdict(robot.tool) if robot.tool else None]
     return input_hashes({}, {"limits": parts})["options"]
 

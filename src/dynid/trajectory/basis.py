@@ -126,7 +126,7 @@ class Quintic:
     @cached_property
     def constant(self) -> Floats:
         """Coefficients of the motion that stays at 1, (size,)."""
-        return np.linalg.lstsq(self._free, np.tile([1.0, 0.0, 0.0], len(self.knots)), rcond=None)[0]
+        return _solved(self._free, np.tile([1.0, 0.0, 0.0], len(self.knots)))
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -156,7 +156,8 @@ class Quintic:
         """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n)."""
         nodes = (self._free @ c).reshape(len(self.knots), 3, -1)
         lengths = np.diff(self.knots)[:, None, None] ** np.arange(3)[None, :, None]
-        return HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
+        found: Floats = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
+        return found
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
         """Return the knots and all roots of the next derivative, joint by joint."""
@@ -207,7 +208,7 @@ class Fourier:
     @cached_property
     def constant(self) -> Floats:
         """Coefficients of the motion that stays at 1, (size,)."""
-        return np.linalg.lstsq(self._free, np.eye(2 * self.harmonics + 1)[0], rcond=None)[0]
+        return _solved(self._free, np.eye(2 * self.harmonics + 1)[0])
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -242,10 +243,17 @@ def basis_from(facts: dict[str, Any]) -> Basis:
     return Quintic(tuple(float(t) for t in facts["knots"]), facts["kind"] == "spline")
 
 
+def _solved(A: Floats, b: Floats) -> Floats:
+    """Return the least squares solution of A x = b."""
+    x: Floats = np.linalg.lstsq(A, b, rcond=None)[0]
+    return x
+
+
 def _powers(s: Floats, order: int) -> Floats:
     """Return the derivative of an order of (s^5 ... 1), (N, 6)."""
     exponents = np.maximum(np.arange(5, -1, -1) - order, 0)
-    return s[:, None] ** exponents * _falling(order)
+    found: Floats = s[:, None] ** exponents * _falling(order)
+    return found
 
 
 def _null_space(matrix: Floats) -> Floats:

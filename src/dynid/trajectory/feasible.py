@@ -148,7 +148,8 @@ class Shaping:
         )
         room = np.maximum(reach - scale * span, 0.0) / 2
         centre = (limits.upper + limits.lower) / 2 + room * place - scale * (high + low) / 2
-        return scale * c + np.outer(basis.constant, centre)
+        found: Floats = scale * c + np.outer(basis.constant, centre)
+        return found
 
 
 def extrema(basis: Basis, c: Floats, order: int) -> Floats:

@@ -103,7 +103,8 @@ def through(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> T
 def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:
     knots = np.concatenate([[0.0], np.cumsum(lengths)])
     basis = Quintic(tuple(knots.tolist()), smooth=True)
-    return Trajectory(basis, np.linalg.solve(basis.matrix(knots), waypoints))
+    coefficients: Floats = np.linalg.solve(basis.matrix(knots), waypoints)
+    return Trajectory(basis, coefficients)
 
 
 def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:
