@@ -6,19 +6,19 @@ import json
 import numpy as np
 import pytest
 import yaml
+from runner import Runner
 
 QUICK = ("--no-optimise", "--duration", "6", "--segments", "4", "--preview", "none")
 
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """A folder with a quick plan and the answer."""
-    from conftest import Runner
-
+    """A quick plan in one folder for several tests: how to run there, its answer, what was said."""
     folder = tmp_path_factory.mktemp("plan")
-    done = Runner(folder, folder)("trajectory", "kuka_lwr4plus", *QUICK, "--json")
+    runner = Runner(folder, folder)
+    done = runner("trajectory", "kuka_lwr4plus", *QUICK, "--json")
     assert done.status == 0, done.err
-    return folder, json.loads(done.out), done.err
+    return runner, json.loads(done.out), done.err
 
 
 def test_answer_has_the_keys_of_the_contract_with_units_in_their_names(planned):
@@ -35,9 +35,9 @@ def test_answer_has_the_keys_of_the_contract_with_units_in_their_names(planned):
 
 
 def test_npz_csv_and_yaml_hold_the_same_motion(planned):
-    folder, answer, _ = planned
-    out = folder / "out" / "kuka_lwr4plus"
-    assert {str(out / name) for name in ("trajectory.npz",)} <= {str(folder / path) for path in answer["wrote"]}
+    runner, answer, _ = planned
+    out = runner.folder / "out" / "kuka_lwr4plus"
+    assert {str(out / name) for name in ("trajectory.npz",)} <= {str(runner.folder / path) for path in answer["wrote"]}
     with np.load(out / "trajectory.npz") as stored:
         t, q = stored["t"], stored["q"]
     with (out / "trajectory.csv").open() as stream:
@@ -50,23 +50,18 @@ def test_npz_csv_and_yaml_hold_the_same_motion(planned):
 
 
 def test_unattended_motion_is_marked_unreviewed_and_accepted_on_review(planned):
-    from conftest import Runner
-
-    folder, answer, said = planned
+    runner, answer, said = planned
     assert answer["reviewed"] is False
     assert "written, marked reviewed: no (not asked: no terminal; set with --accept)" in said
     path = "out/kuka_lwr4plus/trajectory.npz"
-    done = Runner(folder, folder)(
+    done = runner(
         "trajectory", "kuka_lwr4plus", "--review", path, "--accept", "--preview", "none", "--json"
     )
     assert (done.status, json.loads(done.out)["reviewed"]) == (0, True), done.err
 
 
 def test_same_inputs_are_reused_and_other_inputs_need_force(planned):
-    from conftest import Runner
-
-    folder, answer, _ = planned
-    run = Runner(folder, folder)
+    run, answer, _ = planned
     again = run("trajectory", "kuka_lwr4plus", *QUICK, "--json")
     assert "reused" in again.err
     assert json.loads(again.out)["condition_number"] == answer["condition_number"]
@@ -86,7 +81,7 @@ def test_waypoints_beyond_a_limit_end_with_status_5_the_numbers_and_a_way_out(dy
 
 
 def test_waypoints_into_the_floor_end_with_status_5_and_the_pair(dynid):
-    (dynid.folder / "floor.csv").write_text("0,0,0,0,0,0,0\n0,1.8,0,0.4,0,0,0\n0,0,0,0,0,0,0\n")
+    (dynid.folder / "floor.csv").write_text("0,0,0,0,0,0,0\n0,1.8,0,-0.4,0,0,0\n0,0,0,0,0,0,0\n")
     done = dynid("trajectory", "kuka_lwr4plus", "--from-waypoints", "floor.csv", "--preview", "none")
     assert done.status == 5
     assert "error[E502]" in done.err
