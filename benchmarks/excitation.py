@@ -1,7 +1,7 @@
 """Exciting motions in one table: every family and every cost, random search and the paper's recipe on the same budget.
 
 Run: python benchmarks/excitation.py [kuka_lwr4plus|kinova_gen2] [seconds]. 10 s from rest to rest inside 95 % of the
-position range and the whole of the speed and acceleration limits; no floor, so that figures compare with published ones.
+position range and the whole of the speed and acceleration limits; no floor, so that figures compare with others.
 Columns: viscous and Coulomb friction, no offset: 62 base columns (48 of the links and rotors, 14 of friction); "43" are
 the rigid ones. Torque error: expected rms on 6 other motions after 1,000 samples with 0.1 N m of white noise.
 """
@@ -55,7 +55,8 @@ class Bench:
         rigid = figures(W.T @ W).condition
         broken = len(check(trajectory, self.model.robot, self.limits).violations)
         f = found.figures
-        cells = (f"{f.condition:8.1f}", f"{rigid:8.1f}", f"{f.condition_scaled:8.2f}", f"{1e3 * found.torque_error:8.1f}")
+        error = 1e3 * found.torque_error
+        cells = (f"{f.condition:8.1f}", f"{rigid:8.1f}", f"{f.condition_scaled:8.2f}", f"{error:8.1f}")
         return f"| {label:<52} | {' | '.join(cells)} | {broken:3d} | {trajectory.duration:5.0f} | {spent:4.0f} |"
 
 

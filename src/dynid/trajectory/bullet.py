@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 POSES, USUAL = 300, 0.2
 #: Distances beyond this are not measured [m].
 FAR = 0.3
+#: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
+AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
 #: Size of a rendered picture; the tiny renderer needs no graphics library.
 WIDTH, HEIGHT = 480, 360
 #: Pictures of the still and of the animation.
@@ -53,6 +55,7 @@ class World:
         self._names = {k: row[12].decode() for k, row in enumerate(rows)} | {-1: "base"}
         self._parent = {k: row[16] for k, row in enumerate(rows)}
         self._joints = [self._index[name] for name in job["joints"]]
+        self._sign, self._offset = np.ones(len(self._joints)), np.zeros(len(self._joints))
         self._things: dict[str, int] = {}
         if job["floor"] is not None:
             self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], (0.85, 0.85, 0.82, 1))
@@ -70,23 +73,40 @@ class World:
         return int(self._bullet.createMultiBody(0, shape, look, middle))
 
     def place(self, q: Floats) -> None:
-        """Put the arm at a pose."""
-        for joint, value in zip(self._joints, q, strict=True):
+        """Put the arm at a pose in DH values."""
+        for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
             self._bullet.resetJointState(self._arm, joint, float(value))
 
-    def axes(self, poses: Floats) -> list[list[list[float]]]:
-        """Return direction and a point of every joint axis in the world at each pose, (poses, n, 6)."""
-        found = []
-        for q in poses:
+    def adopt(self, maps: list[list[list[float]]], poses: Floats, expected: Floats) -> Floats | None:
+        """Take the first map from joint values to DH values under which the joint axes are those of the DH table.
+
+        Args:
+            maps: signs and offsets, as q_dh = sign q + offset.
+            poses: poses in DH values, (K, n).
+            expected: direction and a point of every axis at those poses, (K, n, 6).
+
+        Returns:
+            None, or when no map fits the errors of the first one: angle [rad] and distance [m], (n, 2).
+        """
+        errors = []
+        for sign, offset in maps:
+            self._sign, self._offset = np.array(sign), np.array(offset)
+            errors.append(_axis_errors(self._axes(poses), expected))
+            if np.all(errors[-1] < [AXIS_ANGLE, AXIS_DISTANCE]):
+                return None
+        return errors[0]
+
+    def _axes(self, poses: Floats) -> Floats:
+        """Return direction, seen the way of the DH table, and a point of every joint axis at each pose, (K, n, 6)."""
+        found = np.empty((len(poses), len(self._joints), 6))
+        for k, q in enumerate(poses):
             self.place(q)
-            rows = []
-            for joint in self._joints:
-                info = self._bullet.getJointInfo(self._arm, joint)
+            for j, joint in enumerate(self._joints):
+                axis = np.array(self._bullet.getJointInfo(self._arm, joint)[13])
                 state = self._bullet.getLinkState(self._arm, joint, computeForwardKinematics=True)
                 # Why: Bullet turns a joint axis into the frame of the link's inertia, not that of the link.
                 R = np.array(self._bullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-                rows.append([*(R @ np.array(info[13])).tolist(), *state[4]])
-            found.append(rows)
+                found[k, j] = [*(R @ axis * self._sign[j]), *state[4]]
         return found
 
     def _pairs(self) -> list[tuple[int, int]]:
@@ -171,16 +191,25 @@ def run(job_path: Path) -> None:
     """Do a job and write its answer beside it."""
     job = json.loads(job_path.read_text(encoding="utf-8"))
     with np.load(job_path.with_suffix(".npz"), allow_pickle=False) as arrays:
-        times, poses, random = arrays["t"], arrays["q"], arrays["random"]
+        times, poses, random, expected = (arrays[name] for name in ("t", "q", "random", "axes"))
     world = World(job, window=job["window"])
-    if job["window"]:
+    errors = world.adopt(job["maps"], random[: len(expected)], expected)
+    answer: dict[str, Any] = {"axis_errors": None if errors is None else errors.tolist(), "distances": []}
+    if errors is None and job["window"]:
         job_path.with_suffix(".ready").touch()
         world.play(times, poses)
-        return
-    answer: dict[str, Any] = {"axes": world.axes(random[:10])}
-    answer["distances"] = world.distances(poses, world.watched(random[:POSES]))
-    _draw(world, job, times, poses)
+    elif errors is None:
+        answer["distances"] = world.distances(poses, world.watched(random[:POSES]))
+        _draw(world, job, times, poses)
     job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
+
+
+def _axis_errors(found: Floats, expected: Floats) -> Floats:
+    """Return the largest angle and distance of each joint's axis from where it should be, (n, 2)."""
+    direction, point = expected[..., :3], expected[..., 3:]
+    angle = np.arccos(np.clip(np.sum(direction * found[..., :3], axis=2), -1, 1))
+    across = np.linalg.norm(np.cross(direction, found[..., 3:] - point), axis=2)
+    return np.stack([angle.max(axis=0), across.max(axis=0)], axis=1)
 
 
 if __name__ == "__main__":

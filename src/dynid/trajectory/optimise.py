@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -120,7 +121,7 @@ def _workers(problem: Problem, search: Search) -> Iterator[tuple[Any, list[Any]]
     sent = replace(problem, model=Model(problem.model.robot, problem.model.rigid))
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
     running = [context.Process(target=_work, args=(sent, search, k, count, reports), daemon=True) for k in range(count)]
-    with _one_thread_each():
+    with _modest_children():
         for process in running:
             process.start()
     try:
@@ -135,14 +136,22 @@ def _workers(problem: Problem, search: Search) -> Iterator[tuple[Any, list[Any]]
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let new processes do linear algebra in one thread: matrices are small, and threads would fight for the cores."""
+def _modest_children() -> Iterator[None]:
+    """Let new processes do linear algebra in one thread, and leave Ctrl-C to the one that shows the progress.
+
+    Matrices are small, and threads would fight for the cores. Ctrl-C reaches every process of the terminal; a child
+    that is still importing would answer it with a traceback.
+    """
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
+    main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
         yield
     finally:
+        if main:
+            signal.signal(signal.SIGINT, handler)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
@@ -152,7 +161,6 @@ def _one_thread_each() -> Iterator[None]:
 
 def _work(problem: Problem, search: Search, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
     """Search from every ``step``-th start and report the best so far of each."""
-    # Why: Ctrl-C reaches every process of the terminal; only the one that shows the progress answers it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     objective = Objective(problem)
     best = np.inf

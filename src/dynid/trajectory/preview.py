@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.robot import Robot
+from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE
 from dynid.trajectory.clearance import Scene, joint_axes, link_poses
 from dynid.trajectory.feasible import CONTINUOUS
 from dynid.trajectory.plan import Trajectory
@@ -30,8 +31,8 @@ RATE, POSES = 100.0, 3000
 PATIENCE = 600.0
 #: Time within which a window opens [s].
 OPENING = 60.0
-#: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
-AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
+#: Poses at which the axes of a URDF are compared with the DH table.
+COMPARED = 10
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
             raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
         found = json.loads(answer.read_text(encoding="utf-8"))
         with np.load(job.with_suffix(".npz")) as arrays:
-            times, random = arrays["t"], arrays["random_dh"]
-    _compare_axes(robot, random[:10], np.array(found["axes"]), urdf)
+            times = arrays["t"]
+    _require_axes(robot, found["axis_errors"], urdf)
     return tuple(Distance(d["pair"], d["distance_m"], float(times[d["index"]])) for d in found["distances"])
 
 
@@ -182,12 +183,13 @@ def _job(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look: L
         "animation": str(look.animation.resolve()) if look and look.animation else None,
         "title": look.title if look else "",
         "window": look is None,
+        "maps": _maps(robot),
     }
     with tempfile.TemporaryDirectory() as folder:
         job = Path(folder) / "job.json"
         job.write_text(json.dumps(facts), encoding="utf-8")
-        shown = _as_driver(robot, urdf)
-        np.savez(job.with_suffix(".npz"), t=t, q=shown(q), random=shown(random), random_dh=random)
+        axes = np.concatenate(joint_axes(robot, *link_poses(robot, random[:COMPARED])), axis=2)
+        np.savez(job.with_suffix(".npz"), t=t, q=q, random=random, axes=axes)
         yield job
 
 
@@ -213,19 +215,11 @@ def _urdf_names(robot: Robot, urdf: Path) -> list[str]:
     raise WrongRobotFile(what, where=str(urdf), fix="rename the joints")
 
 
-class _as_driver:  # noqa: N801 - reads as a function
-    """Turns DH positions into those of a URDF: a URDF made here is in DH angles, the maker's in the driver's."""
-
-    def __init__(self, robot: Robot, urdf: Path) -> None:
-        own = urdf.read_text(encoding="utf-8", errors="replace")
-        mapped = robot.driver is not None and 'link name="link_1"' not in own
-        self._map = robot.driver.map if robot.driver is not None and mapped else None
-
-    def __call__(self, q: Floats) -> Floats:
-        if self._map is None:
-            return q
-        turned: Floats = (q - np.array(self._map.offset)) * np.array(self._map.sign)
-        return turned
+def _maps(robot: Robot) -> list[list[list[float]]]:
+    """Return signs and offsets that a URDF may have: none (one made here), the simulator's, the driver's."""
+    given = [robot.simulator, robot.driver.map if robot.driver else None]
+    plain = [[1.0] * robot.n, [0.0] * robot.n]
+    return [plain, *([list(found.sign), list(found.offset)] for found in given if found is not None)]
 
 
 def _command(job: Path) -> list[str]:
@@ -252,24 +246,19 @@ def _failure(status: int, log: str, urdf: Path) -> Exception:
     return RuntimeError(f"the preview process ended with status {status}:\n{log[-2000:]}")
 
 
-def _compare_axes(robot: Robot, poses: Floats, found: Floats, urdf: Path) -> None:
-    """Check that a URDF has the joint axes of the DH table, whatever its link frames are.
+def _require_axes(robot: Robot, errors: list[list[float]] | None, urdf: Path) -> None:
+    """Refuse a URDF whose joint axes are not those of the DH table, whatever its link frames are.
 
     Raises:
         WrongRobotFile: an axis points elsewhere or lies elsewhere.
     """
-    rotations, origins = link_poses(robot, poses)
-    axes, feet = joint_axes(robot, rotations, origins)
-    direction, point = found[..., :3], found[..., 3:]
-    angle = np.arccos(np.clip(np.sum(axes * direction, axis=2), -1, 1))
-    across = np.linalg.norm(np.cross(axes, point - feet), axis=2)
-    turning = np.array([joint.revolute for joint in robot.joints])
-    wrong = (angle.max(axis=0) > AXIS_ANGLE) | (turning & (across.max(axis=0) > AXIS_DISTANCE))
-    if wrong.any():
-        j = int(np.argmax(wrong))
-        degrees, apart = np.degrees(angle[:, j].max()), across[:, j].max()
-        raise WrongRobotFile(
-            f"{robot.joint_names[j]}: axis in {urdf} is {degrees:.1f} deg and {1000 * apart:.1f} mm off the DH table",
-            where=str(urdf),
-            fix="correct the DH table, `base:` or the signs and offsets under `driver:`",
-        )
+    if errors is None:
+        return
+    wrong = [angle > AXIS_ANGLE or apart > AXIS_DISTANCE for angle, apart in errors]
+    j = wrong.index(True)
+    words = f"{np.degrees(errors[j][0]):.1f} deg and {1000 * errors[j][1]:.1f} mm"
+    raise WrongRobotFile(
+        f"{robot.joint_names[j]}: axis in {urdf} is {words} off the DH table",
+        where=str(urdf),
+        fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
+    )

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from randomplans import random_trajectory
 from scipy.interpolate import BPoly
 
-from randomplans import random_trajectory
 from dynid.trajectory.basis import Fourier, Quintic
 from dynid.trajectory.feasible import Shaping, bounds
 

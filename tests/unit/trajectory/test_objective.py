@@ -1,5 +1,7 @@
 """The objective's gradient is that of differences, penalties and earlier logs included."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,8 @@ def test_gradient_along_the_path_is_that_of_differences(lwr, cost):
 
 
 def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_differences(gen2):
-    scene = Scene(floor=0.1, obstacles=(Box((0.2, -0.5, 0.0), (0.6, 0.5, 0.6)),), workspace=Box((-1, -1, 0), (1, 0.2, 1)))
+    obstacle, inside = Box((0.2, -0.5, 0.0), (0.6, 0.5, 0.6)), Box((-1, -1, 0), (1, 0.2, 1))
+    scene = Scene(floor=0.1, obstacles=(obstacle,), workspace=inside)
     p = gen2.reduction.rank
     tight = bounds(gen2.robot, 0.0, 0.97)
     changes = {
@@ -40,7 +43,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
         "cost": Cost("i", V=np.eye(p)),
         "penalties": (Spheres(gen2.robot, scene),),
         "torque": believed(gen2.model, gen2.reduction),
-        "limits": bounds(gen2.robot).__class__(*list(vars(bounds(gen2.robot)).values())[:4], tight.torque),
+        "limits": replace(bounds(gen2.robot), torque=tight.torque),
         "known": 10 * np.eye(p),
         "noise": np.linspace(0.1, 0.4, 7),
     }

@@ -74,3 +74,25 @@ def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
     data = arm.createData()
     for k in range(len(motion)):
         assert np.allclose(tau[k], pin.rnea(arm, data, motion.q[k], motion.qd[k], motion.qdd[k]), atol=1e-6)
+
+
+def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noise_draws(gen2):
+    pytest.importorskip("pybullet")
+    from dynid.sim.arm import Arm
+
+    columns, noise = gen2.reduction.base, default_noise(gen2.robot)
+    motion = random_trajectory(gen2.robot, 7).sampled(100)
+    other = held_out(gen2.model, columns, bounds(gen2.robot))
+    found = predict(gen2.model, columns, motion, noise, other)
+    with Arm(gen2.robot) as arm:
+        tau = np.array([arm.required_torque(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
+    W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
+    solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
+    rng = np.random.default_rng(8)
+    draws = np.array([solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)])
+    misses = draws - believed(gen2.model, gen2.reduction)
+    ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
+    torque = np.sqrt(np.einsum("kp,pq,kq->k", misses, other, misses) / 7)
+    assert np.sqrt(np.mean(torque**2)) == pytest.approx(found.torque_error, rel=0.3)

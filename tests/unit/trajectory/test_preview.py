@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
-from dynid.robot import Joint
+from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Box, Scene
 from dynid.trajectory.feasible import bounds
@@ -75,16 +75,11 @@ def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geom
 
 def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     scene = Scene(obstacles=(Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),))
-    plan = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
-    other = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
-    refused = 0
-    for motion in (plan, other):
-        try:
-            require_clear(examine(motion, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
-        except Collision as error:
-            refused += 1
-            assert "obstacle 1" in error.what
-    assert refused == 1
+    into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
+    away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
+    with pytest.raises(Collision, match="obstacle 1"):
+        require_clear(examine(into, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+    require_clear(examine(away, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
 
 
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
@@ -110,6 +105,22 @@ def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
         examine(plan, tilted, urdf(lwr.robot), Scene(), NOTHING)
+
+
+def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
+    sign, offset = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0), (0.0, 0.5, 0.0, 0.0, 0.0, -0.3, 0.0)
+    path = urdf(lwr.robot)
+    turned = path.read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
+    first, fourth = turned.split("lwr_3_joint", 1)
+    path.write_text(first + "lwr_3_joint" + fourth.replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1))
+    joints = list(lwr.robot.joints)
+    for k in (1, 5):
+        joints[k] = replace(joints[k], theta_offset=-offset[k])
+    mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
+    plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
+    assert examine(plan, mapped, path, Scene(), NOTHING)
+    with pytest.raises(WrongRobotFile, match=r"lwr_0_joint: axis in .* is 180\.0 deg"):
+        examine(plan, lwr.robot, path, Scene(), NOTHING)
 
 
 def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
