@@ -500,6 +500,8 @@ WARNINGS: dict[str, str] = {
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
+    "W604": "There is no display: the preview was saved as pictures instead.",
+    "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
 }
 
 

@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 #: Samples a block: enough to hide the cost of starting an array operation, few enough for the cache.
 BLOCK = 2048
 
-_FOLD: dict[int, Callable[[float, float], float]] = {
+#: The operations on plain numbers.
+FOLD: dict[int, Callable[[float, float], float]] = {
     ADD: lambda a, b: a + b,
     SUB: lambda a, b: a - b,
     MUL: lambda a, b: a * b,
@@ -67,7 +68,7 @@ class Kernel:
             op, lhs, rhs = int(program.op[k]), int(program.lhs[k]), int(program.rhs[k])
             a, b = self._value[lhs], 0.0 if op == NEG else self._value[rhs]
             if a is not None and b is not None:
-                self._value.append(_FOLD[op](a, b))
+                self._value.append(FOLD[op](a, b))
             else:
                 self._value.append(None)
                 self._steps.append((op, lhs, rhs, program.first + k))
@@ -129,7 +130,7 @@ class Kernel:
         """
         count = len(q)
         for target, name in self._loads:
-            target[:count] = _moving_input(name, self._robot, q, qd, qdd)
+            target[:count] = moving_input(name, self._robot, q, qd, qdd)
             target[count:] = 0.0
         for ufunc, a, b, out in self._calls:
             ufunc(a, b, out)
@@ -150,7 +151,7 @@ def _operands(step: tuple[int, int, int, int]) -> set[int]:
     return {lhs} if op == NEG else {lhs, rhs}
 
 
-def _moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+def moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     """Return one input that varies with the motion."""
     kind, index = name.rstrip("0123456789"), int(name[len(name.rstrip("0123456789")) :]) - 1
     if kind == "qd":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Column, Floats
+from dynid.model.effects.interface import Column, Floats, State
 from dynid.robot import Coulomb
 
 
@@ -19,6 +19,17 @@ def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
     return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
 
 
+def coulomb_slope(qd: Floats, shape: Coulomb, joint: int) -> Floats:
+    """Return the derivative of ``coulomb_sign`` by the velocity, (B,); zero for the paper's steps."""
+    if shape.shape == "smooth":
+        return (1 - np.tanh(qd / shape.velocity[joint]) ** 2) / shape.velocity[joint]
+    return np.zeros_like(qd)
+
+
 def coulomb_column(joint: int, shape: Coulomb, unit: str) -> Column:
     """Return the column of fc for one joint (0-based)."""
-    return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)])
+
+    def pull(state: State, weights: list[Floats], gradient: State) -> None:
+        gradient.qd[:, joint] += weights[0] * coulomb_slope(state.qd[:, joint], shape, joint)
+
+    return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)], pull=pull)

@@ -39,6 +39,8 @@ class Column:
         evaluate: its entries in those rows for a block, each (B,).
         exact: the same entries in the prime field of ``model/field.py`` for states given there; None for a function
             that is no polynomial of the state, such as a sign: it takes part as an independent function of the motion.
+        pull: adds weights @ d entries / d state to a gradient, given the state, a weight (B,) for each row and the
+            gradient; None where nobody has written it, and differences are taken.
     """
 
     name: str
@@ -46,3 +48,4 @@ class Column:
     rows: tuple[int, ...]
     evaluate: Callable[[State], list[Floats]]
     exact: Callable[[FieldState], list[Residues]] | None = None
+    pull: Callable[[State, list[Floats], State], None] | None = None

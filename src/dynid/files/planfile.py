@@ -1,0 +1,145 @@
+"""What a person writes down about a motion: PLAN.yaml, and waypoints as CSV.
+
+PLAN.yaml holds options of ``dynid trajectory`` by their long names, waypoints, and what stands around the arm.
+Waypoints are in DH angles; a CSV has one row a waypoint, one column a joint, optionally a header and a column ``t``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, TimeNotIncreasing
+from dynid.files.yamlfile import Value, read_yaml
+from dynid.robot import Robot
+from dynid.units import ANGLE
+
+Floats = NDArray[np.float64]
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+#: Options that PLAN.yaml may set, all as numbers or words of the command line.
+OPTIONS = ("alpha", "duration", "segments", "basis", "cost", "margin", "tool_speed", "floor", "rate")
+_KEYS = (*OPTIONS, "angle_unit", "waypoints", "times", "obstacles", "workspace")
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Points that a motion goes through.
+
+    Attributes:
+        q: (K, n) [rad or m].
+        times: (K,) [s]; None to let the limits decide.
+    """
+
+    q: Floats
+    times: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan file.
+
+    Attributes:
+        options: values of command line options as text.
+        places: ``file:line`` of each option.
+        waypoints: points to go through; None to search for an exciting motion.
+        obstacles: boxes that no link may touch, least and greatest corner [m].
+        workspace: box that the tool stays in; None without one.
+    """
+
+    options: dict[str, str] = field(default_factory=dict)
+    places: dict[str, str] = field(default_factory=dict)
+    waypoints: Waypoints | None = None
+    obstacles: tuple[Corners, ...] = ()
+    workspace: Corners | None = None
+
+
+def read_plan(path: Path, robot: Robot) -> Plan:
+    """Read a plan file."""
+    keys = read_yaml(path).mapping(_KEYS)
+    unit = keys["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in keys else "rad"
+    given = {name: value for name, value in keys.items() if name in OPTIONS and not value.is_null}
+    return Plan(
+        options={name: value.text() for name, value in given.items()},
+        places={name: value.where for name, value in given.items()},
+        waypoints=_waypoints(keys, robot, unit, path) if "waypoints" in keys else None,
+        obstacles=tuple(_box(value) for value in keys["obstacles"].items()) if "obstacles" in keys else (),
+        workspace=_box(keys["workspace"]) if "workspace" in keys else None,
+    )
+
+
+def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> Waypoints:
+    rows = keys["waypoints"].items()
+    factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
+    q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
+    times = np.array([value.number() for value in keys["times"].items(len(rows))]) if "times" in keys else None
+    return _checked(Waypoints(q.reshape(len(rows), robot.n), times), str(path))
+
+
+def _box(value: Value) -> Corners:
+    corners = value.mapping(("lower", "upper"), required=("lower", "upper"))
+    (a, b, c), (d, e, f) = ([item.number() for item in corners[name].items(3)] for name in ("lower", "upper"))
+    return (min(a, d), min(b, e), min(c, f)), (max(a, d), max(b, e), max(c, f))
+
+
+def read_waypoints(path: Path, robot: Robot) -> Waypoints:
+    """Read waypoints from CSV: positions in rad or m, columns by joint name when there is a header.
+
+    Raises:
+        LogNotFound: no such file.
+        LogLayout: a row is not numbers, or a column is missing.
+        JointCountDiffers: another number of columns than joints.
+        TimeNotIncreasing: the times do not rise.
+    """
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogNotFound(f"cannot read waypoints from {path}: {error}", where=str(path)) from None
+    cells = [[cell.strip() for cell in line.replace(";", ",").split(",")] for line in lines]
+    header = cells.pop(0) if cells and any(not _is_number(cell) for cell in cells[0]) else None
+    rows = _numbers(cells, path, 1 + (header is not None))
+    times: Floats | None = None
+    if header is not None:
+        names = [name.removeprefix("q_") for name in header]
+        if len(names) != rows.shape[1]:
+            raise LogLayout(f"{path} has {len(names)} headings over {rows.shape[1]} columns", where=str(path))
+        times = rows[:, names.index("t")] if "t" in names else None
+        missing = [name for name in robot.joint_names if name not in names]
+        if missing:
+            raise LogLayout(f"{path} has no column {missing[0]}; it has {', '.join(names)}", where=str(path))
+        rows = rows[:, [names.index(name) for name in robot.joint_names]]
+    elif rows.shape[1] == robot.n + 1:
+        times, rows = rows[:, 0], rows[:, 1:]
+    if rows.shape[1] != robot.n:
+        raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
+    return _checked(Waypoints(rows, times), str(path))
+
+
+def _checked(waypoints: Waypoints, where: str) -> Waypoints:
+    if len(waypoints.q) < 2:
+        raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where)
+    if waypoints.times is not None:
+        falling = np.flatnonzero(np.diff(waypoints.times) <= 0)
+        if len(falling):
+            row = int(falling[0]) + 1
+            raise TimeNotIncreasing(f"the time of waypoint {row + 1} is not after that of waypoint {row}", where=where)
+    return waypoints
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(cells: list[list[str]], path: Path, first: int) -> Floats:
+    width = len(cells[0]) if cells else 0
+    for k, row in enumerate(cells):
+        if len(row) != width or not all(_is_number(cell) and np.isfinite(float(cell)) for cell in row):
+            raise LogLayout(f"{path}: row {first + k} is not {width} numbers: {','.join(row)[:60]}", where=str(path))
+    return np.array(cells, dtype=float).reshape(len(cells), width)

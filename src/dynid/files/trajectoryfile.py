@@ -1,0 +1,177 @@
+"""trajectory.npz and its exports: a planned motion with its coefficients, its samples, and who has looked at it.
+
+Also CSV with a header, and a ``trajectory_msgs/JointTrajectory`` in YAML for drivers and MoveIt.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import JointCountDiffers, NotAnArtifact
+from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
+from dynid.motion import Motion
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+SCHEMA = "dynid/trajectory/1"
+
+
+@dataclass(frozen=True)
+class Review:
+    """Who accepted a motion after seeing it.
+
+    Attributes:
+        by: the person.
+        when: date and time, ISO 8601.
+        motion: ``motion_hash`` of the motion that was seen.
+    """
+
+    by: str
+    when: str
+    motion: str
+
+
+@dataclass(frozen=True)
+class StoredTrajectory:
+    """A planned motion on disk.
+
+    Attributes:
+        robot: name of the robot.
+        joints: joint names in the order of the columns.
+        motion: the motion in DH quantities, sampled evenly from rest to rest.
+        alpha: speed factor that the samples already contain.
+        basis: family of motions, as ``dynid.trajectory.basis.basis_from`` reads it.
+        coefficients: of the family, at full speed, (k, n).
+        review: who accepted it; None when nobody has.
+        facts: further JSON-able facts: limits used, prediction, distances, options, hashes of inputs.
+        selected: samples chosen as measurement points (Paper Eqs. 15-16); None for all.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    motion: Motion
+    alpha: float
+    basis: Mapping[str, Any]
+    coefficients: Floats
+    review: Review | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    selected: NDArray[np.intp] | None = None
+
+    @property
+    def reviewed(self) -> bool:
+        """Whether a person accepted exactly this motion."""
+        return self.review is not None and self.review.motion == motion_hash(self.motion)
+
+
+def motion_hash(motion: Motion) -> str:
+    """Return the sha256 of a motion's samples: what was seen is what may run."""
+    digest = hashlib.sha256()
+    for array in (motion.t, motion.q, motion.qd, motion.qdd):
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
+    """Write trajectory.npz."""
+    review = stored.review
+    header = {
+        **stored.facts,
+        "robot": stored.robot,
+        "joints": list(stored.joints),
+        "alpha": stored.alpha,
+        "basis": dict(stored.basis),
+        "duration_s": float(stored.motion.t[-1]),
+        "motion_sha256": motion_hash(stored.motion),
+        "reviewed": review is not None,
+        "review": None if review is None else {"by": review.by, "when": review.when, "motion": review.motion},
+    }
+    motion = stored.motion
+    arrays: dict[str, NDArray[Any]] = {"t": motion.t, "q": motion.q, "qd": motion.qd, "qdd": motion.qdd, "coefficients": stored.coefficients}
+    if stored.selected is not None:
+        arrays["selected"] = stored.selected
+    write_artifact(path, Artifact(SCHEMA, header, arrays))
+
+
+def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
+    """Read trajectory.npz.
+
+    Args:
+        path: the file.
+        robot: arm whose joints it must have; any when None.
+
+    Raises:
+        NotAnArtifact: not a trajectory, or damaged: the samples are not those that the header names.
+        JointCountDiffers: it belongs to another arm.
+    """
+    artifact = read_artifact(path, SCHEMA)
+    header, arrays = dict(artifact.header), artifact.arrays
+    try:
+        motion = Motion(*(np.asarray(arrays[name], dtype=float) for name in ("t", "q", "qd", "qdd")))
+        review = Review(**header.pop("review")) if header.get("review") else None
+        stored = StoredTrajectory(
+            robot=str(header.pop("robot")),
+            joints=tuple(str(name) for name in header.pop("joints")),
+            motion=motion,
+            alpha=float(header.pop("alpha")),
+            basis=header.pop("basis"),
+            coefficients=arrays["coefficients"],
+            review=review,
+            facts=header,
+            selected=arrays.get("selected"),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotAnArtifact(f"{path} lacks parts of a trajectory ({error})", where=str(path)) from None
+    shape = (len(motion.t), len(stored.joints))
+    if any(array.shape != shape for array in (motion.q, motion.qd, motion.qdd)) or len(motion.t) < 2:
+        raise NotAnArtifact(f"{path}: the samples do not fit the {len(stored.joints)} joints", where=str(path))
+    if header["motion_sha256"] != motion_hash(motion):
+        raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
+    if robot is not None and stored.joints != robot.joint_names:
+        found, expected = ", ".join(stored.joints), ", ".join(robot.joint_names)
+        raise JointCountDiffers(f"{path} has the joints {found}, the robot {expected}", where=str(path))
+    return stored
+
+
+def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
+    """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
+    header = ["t", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in joints)]
+    rows = np.column_stack([motion.t, motion.q, motion.qd, motion.qdd])
+    lines = [",".join(header), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
+    """Write a motion as ``trajectory_msgs/JointTrajectory`` in YAML, with the driver's joint names, signs and offsets.
+
+    Every point has velocities and accelerations of the full length: some drivers index them without looking.
+    """
+    sign, offset = np.ones(robot.n), np.zeros(robot.n)
+    if robot.driver is not None:
+        sign, offset = np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
+    lines = ["header: {seq: 0, stamp: {secs: 0, nsecs: 0}, frame_id: ''}"]
+    lines += [f"joint_names: [{', '.join(_quoted(name) for name in robot.log_names)}]", "points:"]
+    for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
+        nanoseconds = round(float(t) * 1e9)
+        lines += [
+            f"- positions: {_row((q - offset) * sign)}",
+            f"  velocities: {_row(qd * sign)}",
+            f"  accelerations: {_row(qdd * sign)}",
+            "  effort: []",
+            f"  time_from_start: {{secs: {nanoseconds // 10**9}, nsecs: {nanoseconds % 10**9}}}",
+        ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _row(values: Floats) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values) + "]"
+
+
+def _quoted(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"

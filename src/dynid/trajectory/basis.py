@@ -1,0 +1,261 @@
+"""Families of motions that are linear in their coefficients and at rest at both ends: q(t) = Phi(t) c.
+
+Quintic segments through waypoints (Paper Eqs. 17-18), quintic B-splines as their smoothest part, and Fourier series.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Value, first and second derivative of (s^5, s^4, s^3, s^2, s, 1) at s = 0 and at s = 1 (Paper Eq. 18).
+_ENDS = np.array(
+    [
+        [0, 0, 0, 0, 0, 1],
+        [0, 0, 0, 0, 1, 0],
+        [0, 0, 0, 2, 0, 0],
+        [1, 1, 1, 1, 1, 1],
+        [5, 4, 3, 2, 1, 0],
+        [20, 12, 6, 2, 0, 0],
+    ],
+    dtype=float,
+)
+#: Coefficients of the six polynomials that have one of those numbers 1 and the others 0, (6 powers, 6).
+HERMITE = np.linalg.inv(_ENDS)
+
+
+class Basis(Protocol):
+    """A family of motions of one joint, linear in ``size`` coefficients."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients a joint."""
+
+    @property
+    def constant(self) -> Floats:
+        """Coefficients of the motion that stays at 1, (size,)."""
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What ``basis_from`` needs to make it again, JSON-able."""
+
+    def matrix(self, t: Floats, order: int = 0) -> Floats:
+        """Return Phi, or its derivative of an order, at times, (N, size)."""
+
+    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
+        """Return, joint by joint, all times where the derivative of an order may have its extrema, ends included.
+
+        Args:
+            c: coefficients, (size, n).
+            order: 0 for positions, 1 for velocities, 2 for accelerations.
+        """
+
+
+def _falling(order: int) -> Floats:
+    """Return the factors that differentiation of (s^5 ... 1) brings, (6,)."""
+    powers = np.arange(5, -1, -1)
+    return np.array([np.prod([float(p - k) for k in range(order)]) for p in powers])
+
+
+@dataclass(frozen=True)
+class Quintic:
+    """Fifth-order polynomials between waypoints, with continuous position, velocity and acceleration.
+
+    Attributes:
+        knots: times of the waypoints, rising from 0 [s].
+        smooth: also continuous in the third and fourth derivative, which makes it a quintic B-spline.
+    """
+
+    knots: tuple[float, ...]
+    smooth: bool = False
+
+    @classmethod
+    def even(cls, duration: float, segments: int, *, smooth: bool = False) -> Quintic:
+        """Return the family with equal intervals."""
+        return cls(tuple((duration * np.arange(segments + 1) / segments).tolist()), smooth)
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        return self.knots[-1]
+
+    @cached_property
+    def _unit(self) -> float:
+        """Time that makes rates at the waypoints as large as positions."""
+        return self.duration / (len(self.knots) - 1)
+
+    @cached_property
+    def _free(self) -> Floats:
+        """Node values (q, qd, qdd of every waypoint) from the coefficients, (3 K, size)."""
+        k = len(self.knots)
+        moving = np.ones((k, 3), dtype=bool)
+        moving[[0, -1], 1:] = False
+        scale = np.tile([1.0, 1 / self._unit, 1 / self._unit**2], k)
+        nodes = (np.eye(3 * k) * scale[:, None])[:, moving.ravel()]
+        return nodes @ _null_space(self._jumps @ nodes) if self.smooth else nodes
+
+    @cached_property
+    def _jumps(self) -> Floats:
+        """Jumps of the third and fourth derivative at the inner waypoints, as functions of the node values."""
+        rows = []
+        for j, (before, after) in enumerate(pairwise(np.diff(self.knots))):
+            for order in (3, 4):
+                row = np.zeros(3 * len(self.knots))
+                for segment, length, s, sign in ((j, before, 1.0, 1), (j + 1, after, 0.0, -1)):
+                    values = _powers(np.array([s]), order)[0] @ HERMITE * np.tile([1, length, length**2], 2)
+                    row[3 * segment : 3 * segment + 6] += sign * values * (self._unit / length) ** order
+                rows.append(row)
+        return np.array(rows).reshape(-1, 3 * len(self.knots))
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients a joint."""
+        return int(self._free.shape[1])
+
+    @cached_property
+    def constant(self) -> Floats:
+        """Coefficients of the motion that stays at 1, (size,)."""
+        return _solved(self._free, np.tile([1.0, 0.0, 0.0], len(self.knots)))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What ``basis_from`` needs to make it again."""
+        return {"kind": "spline" if self.smooth else "quintic", "knots": list(self.knots)}
+
+    def matrix(self, t: Floats, order: int = 0) -> Floats:
+        """Return Phi, or its derivative of an order, at times, (N, size).
+
+        Source: Paper Eqs. 17-18; the boundary rates have to be multiplied by T and T^2, the length of the segment.
+        """
+        segment, s, length = self._locate(t)
+        values = (_powers(s, order) @ HERMITE) / length[:, None] ** order
+        scaled = values * np.stack([np.ones_like(length), length, length**2] * 2, axis=1)
+        nodes = np.zeros((len(t), 3 * len(self.knots)))
+        nodes[np.arange(len(t))[:, None], 3 * segment[:, None] + np.arange(6)] = scaled
+        return nodes @ self._free
+
+    def _locate(self, t: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """Return segment, place within it (0 to 1) and the segment's length for each time."""
+        knots = np.array(self.knots)
+        segment = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        length = np.diff(knots)[segment]
+        return segment, (t - knots[segment]) / length, length
+
+    def polynomials(self, c: Floats) -> Floats:
+        """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n)."""
+        nodes = (self._free @ c).reshape(len(self.knots), 3, -1)
+        lengths = np.diff(self.knots)[:, None, None] ** np.arange(3)[None, :, None]
+        found: Floats = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
+        return found
+
+    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
+        """Return the knots and all roots of the next derivative, joint by joint."""
+        slopes = (self.polynomials(c) * _falling(order + 1)[None, :, None])[:, : 5 - order]
+        knots = np.array(self.knots)
+        found = []
+        for j in range(c.shape[1]):
+            times = [knots]
+            for start, length, polynomial in zip(knots, np.diff(knots), slopes[:, :, j], strict=False):
+                roots = np.roots(polynomial)
+                # Why: a double root comes out as a pair with small imaginary parts; a spare time does no harm.
+                s = np.clip(roots.real[np.abs(roots.imag) < 1e-3], 0.0, 1.0)
+                times.append(start + length * s)
+            found.append(np.concatenate(times))
+        return found
+
+
+@dataclass(frozen=True)
+class Fourier:
+    """A Fourier series over its period, at rest where it begins and ends.
+
+    Attributes:
+        period: length of the motion [s].
+        harmonics: number of harmonics.
+    """
+
+    period: float
+    harmonics: int
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        return self.period
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients a joint."""
+        return int(self._free.shape[1])
+
+    @cached_property
+    def _free(self) -> Floats:
+        """Coefficients of 1, cos, sin from the free ones: no velocity and no acceleration at t = 0."""
+        k = np.arange(1.0, self.harmonics + 1)
+        rest = np.block([[0.0, np.zeros(len(k)), k], [0.0, k**2, np.zeros(len(k))]])
+        # Why: harmonics of equal acceleration rather than equal size, or the fast ones would rule a random start.
+        return _null_space(rest / np.concatenate([[1.0], k, k])) / np.concatenate([[1.0], k, k])[:, None]
+
+    @cached_property
+    def constant(self) -> Floats:
+        """Coefficients of the motion that stays at 1, (size,)."""
+        return _solved(self._free, np.eye(2 * self.harmonics + 1)[0])
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What ``basis_from`` needs to make it again."""
+        return {"kind": "fourier", "period": self.period, "harmonics": self.harmonics}
+
+    def matrix(self, t: Floats, order: int = 0) -> Floats:
+        """Return Phi, or its derivative of an order, at times, (N, size)."""
+        w = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+        angle = t[:, None] * w + order * np.pi / 2
+        still = np.full((len(t), 1), float(order == 0))
+        return np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ self._free
+
+    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
+        """Return the ends and all roots of the next derivative, as roots of a polynomial in exp(i w t)."""
+        h = self.harmonics
+        k = np.arange(1, h + 1)
+        raw = self._free @ c
+        found = []
+        for a, b in zip(raw[1 : h + 1].T, raw[h + 1 :].T, strict=True):
+            z = (a - 1j * b) / 2 * (1j * k) ** (order + 1)
+            roots = np.roots(np.concatenate([z[::-1], [0.0], np.conj(z)]))
+            times = np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-3]) % (2 * np.pi) * self.period / (2 * np.pi)
+            found.append(np.concatenate([[0.0, self.period], times]))
+        return found
+
+
+def basis_from(facts: dict[str, Any]) -> Basis:
+    """Make a family of motions again from its ``facts``."""
+    if facts["kind"] == "fourier":
+        return Fourier(float(facts["period"]), int(facts["harmonics"]))
+    return Quintic(tuple(float(t) for t in facts["knots"]), facts["kind"] == "spline")
+
+
+def _solved(A: Floats, b: Floats) -> Floats:
+    """Return the least squares solution of A x = b."""
+    x: Floats = np.linalg.lstsq(A, b, rcond=None)[0]
+    return x
+
+
+def _powers(s: Floats, order: int) -> Floats:
+    """Return the derivative of an order of (s^5 ... 1), (N, 6)."""
+    exponents = np.maximum(np.arange(5, -1, -1) - order, 0)
+    found: Floats = s[:, None] ** exponents * _falling(order)
+    return found
+
+
+def _null_space(matrix: Floats) -> Floats:
+    """Return an orthonormal basis of the null space of a matrix of full row rank."""
+    return np.linalg.svd(matrix)[2][len(matrix) :].T

@@ -1,0 +1,216 @@
+"""The child process of a preview: PyBullet loads the arm, measures distances and draws; run by ``preview.py`` only.
+
+PyBullet ends its process when it finds no display and writes to stdout from C, so it never runs in dynid's own process.
+Reads a job (JSON and an .npz of positions), writes distances as JSON, a picture and an animation.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.trajectory.drawing import animation, still
+
+Floats = NDArray[np.float64]
+
+#: Poses from which is learned which links always touch, and the share of poses that counts as always.
+POSES, USUAL = 300, 0.2
+#: Distances beyond this are not measured [m].
+FAR = 0.3
+#: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
+AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
+#: Size of a rendered picture; the tiny renderer needs no graphics library.
+WIDTH, HEIGHT = 480, 360
+#: Pictures of the still and of the animation.
+STILLS, FRAMES = 6, 60
+#: Colours of the links in turn, told apart by colour-blind people too.
+_BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
+
+
+class World:
+    """The arm, the floor and the obstacles in PyBullet.
+
+    Args:
+        job: what ``preview.py`` wrote.
+        window: open a window instead of working in memory.
+    """
+
+    def __init__(self, job: dict[str, Any], *, window: bool) -> None:
+        import pybullet
+
+        self._bullet = pybullet
+        pybullet.connect(pybullet.GUI if window else pybullet.DIRECT)
+        flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_USE_INERTIA_FROM_FILE
+        self._arm = pybullet.loadURDF(job["urdf"], useFixedBase=True, flags=flags)
+        count = pybullet.getNumJoints(self._arm)
+        rows = [pybullet.getJointInfo(self._arm, k) for k in range(count)]
+        self._index = {row[1].decode(): k for k, row in enumerate(rows)}
+        self._names = {k: row[12].decode() for k, row in enumerate(rows)} | {-1: "base"}
+        self._parent = {k: row[16] for k, row in enumerate(rows)}
+        self._joints = [self._index[name] for name in job["joints"]]
+        self._sign, self._offset = np.ones(len(self._joints)), np.zeros(len(self._joints))
+        self._things: dict[str, int] = {}
+        if job["floor"] is not None:
+            self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], (0.85, 0.85, 0.82, 1))
+        for number, (lower, upper) in enumerate(job["obstacles"], start=1):
+            self._things[f"obstacle {number}"] = self._box(lower, upper, (0.8, 0.45, 0.2, 0.9))
+        for k in range(-1, count):
+            color = _BLUE if k % 2 else _ORANGE
+            pybullet.changeVisualShape(self._arm, k, rgbaColor=color)
+
+    def _box(self, lower: list[float], upper: list[float], color: tuple[float, ...]) -> int:
+        half = (np.subtract(upper, lower) / 2).tolist()
+        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
+        look = self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color)
+        middle = (np.add(lower, upper) / 2).tolist()
+        return int(self._bullet.createMultiBody(0, shape, look, middle))
+
+    def place(self, q: Floats) -> None:
+        """Put the arm at a pose in DH values."""
+        for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
+            self._bullet.resetJointState(self._arm, joint, float(value))
+
+    def adopt(self, maps: list[list[list[float]]], poses: Floats, expected: Floats) -> Floats | None:
+        """Take the first map from joint values to DH values under which the joint axes are those of the DH table.
+
+        Args:
+            maps: signs and offsets, as q_dh = sign q + offset.
+            poses: poses in DH values, (K, n).
+            expected: direction and a point of every axis at those poses, (K, n, 6).
+
+        Returns:
+            None, or when no map fits the errors of the first one: angle [rad] and distance [m], (n, 2).
+        """
+        errors = []
+        for sign, offset in maps:
+            self._sign, self._offset = np.array(sign), np.array(offset)
+            errors.append(_axis_errors(self._axes(poses), expected))
+            if np.all(errors[-1] < [AXIS_ANGLE, AXIS_DISTANCE]):
+                return None
+        return errors[0]
+
+    def _axes(self, poses: Floats) -> Floats:
+        """Return direction, seen the way of the DH table, and a point of every joint axis at each pose, (K, n, 6)."""
+        found = np.empty((len(poses), len(self._joints), 6))
+        for k, q in enumerate(poses):
+            self.place(q)
+            for j, joint in enumerate(self._joints):
+                axis = np.array(self._bullet.getJointInfo(self._arm, joint)[13])
+                state = self._bullet.getLinkState(self._arm, joint, computeForwardKinematics=True)
+                # Why: Bullet turns a joint axis into the frame of the link's inertia, not that of the link.
+                R = np.array(self._bullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
+                found[k, j] = [*(R @ axis * self._sign[j]), *state[4]]
+        return found
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs of links that are not joined to each other."""
+        links = sorted(self._names)
+        return [(a, b) for i, a in enumerate(links) for b in links[i + 1 :] if self._parent.get(b) != a]
+
+    def _distance(self, other: int, a: int, b: int) -> float:
+        """Return the distance of two links, or of a link and a thing; FAR when there is more room."""
+        found = self._bullet.getClosestPoints(self._arm, other, FAR, a, b)
+        return min((float(row[8]) for row in found), default=FAR)
+
+    def watched(self, poses: Floats) -> list[tuple[str, int, int, int]]:
+        """Return what can collide: (name, other body, link, other link), without what touches in most random poses.
+
+        Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
+        apart. The foot stands on the floor.
+        """
+        candidates = [(f"{self._names[a]} - {self._names[b]}", self._arm, a, b) for a, b in self._pairs()]
+        for name, body in self._things.items():
+            candidates += [(f"{self._names[k]} - {name}", body, k, -1) for k in sorted(self._names)]
+        touching = np.zeros(len(candidates))
+        for q in poses:
+            self.place(q)
+            touching += [self._distance(*row[1:]) <= 0 for row in candidates]
+        # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
+        fixed = len(poses) - 0.5
+        shares = [USUAL * len(poses) if row[1] == self._arm else fixed for row in candidates]
+        return [row for row, count, most in zip(candidates, touching, shares, strict=True) if count < most]
+
+    def distances(self, poses: Floats, watched: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
+        """Return the least distance of every watched pair over poses, the closest pair first."""
+        least = np.full(len(watched), np.inf)
+        where = np.zeros(len(watched), dtype=int)
+        for k, q in enumerate(poses):
+            self.place(q)
+            for i, (_, other, a, b) in enumerate(watched):
+                distance = self._distance(other, a, b)
+                if distance < least[i]:
+                    least[i], where[i] = distance, k
+        order = np.argsort(least)
+        return [{"pair": watched[i][0], "distance_m": float(least[i]), "index": int(where[i])} for i in order]
+
+    def picture(self, q: Floats, reach: float) -> NDArray[np.uint8]:
+        """Return a picture of a pose, (HEIGHT, WIDTH, 3)."""
+        bullet = self._bullet
+        self.place(q)
+        view = bullet.computeViewMatrixFromYawPitchRoll([0, 0, 0.3 * reach], 1.7 * reach, 50, -20, 0, 2)
+        projection = bullet.computeProjectionMatrixFOV(50, WIDTH / HEIGHT, 0.05, 20)
+        light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
+        image = bullet.getCameraImage(WIDTH, HEIGHT, view, projection, **light)[2]
+        return np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
+
+    def play(self, times: Floats, poses: Floats) -> None:
+        """Show the motion in the window until it is closed; the space bar replays."""
+        bullet = self._bullet
+        bullet.configureDebugVisualizer(bullet.COV_ENABLE_GUI, 0)
+        while bullet.isConnected():
+            begin = time.monotonic()
+            while bullet.isConnected() and (now := time.monotonic() - begin) < times[-1]:
+                self.place(poses[min(int(np.searchsorted(times, now)), len(poses) - 1)])
+                time.sleep(0.01)
+            while bullet.isConnected() and not bullet.getKeyboardEvents().get(ord(" "), 0) & bullet.KEY_WAS_TRIGGERED:
+                time.sleep(0.02)
+
+
+def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> None:
+    """Write the still and the animation."""
+
+    def frames(count: int) -> Iterable[tuple[float, NDArray[np.uint8]]]:
+        for k in np.linspace(0, len(poses) - 1, count).round().astype(int):
+            yield float(times[k]), world.picture(poses[k], job["reach"])
+
+    traces = (job["labels"], times, poses, job["lower"], job["upper"])
+    if job["picture"]:
+        still(Path(job["picture"]), list(frames(STILLS)), traces, job["title"])
+    if job["animation"]:
+        animation(Path(job["animation"]), list(frames(FRAMES)), traces, job["title"])
+
+
+def run(job_path: Path) -> None:
+    """Do a job and write its answer beside it."""
+    job = json.loads(job_path.read_text(encoding="utf-8"))
+    with np.load(job_path.with_suffix(".npz"), allow_pickle=False) as arrays:
+        times, poses, random, expected = (arrays[name] for name in ("t", "q", "random", "axes"))
+    world = World(job, window=job["window"])
+    errors = world.adopt(job["maps"], random[: len(expected)], expected)
+    answer: dict[str, Any] = {"axis_errors": None if errors is None else errors.tolist(), "distances": []}
+    if errors is None and job["window"]:
+        job_path.with_suffix(".ready").touch()
+        world.play(times, poses)
+    elif errors is None:
+        answer["distances"] = world.distances(poses, world.watched(random[:POSES]))
+        _draw(world, job, times, poses)
+    job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
+
+
+def _axis_errors(found: Floats, expected: Floats) -> Floats:
+    """Return the largest angle and distance of each joint's axis from where it should be, (n, 2)."""
+    direction, point = expected[..., :3], expected[..., 3:]
+    angle = np.arccos(np.clip(np.sum(direction * found[..., :3], axis=2), -1, 1))
+    across = np.linalg.norm(np.cross(direction, found[..., 3:] - point), axis=2)
+    return np.stack([angle.max(axis=0), across.max(axis=0)], axis=1)
+
+
+if __name__ == "__main__":
+    run(Path(sys.argv[1]))

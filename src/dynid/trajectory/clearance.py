@@ -1,0 +1,263 @@
+"""Distances of an arm to itself, the floor and boxes, with gradients: each link is a string of spheres.
+
+Good enough to steer a search away from contact within milliseconds; PyBullet judges the final motion (preview.py).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.prior import link_cylinders
+from dynid.robot import Robot, rotation_rpy
+from dynid.trajectory.feasible import CONTINUOUS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+#: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
+POSES = 300
+#: Links that touch in more than this share of random poses meet in a joint, whose limits keep them apart.
+USUAL = 0.2
+#: Distance of neighbouring spheres over their radius: the string is at its thinnest 20 % thinner than the cylinder.
+SPACING = 1.2
+#: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
+SCALE = 0.05
+WEIGHT = 100.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in the world, its edges along the axes.
+
+    Attributes:
+        lower: least x, y, z [m].
+        upper: greatest x, y, z [m].
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What surrounds the arm, in world coordinates, and how far to stay away.
+
+    Attributes:
+        floor: height of the floor [m]; None without one.
+        obstacles: boxes that no link may touch.
+        workspace: box that the last frame must not leave; None without one.
+        self_distance: wanted distance between links [m].
+        distance: wanted distance to floor and boxes [m].
+    """
+
+    floor: float | None = 0.0
+    obstacles: tuple[Box, ...] = ()
+    workspace: Box | None = None
+    self_distance: float = 0.02
+    distance: float = 0.05
+
+
+def link_poses(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
+    """Return rotations (N, n, 3, 3) and origins (N, n, 3) of all link frames in the world for positions (N, n)."""
+    R = np.broadcast_to(rotation_rpy(robot.base_rpy), (len(q), 3, 3))
+    p = np.broadcast_to(np.array(robot.base_xyz), (len(q), 3))
+    rotations, origins = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
+    for i, joint in enumerate(robot.joints):
+        theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(len(q)))
+        d = joint.d + (0.0 if joint.revolute else q[:, i])
+        (ct, st), (ca, sa) = (np.cos(theta), np.sin(theta)), (math.cos(joint.twist), math.sin(joint.twist))
+        zero, one = np.zeros(len(q)), np.ones(len(q))
+        if robot.convention == "standard":
+            step = [[ct, -ca * st, sa * st], [st, ca * ct, -sa * ct], [zero, sa * one, ca * one]]
+            shift = [joint.a * ct, joint.a * st, d * one]
+        else:
+            step = [[ct, -st, zero], [ca * st, ca * ct, -sa * one], [sa * st, sa * ct, ca * one]]
+            shift = [joint.a * one, -d * sa * one, d * ca * one]
+        p = p + np.einsum("nij,jn->ni", R, np.array(shift))
+        R = np.einsum("nij,jkn->nik", R, np.array(step))
+        rotations[:, i], origins[:, i] = R, p
+    return rotations, origins
+
+
+def joint_axes(robot: Robot, rotations: Floats, origins: Floats) -> tuple[Floats, Floats]:
+    """Return direction and a point of every joint's axis in the world, (N, n, 3) each."""
+    if robot.convention == "modified":
+        return rotations[..., 2], origins
+    base = np.broadcast_to(rotation_rpy(robot.base_rpy)[:, 2], (len(rotations), 1, 3))
+    foot = np.broadcast_to(np.array(robot.base_xyz), (len(rotations), 1, 3))
+    return np.concatenate([base, rotations[:, :-1, :, 2]], axis=1), np.concatenate([foot, origins[:, :-1]], axis=1)
+
+
+def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
+    """Return the speed of the last frame's origin, (N,) [m/s]."""
+    rotations, origins = link_poses(robot, q)
+    axes, points = joint_axes(robot, rotations, origins)
+    turning = np.array([joint.revolute for joint in robot.joints])[None, :, None]
+    columns = np.where(turning, np.cross(axes, origins[:, -1:] - points), axes)
+    speed: Floats = np.linalg.norm(np.sum(columns * qd[:, :, None], axis=1), axis=1)
+    return speed
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The least clearance of a motion of one kind.
+
+    Attributes:
+        what: the two things, such as ``"link 4 - base"``.
+        distance: clearance beyond the sum of radii, negative when they overlap [m].
+        index: sample where it is least.
+    """
+
+    what: str
+    distance: float
+    index: int
+
+
+@dataclass
+class Spheres:
+    """The arm as spheres, for one scene.
+
+    Args:
+        robot: the arm.
+        scene: what surrounds it.
+    """
+
+    robot: Robot
+    scene: Scene = field(default_factory=Scene)
+
+    def __post_init__(self) -> None:
+        """Place the spheres and learn which of them always touch."""
+        links, centres, radii = [], [], []
+        for i, shape in enumerate(link_cylinders(self.robot)):
+            count = max(2, math.ceil(shape.length / (SPACING * shape.radius)) + 1)
+            for s in np.linspace(0.0, 1.0, count):
+                links.append(i)
+                centres.append((1 - s) * np.array(shape.start) + s * np.array(shape.end))
+                radii.append(shape.radius)
+        self.links, self._centres, self._radii = np.array(links), np.array(centres), np.array(radii)
+        first, second = np.triu_indices(len(links), 1)
+        apart = self.links[second] - self.links[first] > 1
+        first, second = first[apart], second[apart]
+        points = self.points(self._random_poses())[0]
+        touching = self._pair_distance(points, first, second)[0] < self.scene.self_distance
+        names = self.links[first] * self.robot.n + self.links[second]
+        usual = [name for name in np.unique(names) if touching[:, names == name].any(axis=1).mean() >= USUAL]
+        kept = ~np.isin(names, usual)
+        self._first, self._second = first[kept], second[kept]
+        floor = -np.inf if self.scene.floor is None else self.scene.floor
+        low = (points[:, :, 2] - self._radii - floor < self.scene.distance).mean(axis=0) >= USUAL
+        # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
+        self._lifted = ~(low & (self.links == 0))
+
+    def _random_poses(self) -> Floats:
+        lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in self.robot.joints]).T
+        return np.random.default_rng(0).uniform(lower, upper, (POSES, self.robot.n))
+
+    def points(self, q: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return centres of all spheres (N, S, 3) and rotations and origins of the links."""
+        rotations, origins = link_poses(self.robot, q)
+        return (
+            np.einsum("nsij,sj->nsi", rotations[:, self.links], self._centres) + origins[:, self.links],
+            rotations,
+            origins,
+        )
+
+    def _pair_distance(self, points: Floats, first: Ints, second: Ints) -> tuple[Floats, Floats]:
+        """Return distances of pairs, (N, pairs), and the vectors between their centres."""
+        apart = points[:, first] - points[:, second]
+        length = np.sqrt(np.einsum("nkx,nkx->nk", apart, apart)) + 1e-12
+        return length - self._radii[first] - self._radii[second], apart
+
+    def _box_distance(self, points: Floats, box: Box) -> tuple[Floats, Floats]:
+        """Return distances to a box, negative inside, and their gradients by the points."""
+        centre, half = (np.add(box.upper, box.lower)) / 2, (np.subtract(box.upper, box.lower)) / 2
+        beyond = np.abs(points - centre) - half
+        outside = np.maximum(beyond, 0.0)
+        length = np.sqrt(np.sum(outside**2, axis=2))
+        inner = np.minimum(beyond.max(axis=2), 0.0)
+        direction = np.where((length > 0)[..., None], outside / np.maximum(length, 1e-12)[..., None], 0.0)
+        deepest = np.eye(3)[beyond.argmax(axis=2)]
+        direction = np.where((length > 0)[..., None], direction, deepest) * np.sign(points - centre)
+        return length + inner - self._radii, direction
+
+    def _floor_distance(self, points: Floats) -> Floats:
+        assert self.scene.floor is not None
+        height: Floats = points[:, self._lifted, 2] - self._radii[self._lifted] - self.scene.floor
+        return height
+
+    def value(self, q: Floats) -> tuple[float, Floats]:
+        """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
+        points, rotations, origins = self.points(q)
+        scene = self.scene
+        pull, tool_pull = np.zeros_like(points), np.zeros((len(q), 3))
+        distance, apart = self._pair_distance(points, self._first, self._second)
+        total, slope = _charge(distance, scene.self_distance)
+        close = np.nonzero(slope)
+        if len(close[0]):
+            sample, pair = close
+            length = (distance[close] + self._radii[self._first[pair]] + self._radii[self._second[pair]])[:, None]
+            force = slope[close][:, None] * apart[close] / length
+            np.add.at(pull, (sample, self._first[pair]), force)
+            np.add.at(pull, (sample, self._second[pair]), -force)
+        if scene.floor is not None:
+            extra, slope = _charge(self._floor_distance(points), scene.distance)
+            total, pull[:, self._lifted, 2] = total + extra, pull[:, self._lifted, 2] + slope
+        for box in scene.obstacles:
+            distance, direction = self._box_distance(points, box)
+            extra, slope = _charge(distance, scene.distance)
+            total, pull = total + extra, pull + slope[:, :, None] * direction
+        if scene.workspace is not None:
+            tool = origins[:, -1]
+            for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
+                extra, slope = _charge(sign * (tool - edge), 0.0)
+                total, tool_pull = total + extra, tool_pull + sign * slope
+        return total, self._to_joints(points, rotations, origins, pull, tool_pull)
+
+    def _to_joints(self, points: Floats, rotations: Floats, origins: Floats, pull: Floats, tool_pull: Floats) -> Floats:
+        """Turn forces on spheres and tool into joint efforts: every joint carries the links after it."""
+        n = self.robot.n
+        axes, feet = joint_axes(self.robot, rotations, origins)
+        force, moment = np.zeros((2, len(points), n, 3))
+        turned = np.cross(points, pull)
+        for i in range(n):
+            here = self.links == i
+            force[:, i], moment[:, i] = pull[:, here].sum(axis=1), turned[:, here].sum(axis=1)
+        force[:, -1] += tool_pull
+        moment[:, -1] += np.cross(origins[:, -1], tool_pull)
+        force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
+        turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
+        effort: Floats = np.sum(axes * np.where(turning, moment - np.cross(feet, force), force), axis=2)
+        return effort
+
+    def contacts(self, q: Floats) -> list[Contact]:
+        """Return the least clearance between links, to the floor, to each obstacle and of the tool to its workspace."""
+        points, _, origins = self.points(q)
+        found = []
+        distance = self._pair_distance(points, self._first, self._second)[0]
+        if distance.size:
+            k, pair = np.unravel_index(distance.argmin(), distance.shape)
+            names = f"link {self.links[self._first[pair]] + 1} - link {self.links[self._second[pair]] + 1}"
+            found.append(Contact(names, float(distance[k, pair]), int(k)))
+        if self.scene.floor is not None:
+            distance = self._floor_distance(points)
+            k, s = np.unravel_index(distance.argmin(), distance.shape)
+            found.append(Contact(f"link {self.links[self._lifted][s] + 1} - floor", float(distance[k, s]), int(k)))
+        for number, box in enumerate(self.scene.obstacles, start=1):
+            distance = self._box_distance(points, box)[0]
+            k, s = np.unravel_index(distance.argmin(), distance.shape)
+            found.append(Contact(f"link {self.links[s] + 1} - obstacle {number}", float(distance[k, s]), int(k)))
+        if self.scene.workspace is not None:
+            tool, workspace = origins[:, -1], self.scene.workspace
+            room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
+            found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin())))
+        return found
+
+
+def _charge(distance: Floats, wanted: float) -> tuple[float, Floats]:
+    """Return the penalty on distances below the wanted one, (N, ...), and its gradient."""
+    lack = np.maximum(wanted - distance, 0.0) / SCALE
+    return WEIGHT * float(np.sum(lack**2)) / len(distance), -2 * WEIGHT / SCALE / len(distance) * lack

@@ -1,0 +1,159 @@
+"""Motions that keep all joint limits by construction: each joint is scaled to its active limit and shifted.
+
+Free variables are a shape and a place for each joint; any numbers give a motion inside the limits, and the gradient
+goes through the scaling, so the search needs no penalties for positions, speeds and accelerations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.robot import Robot
+from dynid.trajectory.basis import Basis
+
+Floats = NDArray[np.float64]
+
+#: Range planned for a joint without position limits: half a turn each way, which winds up no cable.
+CONTINUOUS = (-math.pi, math.pi)
+#: Stand-ins for rates that the robot file leaves out [rad/s or m/s, and per second]: brisk for any arm of this size.
+DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits that a plan must keep, margins already taken off.
+
+    Attributes:
+        lower: (n,) [rad or m].
+        upper: (n,) [rad or m].
+        velocity: (n,) [rad/s or m/s].
+        acceleration: (n,) [rad/s^2 or m/s^2].
+        torque: (n,) [N m or N]; infinity where none is given.
+    """
+
+    lower: Floats
+    upper: Floats
+    velocity: Floats
+    acceleration: Floats
+    torque: Floats
+
+
+def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) -> Bounds:
+    """Return the limits of a robot with margins.
+
+    Args:
+        robot: the arm.
+        margin: share of the range that is left free, half at each end.
+        rate_margin: share taken off velocity, acceleration and torque; ``margin`` when None.
+    """
+    rest = 1 - (margin if rate_margin is None else rate_margin)
+    limits = [joint.limits for joint in robot.joints]
+    lower, upper = np.array([limit.position or CONTINUOUS for limit in limits]).T
+    off = margin * (upper - lower) / 2
+    velocity = np.array([limit.velocity or DEFAULT_VELOCITY for limit in limits])
+    acceleration = np.array([limit.acceleration or DEFAULT_ACCELERATION for limit in limits])
+    torque = np.array([limit.torque or np.inf for limit in limits])
+    return Bounds(lower + off, upper - off, velocity * rest, acceleration * rest, torque * rest)
+
+
+class Shaping:
+    """From free variables to a motion inside the limits, and back with gradients.
+
+    Args:
+        basis: family of motions.
+        limits: the limits.
+        t: times at which the motion is wanted, (N,) [s].
+        refinement: points of the grid for limits for each of those times.
+
+    Attributes:
+        size: number of free variables.
+    """
+
+    def __init__(self, basis: Basis, limits: Bounds, t: Floats, refinement: int = 5) -> None:
+        self._basis, self._limits = basis, limits
+        grid = np.linspace(0.0, basis.duration, refinement * len(t))
+        self._wanted = [basis.matrix(t, order) for order in range(3)]
+        self._fine = [basis.matrix(grid, order) for order in range(3)]
+        self._n = len(limits.lower)
+        self.size = (basis.size + 1) * self._n
+
+    def random(self, rng: np.random.Generator) -> Floats:
+        """Return free variables of a random motion, (size,)."""
+        return np.concatenate([rng.standard_normal(self._basis.size * self._n), rng.normal(0.0, 0.5, self._n)])
+
+    def _split(self, x: Floats) -> tuple[Floats, Floats]:
+        return x[: -self._n].reshape(-1, self._n), np.tanh(x[-self._n :])
+
+    def motion(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return q, qd, qdd at the wanted times, (N, n) each, and remember what ``pull`` needs."""
+        c, place = self._split(x)
+        columns = np.arange(self._n)
+        U, Ud, Udd = (phi @ c for phi in self._fine)
+        high, low = U.argmax(axis=0), U.argmin(axis=0)
+        span = np.maximum(U[high, columns] - U[low, columns], 1e-12)
+        fast, hard = np.abs(Ud).argmax(axis=0), np.abs(Udd).argmax(axis=0)
+        reach = self._limits.upper - self._limits.lower
+        candidates = np.stack(
+            [
+                reach / span,
+                self._limits.velocity / np.maximum(np.abs(Ud[fast, columns]), 1e-12),
+                self._limits.acceleration / np.maximum(np.abs(Udd[hard, columns]), 1e-12),
+            ]
+        )
+        active = candidates.argmin(axis=0)
+        scale = candidates[active, columns]
+        middle = (U[high, columns] + U[low, columns]) / 2
+        room = np.maximum(reach - scale * span, 0.0) / 2
+        self._seen = (c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd))
+        centre = (self._limits.upper + self._limits.lower) / 2 + room * place - scale * middle
+        u, ud, udd = (phi @ c for phi in self._wanted)
+        return scale * u + centre, scale * ud, scale * udd
+
+    def pull(self, gq: Floats, gqd: Floats, gqdd: Floats) -> Floats:
+        """Return the gradient by the free variables of the last motion, given that by q, qd, qdd, (size,)."""
+        c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
+        columns = np.arange(self._n)
+        u, ud, udd = (phi @ c for phi in self._wanted)
+        total = gq.sum(axis=0)
+        d_room = total * place * (room > 0)
+        d_scale = np.sum(gq * (u - middle) + gqd * ud + gqdd * udd, axis=0) - d_room * span / 2
+        d_span = -d_room * scale / 2 - np.where(active == 0, d_scale * scale / span, 0.0)
+        d_middle = -scale * total
+        gradient = sum(phi.T @ (g * scale) for phi, g in zip(self._wanted, (gq, gqd, gqdd), strict=True))
+        gradient += self._fine[0][high].T * (d_span + d_middle / 2) + self._fine[0][low].T * (d_middle / 2 - d_span)
+        for kind, phi, peak, values in ((1, self._fine[1], fast, Ud), (2, self._fine[2], hard, Udd)):
+            slope = np.where(active == kind, -d_scale * scale / values[peak, columns], 0.0)
+            gradient += phi[peak].T * slope
+        return np.concatenate([gradient.ravel(), total * room * (1 - place**2)])
+
+    def coefficients(self, x: Floats) -> Floats:
+        """Return the coefficients of the motion, scaled with the exact extrema instead of those of a grid, (k, n)."""
+        c, place = self._split(x)
+        basis, limits = self._basis, self._limits
+        low, high = extrema(basis, c, 0)
+        rates = [np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2)]
+        reach = limits.upper - limits.lower
+        span = np.maximum(high - low, 1e-12)
+        # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
+        scale = (1 - 1e-9) * np.minimum.reduce(
+            [
+                reach / span,
+                limits.velocity / np.maximum(rates[0], 1e-12),
+                limits.acceleration / np.maximum(rates[1], 1e-12),
+            ]
+        )
+        room = np.maximum(reach - scale * span, 0.0) / 2
+        centre = (limits.upper + limits.lower) / 2 + room * place - scale * (high + low) / 2
+        found: Floats = scale * c + np.outer(basis.constant, centre)
+        return found
+
+
+def extrema(basis: Basis, c: Floats, order: int) -> Floats:
+    """Return the exact least and greatest value of a derivative of every joint, (2, n)."""
+    times = basis.stationary(c, order)
+    values = [basis.matrix(t, order) @ c[:, j] for j, t in enumerate(times)]
+    return np.array([[v.min() for v in values], [v.max() for v in values]])

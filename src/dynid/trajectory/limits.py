@@ -1,0 +1,236 @@
+"""Is a planned motion safe? Joint limits, predicted torque and tool speed, checked on the final polynomial at 1 kHz.
+
+Positions, speeds and accelerations are compared by their exact extrema, torques and tool speed on the 1 kHz grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import LimitBroken
+from dynid.motion import Motion
+from dynid.robot import Robot
+from dynid.trajectory.clearance import tool_speed
+from dynid.trajectory.feasible import Bounds
+from dynid.trajectory.plan import Trajectory
+
+Floats = NDArray[np.float64]
+Torque = Callable[[Motion], Floats]
+
+#: Rate of the check at full speed; a slowed motion is checked at the same points of its path [Hz].
+RATE = 1000.0
+#: A limit is broken when it is exceeded by more than rounding.
+ROUNDING = 1e-7
+#: Steps of the bisection for the speed factor that keeps a torque limit; 2^-7 is finer than two digits of alpha.
+STEPS = 8
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest values of one joint.
+
+    Attributes:
+        joint: its name.
+        position: the position nearest to a limit [rad or m].
+        velocity: [rad/s or m/s].
+        acceleration: [rad/s^2 or m/s^2].
+        torque: predicted, [N m or N]; None where nothing is predicted.
+        share: largest share of a limit that is used.
+    """
+
+    joint: str
+    position: float
+    velocity: float
+    acceleration: float
+    torque: float | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit that a motion breaks.
+
+    Attributes:
+        joint: name of the joint, or ``"tool"``.
+        quantity: position, velocity, acceleration, torque or speed.
+        value: largest value.
+        limit: what is allowed, margins taken off.
+        time: when [s].
+        alpha: largest speed factor that keeps this limit; None when slowing down does not help.
+    """
+
+    joint: str
+    quantity: str
+    value: float
+    limit: float
+    time: float
+    alpha: float | None
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a motion uses of the limits.
+
+    Attributes:
+        peaks: one a joint.
+        violations: broken limits, () for a motion that may run.
+        tool_speed: largest speed of the last frame [m/s].
+    """
+
+    peaks: tuple[Peak, ...]
+    violations: tuple[Violation, ...]
+    tool_speed: float
+
+
+def check(
+    trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque | None = None, speed: float | None = None
+) -> Check:
+    """Compare a motion with all limits.
+
+    Args:
+        trajectory: the motion.
+        robot: the arm.
+        limits: limits, margins taken off.
+        torque: predicted torques of a motion, (N, n); None to leave torques out.
+        speed: largest speed of the tool [m/s]; None for any.
+    """
+    motion = trajectory.sampled(RATE * trajectory.alpha)
+    tau = None if torque is None else torque(motion)
+    violations = [v for order in range(3) for v in _rates(trajectory, robot, limits, order)]
+    if tau is not None and torque is not None:
+        violations += _torques(trajectory, robot, limits, torque, tau, motion.t)
+    moving = tool_speed(robot, motion.q, motion.qd)
+    fastest = float(moving.max())
+    if speed is not None and fastest > speed * (1 + ROUNDING):
+        when = float(motion.t[moving.argmax()])
+        violations.append(Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest))
+    return Check(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
+
+
+def require(found: Check, margin: float = 0.0) -> None:
+    """Refuse a motion that breaks a limit.
+
+    Raises:
+        LimitBroken: with the worst violation, and the speed factor or change that would pass.
+    """
+    if not found.violations:
+        return
+    worst = max(found.violations, key=lambda v: v.value / v.limit if v.limit else np.inf)
+    more = f"; {len(found.violations) - 1} more limits are broken" if len(found.violations) > 1 else ""
+    kept = f" with {100 * margin:g} % margin" if margin else ""
+    helps = [v.alpha for v in found.violations]
+    if all(alpha is not None for alpha in helps):
+        fix = f"--alpha {_floor2(min(alpha for alpha in helps if alpha is not None)):g}"
+    elif worst.quantity == "torque":
+        fix = "slower does not help: this pose is too heavy for the joint; use waypoints nearer to the base"
+    else:
+        fix = "slower does not help: move the waypoints away from the limit, or try another --seed"
+    done = f"{worst.joint} {_VERB[worst.quantity].format(worst.value)} at t = {worst.time:.1f} s"
+    raise LimitBroken(f"{done}; limit {worst.limit:.3g}{kept}{more}", fix=fix)
+
+
+_VERB = {
+    "position": "reaches {:.3g} rad",
+    "velocity": "moves at {:.3g} rad/s",
+    "acceleration": "accelerates at {:.3g} rad/s^2",
+    "torque": "needs {:.3g} N m",
+    "speed": "moves at {:.3g} m/s",
+}
+
+
+def _floor2(value: float) -> float:
+    """Round down to two significant digits, so that the advice itself passes."""
+    digits = 1 - int(np.floor(np.log10(value)))
+    return float(np.floor(value * 10**digits + 1e-9) / 10**digits)
+
+
+def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> list[Violation]:
+    """Return broken limits of one derivative."""
+    lower, upper = _range(limits, order)
+    quantity = ("position", "velocity", "acceleration")[order]
+    found = []
+    times = trajectory.basis.stationary(trajectory.coefficients, order)
+    for j, when in enumerate(times):
+        values = trajectory.basis.matrix(when, order) @ trajectory.coefficients[:, j] * trajectory.alpha**order
+        beyond = np.maximum(values - upper[j], lower[j] - values)
+        worst = int(beyond.argmax())
+        if beyond[worst] > ROUNDING * max(1.0, upper[j] - lower[j]):
+            value, limit = float(values[worst]), float(upper[j] if values[worst] > upper[j] else lower[j])
+            alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
+            shown = (abs(value), abs(limit)) if order else (value, limit)
+            time = float(when[worst]) / trajectory.alpha
+            found.append(Violation(robot.joint_names[j], quantity, *shown, time, alpha))
+    return found
+
+
+def _range(limits: Bounds, order: int) -> tuple[Floats, Floats]:
+    if order == 0:
+        return limits.lower, limits.upper
+    rate = (limits.velocity, limits.acceleration)[order - 1]
+    return -rate, rate
+
+
+def _torques(
+    trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque, tau: Floats, t: Floats
+) -> list[Violation]:
+    """Return broken torque limits, with the speed factor that keeps all of them."""
+    share = np.abs(tau) / limits.torque
+    broken = np.flatnonzero(share.max(axis=0) > 1 + ROUNDING)
+    if not len(broken):
+        return []
+    alpha = _torque_alpha(trajectory, limits, torque)
+    return [
+        Violation(
+            robot.joint_names[j],
+            "torque",
+            float(np.abs(tau[:, j]).max()),
+            float(limits.torque[j]),
+            float(t[share[:, j].argmax()]),
+            alpha,
+        )
+        for j in broken
+    ]
+
+
+def _torque_alpha(trajectory: Trajectory, limits: Bounds, torque: Torque) -> float | None:
+    """Return a speed factor at which all torques fit, by bisection; None when even standing there is too much."""
+    path = trajectory.slowed(1.0).sampled(RATE / 10)
+
+    def fits(alpha: float) -> bool:
+        slowed = Motion(path.t / alpha, path.q, path.qd * alpha, path.qdd * alpha**2)
+        return bool(np.all(np.abs(torque(slowed)) <= limits.torque * (1 - 1e-3)))
+
+    low, high = 1e-3, trajectory.alpha
+    if not fits(low):
+        return None
+    for _ in range(STEPS):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return float(low)
+
+
+def _peaks(trajectory: Trajectory, robot: Robot, limits: Bounds, tau: Floats | None) -> tuple[Peak, ...]:
+    low, high = trajectory.extrema(0)
+    rates = [np.abs(trajectory.extrema(order)).max(axis=0) for order in (1, 2)]
+    middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+    position = np.where(high - middle > middle - low, high, low)
+    torque = None if tau is None else np.abs(tau).max(axis=0)
+    shares = [np.abs(position - middle) / half, rates[0] / limits.velocity, rates[1] / limits.acceleration]
+    if torque is not None:
+        shares.append(torque / limits.torque)
+    share = np.max(shares, axis=0)
+    return tuple(
+        Peak(
+            name,
+            float(position[j]),
+            float(rates[0][j]),
+            float(rates[1][j]),
+            None if torque is None else float(torque[j]),
+            float(share[j]),
+        )
+        for j, name in enumerate(robot.joint_names)
+    )

@@ -1,0 +1,121 @@
+"""The noun Trajectory: a motion as coefficients of a family, run at a speed factor alpha (Paper Eq. 19)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.motion import Motion
+from dynid.trajectory.basis import Basis, Quintic
+from dynid.trajectory.feasible import Bounds, extrema
+
+Floats = NDArray[np.float64]
+
+#: Samples evaluated at once: Phi of a long motion at 1 kHz would not fit into memory comfortably.
+BLOCK = 4096
+#: Rounds of the rule that stretches intervals; each round brings every interval to within a few percent.
+ROUNDS = 60
+#: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
+_REST_SPEED, _REST_ACCELERATION = 1.875, 10 / np.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A planned motion, at rest at both ends.
+
+    Attributes:
+        basis: family of motions.
+        coefficients: (k, n).
+        alpha: speed factor; the planned motion itself has 1.
+    """
+
+    basis: Basis
+    coefficients: Floats
+    alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the speed factor."""
+        if not 0 < self.alpha <= 1:
+            fix = "give a number above 0 and up to 1"
+            raise WrongUsage(f"alpha = {self.alpha:g}", why="alpha slows a plan down", fix=fix)
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion as it will run, T / alpha [s]."""
+        return self.basis.duration / self.alpha
+
+    def slowed(self, alpha: float) -> Trajectory:
+        """Return the same path at another speed factor."""
+        return replace(self, alpha=alpha)
+
+    def motion(self, t: Floats) -> Motion:
+        """Return the motion at times of the run; before and after it the arm rests at its ends.
+
+        Source: Paper Eq. 19 in its right form, q = p(alpha t), qd = alpha p', qdd = alpha^2 p''.
+        """
+        s = np.clip(self.alpha * t, 0.0, self.basis.duration)
+        values = np.empty((3, len(t), self.coefficients.shape[1]))
+        for part in (slice(k, k + BLOCK) for k in range(0, len(t), BLOCK)):
+            for order in range(3):
+                values[order, part] = self.basis.matrix(s[part], order) @ self.coefficients * self.alpha**order
+        return Motion(t, *values)
+
+    def sampled(self, rate: float) -> Motion:
+        """Return the motion from its beginning to its end at a sample rate [Hz]."""
+        return self.motion(np.arange(int(np.ceil(self.duration * rate - 1e-9)) + 1) / rate)
+
+    def extrema(self, order: int) -> Floats:
+        """Return the exact least and greatest value of q (0), qd (1) or qdd (2) of every joint, (2, n)."""
+        return extrema(self.basis, self.coefficients, order) * self.alpha**order
+
+
+def through(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> Trajectory:
+    """Join waypoints by quintic segments of least jerk and stretch the intervals in which a rate would be broken.
+
+    Args:
+        waypoints: positions, (K, n) [rad or m].
+        limits: velocity and acceleration limits.
+        times: wanted times, (K,) [s]; as fast as the limits let the arm go from rest to rest when None.
+
+    Source: the rule for Delta T_j after Paper Eq. 16. Among all motions through the points with those times and rest at
+        the ends, the quintic spline has the least mean square jerk, so no rates at waypoints have to be invented.
+    """
+    step = np.abs(np.diff(waypoints, axis=0))
+    shortest = np.maximum(
+        (_REST_SPEED * step / limits.velocity).max(axis=1),
+        np.sqrt(_REST_ACCELERATION * step / limits.acceleration).max(axis=1),
+    )
+    lengths = np.maximum(shortest, 1e-2) if times is None else np.diff(times)
+    for _ in range(ROUNDS):
+        trajectory = _spline(waypoints, lengths)
+        stretch = _needed(trajectory, limits, lengths)
+        if stretch.max() <= 1:
+            return trajectory
+        lengths = lengths * np.maximum(stretch, 1.0) * (1 + 1e-6)
+    rates = [np.abs(trajectory.extrema(order)).max(axis=0) for order in (1, 2)]
+    total = max(np.max(rates[0] / limits.velocity), np.sqrt(np.max(rates[1] / limits.acceleration)), 1.0)
+    return _spline(waypoints, lengths * total * (1 + 1e-9))
+
+
+def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:
+    knots = np.concatenate([[0.0], np.cumsum(lengths)])
+    basis = Quintic(tuple(knots.tolist()), smooth=True)
+    coefficients: Floats = np.linalg.solve(basis.matrix(knots), waypoints)
+    return Trajectory(basis, coefficients)
+
+
+def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:
+    """Return the factor by which each interval has to grow for its peak rates, (K - 1,); at most 1 when fine."""
+    knots = np.concatenate([[0.0], np.cumsum(lengths)])
+    factor = np.zeros(len(lengths))
+    for order, limit in ((1, limits.velocity), (2, limits.acceleration)):
+        for j, times in enumerate(trajectory.basis.stationary(trajectory.coefficients, order)):
+            values = np.abs(trajectory.basis.matrix(times, order) @ trajectory.coefficients[:, j]) / limit[j]
+            # Why: a peak at a waypoint belongs to both of its intervals.
+            for side in ("left", "right"):
+                segment = np.clip(np.searchsorted(knots, times, side=side) - 1, 0, len(lengths) - 1)
+                np.maximum.at(factor, segment, values ** (1 / order))
+    return factor

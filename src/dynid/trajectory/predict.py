@@ -1,0 +1,156 @@
+"""What a motion will teach, before it runs: standard errors, expected torque error, and what slowing down costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.prior import prior_parameters
+from dynid.model.reduce import Reduction
+from dynid.model.regressor import Model
+from dynid.motion import Motion
+from dynid.robot import Robot
+from dynid.trajectory.basis import Fourier
+from dynid.trajectory.cost import FLOOR, Figures, figures
+from dynid.trajectory.feasible import Bounds, Shaping
+from dynid.trajectory.plan import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: Torque noise of a joint that nobody has measured, as a share of its rating: that of the sensors of a KUKA LWR4+.
+NOISE_SHARE = 0.003
+#: Torque noise of a joint without a rating [N m].
+NOISE = 0.1
+#: The other motions on which the expected torque error is meant: so many random Fourier motions inside the limits.
+OTHER_MOTIONS, OTHER_DURATION, OTHER_HARMONICS = 12, 10.0, 5
+#: The recommended sequence of speed factors.
+LADDER = (0.2, 0.5, 1.0)
+
+
+def default_noise(robot: Robot) -> Floats:
+    """Return the torque noise that is assumed for each joint when none is given, (n,) [N m or N]."""
+    return np.array([NOISE_SHARE * j.limits.torque if j.limits.torque else NOISE for j in robot.joints])
+
+
+def believed(model: Model, reduction: Reduction) -> Floats:
+    """Return the base parameters as believed before measuring; friction and rotors count as zero, (p,)."""
+    links = prior_parameters(model.robot).reshape(model.robot.n, 10)
+    full = np.zeros((model.robot.n, 11))
+    full[:, :10] = links
+    gamma = np.zeros(model.size)
+    gamma[: len(model.link_columns)] = full.ravel()[model.link_columns]
+    return reduction.K @ gamma
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a log of a motion will tell.
+
+    Attributes:
+        figures: condition numbers and smallest singular value of W, unweighted.
+        std_error: standard error of each base parameter, (p,); infinity where the motion shows nothing.
+        torque_error: expected rms torque error on other motions, mean of all joints [N m].
+        information: information matrix in the noise that was given, (p, p).
+    """
+
+    figures: Figures
+    std_error: Floats
+    torque_error: float
+    information: Floats
+
+
+def predict(
+    model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats, other: Floats, known: Floats | None = None
+) -> Prediction:
+    """Predict the errors of weighted least squares on a log of a motion.
+
+    Args:
+        model: the model.
+        columns: base parameters, (p,).
+        motion: the motion at the samples of the log.
+        noise: standard deviation of each joint's torque, white, (n,).
+        other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
+        known: information matrix of earlier logs; None without any.
+    """
+    raw, weighted = information_of(model, columns, motion, noise)
+    total = weighted if known is None else weighted + known
+    covariance, seen = _inverse(total)
+    std_error = np.where(seen, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
+    error = np.sqrt(np.sum(other * covariance) / model.robot.n) if seen.all() else np.inf
+    return Prediction(figures(raw), std_error, float(error), total)
+
+
+def information_of(model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats) -> tuple[Floats, Floats]:
+    """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each."""
+    observer = model.observer(columns)
+    raw, weighted = np.zeros((2, len(columns), len(columns)))
+    for start in range(0, len(motion), 1000):
+        part = slice(start, start + 1000)
+        P = observer.dense(motion.q[part], motion.qd[part], motion.qdd[part])
+        joints = np.einsum("kjp,kjq->jpq", P, P, optimize=True)
+        raw += joints.sum(axis=0)
+        weighted += np.einsum("jpq,j->pq", joints, 1 / noise**2)
+    return raw, weighted
+
+
+def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the inverse of a column-scaled information matrix and which parameters it determines."""
+    s = 1 / np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
+    values, U = np.linalg.eigh(G * np.outer(s, s))
+    good = values > max(FLOOR * 100, 1e-13) * values[-1]
+    seen = np.all(np.abs(U[:, ~good]) < 1e-6, axis=1) & (np.diag(G) > 0)
+    inverse = (U[:, good] / values[good]) @ U[:, good].T
+    return inverse * np.outer(s, s), seen
+
+
+def held_out(
+    model: Model, columns: NDArray[np.intp], limits: Bounds, seed: int = 0, motions: int = OTHER_MOTIONS
+) -> Floats:
+    """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p)."""
+    observer = model.observer(columns)
+    basis = Fourier(OTHER_DURATION, OTHER_HARMONICS)
+    t = OTHER_DURATION * (np.arange(200) + 0.5) / 200
+    shaping = Shaping(basis, limits, t)
+    total = np.zeros((len(columns), len(columns)))
+    for k in range(motions):
+        W = observer.dense(*shaping.motion(shaping.random(np.random.default_rng((seed, 1000 + k)))))
+        rows = W.reshape(-1, len(columns))
+        total += rows.T @ rows / len(W)
+    return total / motions
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One speed factor of the ladder.
+
+    Attributes:
+        alpha: speed factor.
+        duration: length of the run [s].
+        torque_error: expected rms torque error on other motions [N m].
+        condition: condition number of W.
+    """
+
+    alpha: float
+    duration: float
+    torque_error: float
+    condition: float
+
+
+def ladder(
+    trajectory: Trajectory, model: Model, columns: NDArray[np.intp], noise: Floats, other: Floats,
+    known: Floats | None = None, samples: int = 1000, alphas: Sequence[float] = LADDER,
+) -> tuple[Rung, ...]:  # fmt: skip
+    """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
+
+    A slower run of the same rate has more samples; they hardly help, since what it does not show it shows nowhere.
+    """
+    rungs = []
+    for alpha in sorted({*alphas, trajectory.alpha}):
+        slowed = replace(trajectory, alpha=alpha)
+        motion = slowed.motion(slowed.duration * (np.arange(samples) + 0.5) / samples)
+        found = predict(model, columns, motion, noise, other, known)
+        rungs.append(Rung(alpha, slowed.duration, found.torque_error, found.figures.condition))
+    return tuple(rungs)

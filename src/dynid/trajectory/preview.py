@@ -1,0 +1,264 @@
+"""See a motion and let PyBullet judge it, in a child process: distances per pair, picture, animation, window."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
+from dynid.robot import Robot
+from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE
+from dynid.trajectory.clearance import Scene, joint_axes, link_poses
+from dynid.trajectory.feasible import CONTINUOUS
+from dynid.trajectory.plan import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: Poses that are measured for each second of the planned motion, and their number at most.
+RATE, POSES = 100.0, 3000
+#: Time after which a child that draws is taken to hang [s].
+PATIENCE = 600.0
+#: Time within which a window opens [s].
+OPENING = 60.0
+#: Poses at which the axes of a URDF are compared with the DH table.
+COMPARED = 10
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The least distance of two things during a motion.
+
+    Attributes:
+        pair: their names, such as ``"link_5 - base"``.
+        distance: negative when they overlap [m].
+        time: when [s].
+    """
+
+    pair: str
+    distance: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """What to draw.
+
+    Attributes:
+        picture: path of the still; None for none.
+        animation: path of the animated picture; None for none.
+        title: line above the pictures.
+    """
+
+    picture: Path | None = None
+    animation: Path | None = None
+    title: str = ""
+
+
+def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look: Look) -> tuple[Distance, ...]:
+    """Measure distances all along a motion and draw it.
+
+    Args:
+        trajectory: the motion.
+        robot: the arm.
+        urdf: its URDF; a user's own may have other link frames, but must have the same joint axes.
+        scene: floor, obstacles, wanted distances.
+        look: what to draw.
+
+    Returns:
+        The least distance of every watched pair, the closest pair first; distances end at 0.3 m.
+
+    Raises:
+        PackageMissing: PyBullet is not there.
+        WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
+    """
+    with _job(trajectory, robot, urdf, scene, look) as job:
+        log = job.with_suffix(".log")
+        with log.open("wb") as stream:
+            child = subprocess.run(
+                _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment(),
+                timeout=PATIENCE, check=False,
+            )  # fmt: skip
+        answer = job.with_suffix(".answer")
+        if not answer.is_file():
+            raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
+        found = json.loads(answer.read_text(encoding="utf-8"))
+        with np.load(job.with_suffix(".npz")) as arrays:
+            times = arrays["t"]
+    _require_axes(robot, found["axis_errors"], urdf)
+    return tuple(Distance(d["pair"], d["distance_m"], float(times[d["index"]])) for d in found["distances"])
+
+
+def require_clear(distances: tuple[Distance, ...], scene: Scene, picture: Path | None = None) -> None:
+    """Refuse a motion that comes too near to anything.
+
+    Raises:
+        Collision: with the pair, the time and the distance.
+    """
+    broken = [d for d in distances if d.distance < wanted(d, scene)]
+    if not broken:
+        return
+    worst = min(broken, key=lambda d: d.distance - wanted(d, scene))
+    if worst.distance < 0:
+        touch = f"touches it (depth {-1000 * worst.distance:.0f} mm)"
+    else:
+        touch = f"comes within {1000 * worst.distance:.0f} mm; wanted are {1000 * wanted(worst, scene):.0f} mm"
+    first, second = worst.pair.split(" - ", 1)
+    what = f"{first} and {second}: the arm {touch} at t = {worst.time:.1f} s"
+    if len(broken) > 1:
+        what += f"; {len(broken) - 1} more pairs are too close"
+    fix = "plan again with another --seed, or move the waypoints, --floor or --obstacle"
+    raise Collision(what, where=str(picture) if picture else "", fix=fix)
+
+
+def wanted(distance: Distance, scene: Scene) -> float:
+    """Return the wanted distance of a pair [m]."""
+    outside = distance.pair.endswith("floor") or " - obstacle" in distance.pair
+    return scene.distance if outside else scene.self_distance
+
+
+@contextmanager
+def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> Iterator[None]:
+    """Show a motion in PyBullet's window for the length of the block.
+
+    Raises:
+        NoDisplay: there is no display.
+    """
+    if not has_display():
+        raise NoDisplay("no display: PyBullet cannot open its window")
+    with _job(trajectory, robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
+        child = subprocess.Popen(
+            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment()
+        )
+        try:
+            _await(child, job)
+            yield
+        finally:
+            child.terminate()
+            child.wait()
+
+
+def _await(child: subprocess.Popen[bytes], job: Path) -> None:
+    """Wait until the window is there."""
+    begin = time.monotonic()
+    while not job.with_suffix(".ready").exists():
+        if child.poll() is not None or time.monotonic() - begin > OPENING:
+            raise NoDisplay("PyBullet could not open its window", why=job.with_suffix(".log").read_text()[-300:])
+        time.sleep(0.05)
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened."""
+    return bool(os.environ.get("DISPLAY")) or sys.platform in ("win32", "darwin")
+
+
+@contextmanager
+def _job(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look: Look | None) -> Iterator[Path]:
+    """Write a job for the child into a folder that is removed afterwards."""
+    count = int(np.clip(RATE * trajectory.basis.duration, 2, POSES)) + 1
+    t = np.linspace(0.0, trajectory.duration, count)
+    lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in robot.joints]).T
+    random = np.random.default_rng(0).uniform(lower, upper, (300, robot.n))
+    q = trajectory.motion(t).q
+    facts = {
+        "urdf": str(urdf.resolve()),
+        "joints": _urdf_names(robot, urdf),
+        "labels": list(robot.joint_names),
+        "lower": lower.tolist(),
+        "upper": upper.tolist(),
+        "floor": scene.floor,
+        "obstacles": [[box.lower, box.upper] for box in scene.obstacles],
+        "reach": float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints)) or 1.0,
+        "picture": str(look.picture.resolve()) if look and look.picture else None,
+        "animation": str(look.animation.resolve()) if look and look.animation else None,
+        "title": look.title if look else "",
+        "window": look is None,
+        "maps": _maps(robot),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        job = Path(folder) / "job.json"
+        job.write_text(json.dumps(facts), encoding="utf-8")
+        axes = np.concatenate(joint_axes(robot, *link_poses(robot, random[:COMPARED])), axis=2)
+        np.savez(job.with_suffix(".npz"), t=t, q=q, random=random, axes=axes)
+        yield job
+
+
+def _urdf_joints(urdf: Path) -> list[str]:
+    """Return the names of the moving joints of a URDF."""
+    import xml.etree.ElementTree as ET
+
+    try:
+        root = ET.parse(urdf).getroot()
+    except (OSError, ET.ParseError) as error:
+        raise WrongRobotFile(f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf") from None
+    return [j.get("name", "") for j in root.iter("joint") if j.get("type") in ("revolute", "continuous", "prismatic")]
+
+
+def _urdf_names(robot: Robot, urdf: Path) -> list[str]:
+    """Return the robot's joints by the names that the URDF uses: the robot file's or the driver's."""
+    there = _urdf_joints(urdf)
+    for names in (robot.joint_names, robot.log_names):
+        if set(names) <= set(there):
+            return list(names)
+    missing = ", ".join(name for name in robot.joint_names if name not in there)
+    what = f"{urdf} lacks the joints {missing}; it has {', '.join(there)}"
+    raise WrongRobotFile(what, where=str(urdf), fix="rename the joints")
+
+
+def _maps(robot: Robot) -> list[list[list[float]]]:
+    """Return signs and offsets that a URDF may have: none (one made here), the simulator's, the driver's."""
+    given = [robot.simulator, robot.driver.map if robot.driver else None]
+    plain = [[1.0] * robot.n, [0.0] * robot.n]
+    return [plain, *([list(found.sign), list(found.offset)] for found in given if found is not None)]
+
+
+def _command(job: Path) -> list[str]:
+    return [sys.executable, "-m", "dynid.trajectory.bullet", str(job)]
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the child, which must find the same dynid."""
+    here = str(Path(__file__).parents[2])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([here, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
+
+
+def _failure(status: int, log: str, urdf: Path) -> Exception:
+    """Turn the end of a child into a mistake of the catalogue."""
+    if "No module named 'pybullet'" in log:
+        return PackageMissing(
+            "the preview needs PyBullet, which is not installed",
+            fix="pip install pybullet (wheels exist for Python 3.8 to 3.11), or use --preview none",
+        )
+    if "Cannot load URDF" in log or "cannot" in log.lower():
+        last = next((line for line in reversed(log.splitlines()) if line.strip()), "")
+        what = f"PyBullet cannot load {urdf}: {last}"
+        return WrongRobotFile(what, where=str(urdf), fix="check the URDF and its meshes")
+    return RuntimeError(f"the preview process ended with status {status}:\n{log[-2000:]}")
+
+
+def _require_axes(robot: Robot, errors: list[list[float]] | None, urdf: Path) -> None:
+    """Refuse a URDF whose joint axes are not those of the DH table, whatever its link frames are.
+
+    Raises:
+        WrongRobotFile: an axis points elsewhere or lies elsewhere.
+    """
+    if errors is None:
+        return
+    wrong = [angle > AXIS_ANGLE or apart > AXIS_DISTANCE for angle, apart in errors]
+    j = wrong.index(True)
+    words = f"{np.degrees(errors[j][0]):.1f} deg and {1000 * errors[j][1]:.1f} mm"
+    raise WrongRobotFile(
+        f"{robot.joint_names[j]}: axis in {urdf} is {words} off the DH table",
+        where=str(urdf),
+        fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
+    )

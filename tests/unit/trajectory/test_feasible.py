@@ -1,0 +1,68 @@
+"""Any numbers give a motion inside the limits, and the gradient goes through the scaling."""
+
+import numpy as np
+import pytest
+from randomplans import random_trajectory
+from scipy.interpolate import BPoly
+
+from dynid.trajectory.basis import Fourier, Quintic
+from dynid.trajectory.feasible import Shaping, bounds
+
+
+@pytest.mark.parametrize("arm", ["lwr", "gen2"])
+def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, request):
+    robot = request.getfixturevalue(arm).robot
+    limit = bounds(robot, 0.1)
+    knots = np.linspace(0, 2.0, 5)
+    basis = Quintic(tuple(knots.tolist()))
+    t = np.arange(0, 2.0, 1e-4)
+    for seed in range(100):
+        trajectory = random_trajectory(robot, seed, basis, margin=0.1)
+        at = trajectory.motion(knots)
+        path = BPoly.from_derivatives(knots, np.stack([at.q, at.qd, at.qdd], axis=1))
+        q, qd, qdd = path(t), path.derivative(1)(t), path.derivative(2)(t)
+        assert np.all((q > limit.lower - 1e-9) & (q < limit.upper + 1e-9))
+        assert np.all(np.abs(qd) < limit.velocity * (1 + 1e-9))
+        assert np.all(np.abs(qdd) < limit.acceleration * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("basis", [Quintic.even(4.0, 6), Fourier(5.0, 4), Quintic.even(4.0, 7, smooth=True)])
+def test_every_joint_uses_one_of_its_limits_to_the_full(lwr, basis):
+    limit = bounds(lwr.robot, 0.05, 0.0)
+    trajectory = random_trajectory(lwr.robot, 3, basis)
+    low, high = trajectory.extrema(0)
+    shares = [
+        (high - low) / (bounds(lwr.robot).upper - bounds(lwr.robot).lower),
+        np.abs(trajectory.extrema(1)).max(axis=0) / limit.velocity,
+        np.abs(trajectory.extrema(2)).max(axis=0) / limit.acceleration,
+    ]
+    assert np.allclose(np.max(shares, axis=0), 1.0, atol=1e-6)
+
+
+def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):
+    basis = Quintic.even(4.0, 4)
+    shaping = Shaping(basis, bounds(lwr.robot), np.linspace(0.1, 3.9, 23))
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        x, direction = rng.standard_normal((2, shaping.size))
+        weights = [rng.standard_normal((23, 7)) for _ in range(3)]
+
+        def value(x, weights=weights):
+            return sum(np.sum(w * part) for w, part in zip(weights, shaping.motion(x), strict=True))
+
+        value(x)
+        slope = shaping.pull(*weights) @ direction
+        h = 1e-6
+        assert slope == pytest.approx((value(x + h * direction) - value(x - h * direction)) / (2 * h), rel=1e-4)
+
+
+def test_margin_is_taken_off_half_at_each_end(lwr):
+    wide, narrow = bounds(lwr.robot), bounds(lwr.robot, 0.1)
+    assert np.allclose(narrow.upper - narrow.lower, 0.9 * (wide.upper - wide.lower))
+    assert np.allclose(narrow.upper + narrow.lower, wide.upper + wide.lower)
+    assert np.allclose(narrow.torque, 0.9 * wide.torque)
+
+
+def test_continuous_joints_are_planned_within_one_turn(gen2):
+    limit = bounds(gen2.robot)
+    assert (limit.lower[0], limit.upper[0]) == (-np.pi, np.pi)

@@ -1,0 +1,98 @@
+"""Predicted errors are those that repeated identification shows, and earlier knowledge is used."""
+
+import numpy as np
+import pytest
+from randomplans import random_trajectory
+
+from dynid.trajectory.feasible import bounds
+from dynid.trajectory.predict import (
+    believed,
+    default_noise,
+    held_out,
+    information_of,
+    ladder,
+    predict,
+)
+
+
+@pytest.fixture(scope="module")
+def other(lwr):
+    return held_out(lwr.model, lwr.reduction.base, bounds(lwr.robot))
+
+
+def test_predicted_errors_are_those_of_200_noisy_fits(lwr, other):
+    columns, noise = lwr.reduction.base, default_noise(lwr.robot)
+    motion = random_trajectory(lwr.robot, 1).sampled(100)
+    found = predict(lwr.model, columns, motion, noise, other)
+    W = lwr.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
+    rows = (W / noise[None, :, None]).reshape(-1, len(columns))
+    rng = np.random.default_rng(2)
+    errors = np.linalg.lstsq(rows, rng.standard_normal((len(rows), 200)), rcond=None)[0]
+    assert np.allclose(errors.std(axis=1), found.std_error, rtol=0.25)
+    torque = np.sqrt(np.mean(np.einsum("pk,pq,qk->k", errors, other, errors)) / 7)
+    assert torque == pytest.approx(found.torque_error, rel=0.1)
+
+
+def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
+    noise = np.full(7, 0.1)
+    rungs = ladder(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other)
+    assert [rung.alpha for rung in rungs] == [0.2, 0.5, 1.0]
+    errors = [rung.torque_error for rung in rungs]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 5 * errors[2]
+
+
+def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):
+    plan = random_trajectory(lwr.robot, 3)
+    motion = plan.sampled(50)
+    motion.qd[:, 6] = motion.qdd[:, 6] = 0.0
+    found = predict(lwr.model, lwr.reduction.base, motion, np.full(7, 0.1), other)
+    errors = dict(zip(lwr.reduction.base_names, found.std_error, strict=True))
+    assert errors["fv7"] == errors["fc7"] == np.inf
+    assert np.isfinite(errors["fv2"])
+    assert found.torque_error == np.inf
+
+
+def test_earlier_logs_make_every_error_smaller(lwr, other):
+    noise = np.full(7, 0.1)
+    first, second = (random_trajectory(lwr.robot, seed).sampled(50) for seed in (4, 5))
+    known = information_of(lwr.model, lwr.reduction.base, first, noise)[1]
+    alone = predict(lwr.model, lwr.reduction.base, second, noise, other)
+    both = predict(lwr.model, lwr.reduction.base, second, noise, other, known)
+    assert np.all(both.std_error < alone.std_error)
+
+
+def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
+    pin = pytest.importorskip("pinocchio")
+    from dynid.sim.urdf import write_urdf
+
+    write_urdf(lwr.robot, None, tmp_path / "arm.urdf")
+    arm = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    motion = random_trajectory(lwr.robot, 6).sampled(5)
+    theta = believed(lwr.model, lwr.reduction)
+    tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
+    data = arm.createData()
+    for k in range(len(motion)):
+        assert np.allclose(tau[k], pin.rnea(arm, data, motion.q[k], motion.qd[k], motion.qdd[k]), atol=1e-6)
+
+
+def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noise_draws(gen2):
+    pytest.importorskip("pybullet")
+    from dynid.sim.arm import Arm
+
+    columns, noise = gen2.reduction.base, default_noise(gen2.robot)
+    motion = random_trajectory(gen2.robot, 7).sampled(100)
+    other = held_out(gen2.model, columns, bounds(gen2.robot))
+    found = predict(gen2.model, columns, motion, noise, other)
+    with Arm(gen2.robot) as arm:
+        tau = np.array([arm.required_torque(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
+    W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
+    solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
+    rng = np.random.default_rng(8)
+    draws = np.array([solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)])
+    misses = draws - believed(gen2.model, gen2.reduction)
+    ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
+    torque = np.sqrt(np.einsum("kp,pq,kq->k", misses, other, misses) / 7)
+    assert np.sqrt(np.mean(torque**2)) == pytest.approx(found.torque_error, rel=0.3)

@@ -1,0 +1,163 @@
+"""PyBullet, in a process of its own, measures, draws, and refuses what touches."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import Collision, NoDisplay, WrongRobotFile
+from dynid.robot import Joint, JointMap
+from dynid.sim.urdf import write_urdf
+from dynid.trajectory.clearance import Box, Scene
+from dynid.trajectory.feasible import bounds
+from dynid.trajectory.plan import through
+from dynid.trajectory.preview import Look, examine, require_clear, window
+
+pytest.importorskip("pybullet")
+NOTHING = Look()
+
+
+def towards(robot, *degrees):
+    start = np.radians([0, 0, 0, 0, 0, 0, 0] if robot.gravity[2] < 0 else [0, 180, 0, 180, 0, 180, 0])
+    limits = bounds(robot)
+    free = replace(limits, lower=limits.lower - 10, upper=limits.upper + 10)
+    return through(np.array([start, np.radians(degrees)]), free)
+
+
+@pytest.fixture
+def urdf(request, tmp_path):
+    def make(robot):
+        write_urdf(robot, None, tmp_path / "arm.urdf")
+        return tmp_path / "arm.urdf"
+
+    return make
+
+
+COLLIDING = {
+    "lwr": [
+        (0, 119, 0, 0, 0, 0, 0),
+        (0, 120, -20, -120, 100, 0, -130),
+        (0, -120, 0, 110, -70, 60, -20),
+        (0, 85, 0, -119, 0, -60, 0),
+        (0, -115, 90, 20, 0, 0, 0),
+        (0, 0, 0, 165, 0, 0, 0),
+    ],
+    "gen2": [
+        (0, 300, 0, 180, 0, 180, 0),
+        (50, 70, -50, 330, 180, 280, 10),
+        (60, 170, -130, 310, -180, 290, 170),
+        (-60, 250, 60, 30, 0, 290, -70),
+        (0, 60, 0, 180, 0, 180, 0),
+        (0, 270, 0, 100, 0, 180, 0),
+    ],
+}
+
+
+@pytest.mark.parametrize(("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses])
+def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(arm, pose, urdf, request):
+    robot = request.getfixturevalue(arm).robot
+    found = examine(towards(robot, *pose), robot, urdf(robot), Scene(), NOTHING)
+    with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
+        require_clear(found, Scene())
+
+
+def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, urdf):
+    found = examine(towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(floor=0.1), NOTHING)
+    require_clear(found, Scene(floor=-0.5))
+    lowest = next(d for d in found if d.pair == "link_7 - floor")
+    height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
+    assert lowest.distance == pytest.approx(min(height, 0.3), abs=0.005)
+
+
+def test_an_obstacle_in_the_way_is_named(lwr, urdf):
+    scene = Scene(obstacles=(Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),))
+    into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
+    away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
+    with pytest.raises(Collision, match="obstacle 1"):
+        require_clear(examine(into, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+    require_clear(examine(away, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+
+
+def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
+    from PIL import Image
+
+    look = Look(tmp_path / "a.png", tmp_path / "a.gif", "a title")
+    examine(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
+    still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
+    assert still.shape[0] > 600
+    assert still.shape[1] > 1000
+    orange = (still[..., 0] > 150) & (still[..., 2] < 90)
+    assert orange.mean() > 0.002
+    with Image.open(look.animation) as moving:
+        assert moving.n_frames == 60
+        first = np.asarray(moving.convert("RGB")).astype(int)
+        moving.seek(59)
+        last = np.asarray(moving.convert("RGB")).astype(int)
+    assert np.abs(first - last).max(axis=2).astype(bool).mean() > 0.01
+
+
+def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
+    tilted = replace(lwr.robot, joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]))
+    plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
+    with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
+        examine(plan, tilted, urdf(lwr.robot), Scene(), NOTHING)
+
+
+def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
+    sign, offset = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0), (0.0, 0.5, 0.0, 0.0, 0.0, -0.3, 0.0)
+    path = urdf(lwr.robot)
+    turned = path.read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
+    first, fourth = turned.split("lwr_3_joint", 1)
+    path.write_text(first + "lwr_3_joint" + fourth.replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1))
+    joints = list(lwr.robot.joints)
+    for k in (1, 5):
+        joints[k] = replace(joints[k], theta_offset=-offset[k])
+    mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
+    plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
+    assert examine(plan, mapped, path, Scene(), NOTHING)
+    with pytest.raises(WrongRobotFile, match=r"lwr_0_joint: axis in .* is 180\.0 deg"):
+        examine(plan, lwr.robot, path, Scene(), NOTHING)
+
+
+def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
+    other = replace(
+        lwr.robot, driver=None, joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:])
+    )
+    with pytest.raises(WrongRobotFile, match="lacks the joints shoulder; it has lwr_0_joint"):
+        examine(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene(), NOTHING)
+
+
+def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(lwr, urdf, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(NoDisplay), window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()):
+        pass
+    monkeypatch.setenv("DISPLAY", ":987")
+    with pytest.raises(NoDisplay), window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()):
+        pass
+
+
+@pytest.mark.gui
+@pytest.mark.skipif(not shutil.which("xvfb-run"), reason="xvfb-run is not installed")
+def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_path):
+    script = """
+from dynid.files.robotfile import load_robot
+from dynid.sim.urdf import write_urdf
+from dynid.trajectory.clearance import Scene
+from dynid.trajectory.feasible import bounds
+from dynid.trajectory.plan import through
+from dynid.trajectory.preview import window
+from pathlib import Path
+import numpy as np
+robot = load_robot("kuka_lwr4plus")
+write_urdf(robot, None, Path("arm.urdf"))
+plan = through(np.array([np.zeros(7), np.full(7, 0.3)]), bounds(robot))
+with window(plan, robot, Path("arm.urdf"), Scene()):
+    print("open")
+"""
+    words = ["xvfb-run", "-a", "-s", "-screen 0 640x480x24", sys.executable, "-c", script]
+    done = subprocess.run(words, cwd=tmp_path, env=os.environ, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "open\n"), done.stderr
