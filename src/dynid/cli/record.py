@@ -330,7 +330,8 @@ class Recording:
             review = self.stored.review
             facts["trajectory"] = {
                 "file": str(self.path), "sha256": sha256(self.path), "alpha": self.stored.alpha,
-                "speed": self.given.speed, "repeat": self.given.repeat, "reviewed_by": review.by if review and self.stored.reviewed else None,
+                "speed": self.given.speed, "repeat": self.given.repeat,
+                "reviewed_by": review.by if review and self.stored.reviewed else None,
             }  # fmt: skip
         manifest.write_manifest(self.folder / "manifest.yaml", facts)
         return facts
@@ -396,7 +397,7 @@ class Recording:
         words = {
             True: "the arm stands still",
             False: "THE ARM STILL MOVES",
-            None: "joint states do not come: look at the arm",
+            None: "no joint states come: look at the arm, use the physical stop button",
         }
         self.terminal.say(f"arm        {words[outcome.still]}")
 

@@ -94,5 +94,8 @@ class Lwr4PlusLive(JointTrajectoryLive):
             raise ServiceMissing(f"nobody listens to {self.stop_topic} any more", where=self.stop_topic)
         for _ in range(3):
             self._stop.publish(self._bool(True))
-            time.sleep(0.01)
+            time.sleep(0.02)
+        # Why: a topic is not answered; that the connection outlived three messages is all that can be known.
+        if self._stop.get_num_connections() == 0:
+            raise ServiceMissing(f"the driver's connection on {self.stop_topic} is gone", where=self.stop_topic)
         return "emergency_stop is pressed; release it with: rostopic pub -1 " + f"{self.stop_topic} std_msgs/Bool false"
