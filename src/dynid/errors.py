@@ -400,13 +400,37 @@ class NotReviewed(DynidError):
     fix = "preview and accept it: dynid trajectory ROBOT --review FILE"
 
 
+class StateStale(DynidError):
+    """Joint states stopped coming while the arm moved."""
+
+    code, status = "E506", ExitStatus.UNSAFE
+    why = "nobody sees what the arm does"
+    fix = "look at the driver and the network; the log up to there is kept"
+
+
+class PacingLate(DynidError):
+    """A command left this machine too late."""
+
+    code, status = "E507", ExitStatus.UNSAFE
+    why = "the arm jerks when commands come in bursts"
+    fix = "take load off this machine, or record from a quieter one"
+
+
+class TorqueHigh(DynidError):
+    """A joint's torque came near its rating."""
+
+    code, status = "E508", ExitStatus.UNSAFE
+    why = "the arm pushes against something, or the motion is too fast"
+    fix = "look at the arm; use --speed 50%, or plan with a smaller --alpha"
+
+
 # ---------------------------------------------------------------- 6: machine
 class RosMissing(DynidError):
     """rospy cannot be imported."""
 
     code, status = "E601", ExitStatus.MACHINE
     why = "record needs ROS 1, and rospy is not on PyPI"
-    fix = "apt-get install python3-rospy python3-sensor-msgs, or record with 'rosbag record' and continue from the bag"
+    fix = "install ROS 1 (dynid doctor has the line), or record with 'rosbag record' and continue from the bag"
 
 
 class MasterSilent(DynidError):
@@ -447,6 +471,14 @@ class CannotWrite(DynidError):
     code, status = "E606", ExitStatus.MACHINE
     why = "the result would be lost"
     fix = "choose another folder with --out, or change its permissions"
+
+
+class ServiceMissing(DynidError):
+    """A service of the driver is missing or does not answer."""
+
+    code, status = "E607", ExitStatus.MACHINE
+    why = "without it the arm cannot be stopped, started or zeroed from here"
+    fix = "is the driver running? use the physical stop button"
 
 
 # ---------------------------------------------------------------- 7: decisions
@@ -498,8 +530,10 @@ WARNINGS: dict[str, str] = {
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
-    "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
+    "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
+    "W501": "Torque sensors were not zeroed in this session.",
+    "W502": "The driver could not be told or asked something that is not needed to move.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
 }

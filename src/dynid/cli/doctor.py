@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
-import socket
 import sys
-import threading
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import click
 
-from dynid.cli.machine import has_module, version_of
+from dynid.cli.machine import version_of
 from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
 from dynid.cli.settings import LOCAL, load_settings, settings_files
 from dynid.errors import ExitStatus
@@ -26,8 +23,6 @@ if TYPE_CHECKING:
 
 #: What dynid cannot do without.
 REQUIRED = ("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich", "rosbags", "jinja2")
-#: A master in the same laboratory answers in milliseconds; longer means there is none [s].
-MASTER_PATIENCE = 2.0
 #: Value of --config that means: show the configuration.
 SHOW = Path("?show")
 
@@ -58,13 +53,7 @@ def checks() -> Iterator[Check]:
     bullet = version_of("pybullet")
     lost = 'preview, collision check, demo: pip install "pybullet>=3.2.5" (wheels exist for Python 3.8-3.11)'
     yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
-    rospy = has_module("rospy")
-    lost = "record: apt-get install python3-rospy, or source /opt/ros/noetic/setup.bash; reading bags works without"
-    yield Check("rospy", rospy, "present" if rospy else "absent", lost)
-    uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
-    answered = master_answers(uri)
-    state = "answers" if answered else "does not answer"
-    yield Check("ROS master", answered, f"{uri} {state}", "record: start roscore, or set ROS_MASTER_URI")
+    yield from ros_checks()
     display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
     yield Check("display", bool(display), display or "none", "preview window: pictures are saved instead")
     yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
@@ -74,22 +63,33 @@ def checks() -> Iterator[Check]:
         yield Check("configuration", None, f"{file} {'is read' if file in settings_files(None) else 'does not exist'}")
 
 
-def master_answers(uri: str, patience: float = MASTER_PATIENCE) -> bool:
+def ros_checks() -> Iterator[Check]:
+    """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
+    from dynid.drivers.ros import APT, master_uri, missing_modules, ros_folders
+
+    missing = missing_modules()
+    lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"
+    found = (
+        f"absent: {', '.join(missing)}"
+        if missing
+        else f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
+    )
+    yield Check("ROS 1", not missing, found, lost)
+    uri = master_uri()
+    answered = master_answers(uri)
+    state = "answers" if answered else "does not answer"
+    yield Check("ROS master", answered, f"{uri} {state}", "record: start roscore, or set ROS_MASTER_URI")
+
+
+def master_answers(uri: str) -> bool:
     """Return whether something listens at a ROS master's address, within a limit that holds for name look-up too."""
-    found: list[bool] = []
+    from dynid.drivers.ros import knock
 
-    def knock() -> None:
-        try:
-            place = urlsplit(uri)
-            with socket.create_connection((place.hostname or "localhost", place.port or 11311), timeout=patience):
-                found.append(True)
-        except (OSError, ValueError):
-            found.append(False)
-
-    thread = threading.Thread(target=knock, daemon=True)
-    thread.start()
-    thread.join(patience)
-    return bool(found and found[0])
+    try:
+        knock(uri)
+    except OSError:
+        return False
+    return True
 
 
 def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:

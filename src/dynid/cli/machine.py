@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import platform
 
 from dynid import __version__
@@ -17,20 +16,14 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def has_module(name: str) -> bool:
-    """Return whether a module could be imported, without importing it."""
-    try:
-        return importlib.util.find_spec(name) is not None
-    except (ImportError, ValueError):
-        return False
-
-
 def version_lines() -> list[str]:
     """Return dynid's version and those it depends on most."""
+    from dynid.drivers.ros import missing_modules
+
     return [
         f"dynid    {__version__}",
         f"Python   {platform.python_version()}",
         f"numpy    {version_of('numpy') or 'absent'}",
         f"PyBullet {version_of('pybullet') or 'absent'}",
-        f"ROS 1    {'present' if has_module('rospy') else 'absent'} (rospy)",
+        f"ROS 1    {'present' if not missing_modules() else 'absent'} (rospy)",
     ]

@@ -51,6 +51,7 @@ COMMANDS: dict[str, Entry] = {
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
+    "sim-driver": Entry("", "a simulated arm behind its driver's ROS topics, to rehearse a recording"),
     "doctor": Entry("", "what works on this machine and what does not"),
     "explain": Entry("", "what an error or warning code means"),
     "completion": Entry("", "shell completion for bash, zsh or fish"),
@@ -64,9 +65,14 @@ EXAMPLES = (
 )
 
 
+def module_of(name: str) -> str:
+    """Return the module of a command."""
+    return f"dynid.cli.{name.replace('-', '_')}"
+
+
 def available() -> dict[str, Entry]:
     """Return the commands whose module exists."""
-    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(f"dynid.cli.{name}")}
+    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(module_of(name))}
 
 
 class LazyGroup(click.Group):
@@ -80,7 +86,7 @@ class LazyGroup(click.Group):
         """Import a command."""
         if cmd_name not in available():
             return None
-        command = importlib.import_module(f"dynid.cli.{cmd_name}").command
+        command = importlib.import_module(module_of(cmd_name)).command
         assert isinstance(command, click.Command)
         return command
 

@@ -158,8 +158,8 @@ class Command(click.Command):
         for param in self.params:
             # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
             if isinstance(param, click.Option) and param.allow_from_autoenv and param.envvar is None:
-                name = key_of(param).upper()
-                param.envvar = [f"DYNID_{(self.name or '').upper()}_{name}", f"DYNID_{name}"]
+                name, own = key_of(param).upper(), (self.name or "").upper().replace("-", "_")
+                param.envvar = [f"DYNID_{own}_{name}", f"DYNID_{name}"]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import select
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -170,6 +171,14 @@ def _read_line(shown: str) -> str | None:
         sys.stderr.write("\n")
         return None
     return line
+
+
+def key_pressed(common: Common) -> bool:
+    """Return whether the person at the terminal has pressed Enter since the last look; False without a terminal."""
+    if not can_ask(common):
+        return False
+    ready, _, _ = select.select([sys.stdin], [], [], 0)
+    return bool(ready) and _read_line("") is not None
 
 
 # ---------------------------------------------------------------- P6: overwriting

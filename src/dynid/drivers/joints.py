@@ -1,0 +1,110 @@
+"""One joint state at a time between a driver's columns and DH quantities, for use while the arm moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.robot import Robot
+from dynid.units import EFFORT, POSITION, VELOCITY
+
+Floats = NDArray[np.float64]
+_ANGULAR = ("rad", "deg", "rad/s", "deg/s", "rpm")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One joint state in DH quantities.
+
+    Attributes:
+        arrival: when it came, on the monotonic clock [s].
+        stamp: time in its header [ns].
+        q: (n,) [rad or m].
+        tau: (n,) [N m or N, A for a current].
+    """
+
+    arrival: float
+    stamp: int
+    q: Floats
+    tau: Floats
+
+
+class Columns:
+    """The columns of a robot's driver.
+
+    Args:
+        robot: the arm.
+
+    Raises:
+        WrongUsage: the driver's numbers are on the motor side of coupled gears.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        if robot.coupling is not None:
+            raise WrongUsage(
+                f"{robot.name} has coupled joints",
+                why="dynid does not command an arm whose motors move several joints",
+                fix="record with --listen-only while the arm's own program moves it",
+            )
+        self.names = robot.log_names
+        self._known: dict[tuple[str, ...], list[int] | None] = {}
+        units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | (robot.driver.units if robot.driver else {})
+        turning = np.array([joint.revolute for joint in robot.joints])
+        # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
+        self._position, self._velocity = (
+            np.where(turning == (units[key] in _ANGULAR), table[units[key]], 1.0)
+            for key, table in (("position", POSITION), ("velocity", VELOCITY))
+        )
+        self._effort = EFFORT[units["effort"]]
+        self.sign = np.array(robot.driver.map.sign) if robot.driver else np.ones(robot.n)
+        self._offset = np.array(robot.driver.map.offset) if robot.driver else np.zeros(robot.n)
+
+    def indices(self, names: Sequence[str]) -> list[int] | None:
+        """Return where the robot's joints stand in a message; None when one is missing."""
+        key = tuple(names)
+        if key not in self._known:
+            whole = set(self.names) <= set(key)
+            self._known[key] = [key.index(name) for name in self.names] if whole else None
+        return self._known[key]
+
+    def sample(self, message: Any, arrival: float) -> Sample | None:  # noqa: ANN401
+        """Return a sensor_msgs/JointState in DH quantities; None for one that is not of this arm, or has no torques."""
+        where = self.indices(message.name)
+        if where is None or len(message.position) != len(message.name) or len(message.effort) != len(message.name):
+            return None
+        q, tau = (np.array([values[i] for i in where], dtype=float) for values in (message.position, message.effort))
+        stamp = message.header.stamp.secs * 10**9 + message.header.stamp.nsecs
+        return Sample(arrival, stamp, self.positions_dh(q), self.efforts_dh(tau))
+
+    def positions_dh(self, q: Floats) -> Floats:
+        """Return driver positions as DH positions, (..., n)."""
+        return np.asarray(q * self._position * self.sign + self._offset)
+
+    def efforts_dh(self, tau: Floats) -> Floats:
+        """Return driver efforts as DH torques, (..., n)."""
+        return np.asarray(tau * self._effort * self.sign)
+
+    def velocities_dh(self, qd: Floats) -> Floats:
+        """Return driver velocities as DH velocities, (..., n)."""
+        return np.asarray(qd * self._velocity * self.sign)
+
+    def positions(self, q: Floats) -> Floats:
+        """Return DH positions as the driver's, (..., n)."""
+        return np.asarray((q - self._offset) * self.sign / self._position)
+
+    def velocities(self, qd: Floats) -> Floats:
+        """Return DH velocities or accelerations as the driver's, (..., n)."""
+        return np.asarray(qd * self.sign / self._velocity)
+
+    def efforts(self, tau: Floats) -> Floats:
+        """Return DH torques as the driver's, (..., n)."""
+        return np.asarray(tau * self.sign / self._effort)
+
+    def in_degrees(self, qd: Floats) -> Floats:
+        """Return DH velocities as the driver's in deg/s, whatever unit its joint states have, (..., n)."""
+        return np.asarray(np.degrees(qd * self.sign))

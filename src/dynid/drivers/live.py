@@ -1,0 +1,182 @@
+"""The live half of a robot driver: how it is commanded, stopped and asked. One class a driver behind one interface."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers.joints import Columns
+from dynid.drivers.ros import Node, within
+from dynid.errors import ServiceMissing, TopicSilent
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: A service of a driver on the same network answers in milliseconds; a stop may not take longer [s].
+SERVICE_PATIENCE = 1.5
+#: A subscriber of the command topic is connected within this time [s].
+CONNECT_PATIENCE = 3.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where the arm shall be now, in DH quantities.
+
+    Attributes:
+        q: (n,) [rad or m].
+        qd: (n,) [rad/s or m/s].
+        qdd: (n,) [rad/s^2 or m/s^2].
+    """
+
+    q: Floats
+    qd: Floats
+    qdd: Floats
+
+
+class LivePort(ABC):
+    """A driver that can be commanded.
+
+    Args:
+        node: this process in the graph.
+        robot: the arm.
+        state_topic: topic of its joint states.
+        command_topic: topic it is commanded on; the driver's own when None.
+
+    Attributes:
+        rate: rate at which it wants to be commanded [Hz].
+        lead: how far ahead of now a target is meant [s].
+        stop_words: how it is stopped, for messages.
+    """
+
+    rate: ClassVar[float] = 100.0
+    lead: ClassVar[float] = 0.0
+    stop_words: ClassVar[str]
+
+    def __init__(self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None) -> None:
+        self.node, self.robot, self.state_topic = node, robot, state_topic
+        self.command_topic = command_topic or self.default_command_topic()
+        self.columns = Columns(robot)
+        self.publisher: Any = None
+
+    @property
+    def namespace(self) -> str:
+        """Namespace that the driver's topics share: that of its joint states."""
+        return self.state_topic.rsplit("/", 1)[0]
+
+    @abstractmethod
+    def default_command_topic(self) -> str:
+        """Return the topic that the driver is commanded on."""
+
+    @abstractmethod
+    def command_type(self) -> Any:  # noqa: ANN401 - a generated class
+        """Return the class of the command messages."""
+
+    @abstractmethod
+    def message(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
+        """Return the one command of this period.
+
+        Args:
+            target: where the arm shall be ``lead`` seconds from now.
+            measured: where it was last seen, (n,).
+        """
+
+    @abstractmethod
+    def stop(self) -> str:
+        """Stop the arm and return what the driver answered.
+
+        Raises:
+            ServiceMissing: the driver did not answer.
+        """
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what the driver's parameters say about the numbers it publishes."""
+        return self.node.master().getParam(self.namespace) if self._has_parameters() else {}
+
+    def _has_parameters(self) -> bool:
+        return bool(self.node.master().hasParam(self.namespace))
+
+    def gravity_removed(self) -> bool | None:
+        """Return whether the driver says that its torques lack gravity; None when it does not say."""
+        return None
+
+    def ready(self) -> None:
+        """Make sure that the driver listens and can be stopped, before anything moves.
+
+        Raises:
+            TopicSilent: nobody listens to the commands.
+            ServiceMissing: the stop does not answer.
+        """
+        # Why: without a queue a command leaves when it is published, or not at all; none waits for the next.
+        publisher = self.node.rospy.Publisher(
+            self.command_topic, self.command_type(), queue_size=None, tcp_nodelay=True
+        )
+        self.publisher = publisher
+        self.wait_for_listener(publisher, self.command_topic)
+
+    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the topics the driver must listen to and the services it must have, to be moved and stopped."""
+        return (self.command_topic,), ()
+
+    def missing(self) -> list[str]:
+        """Return which of them the master does not know; nothing is sent."""
+        topics, services = self.endpoints()
+        _, subscribed, offered = self.node.master().getSystemState()
+        known = ({name for name, _ in subscribed}, {name for name, _ in offered})
+        return [f"topic {name}" for name in topics if name not in known[0]] + [
+            f"service {name}" for name in services if name not in known[1]
+        ]
+
+    def wait_for_listener(self, publisher: Any, topic: str) -> None:  # noqa: ANN401
+        """Wait until a subscriber is connected."""
+        end = time.monotonic() + CONNECT_PATIENCE
+        while publisher.get_num_connections() == 0:
+            if time.monotonic() > end:
+                raise TopicSilent(
+                    f"nobody listens to {topic}", where=topic, why="commands would go nowhere",
+                    fix="is the driver's controller for that topic running?",
+                )  # fmt: skip
+            time.sleep(0.02)
+
+    def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
+        """Publish the command of this period and return it."""
+        message = self.message(target, measured)
+        self.publisher.publish(message)
+        return message
+
+    def at_rest(self, q: Floats) -> Any:  # noqa: ANN401
+        """Publish a command that keeps the arm at rest at ``q``, and return it."""
+        zero = np.zeros(self.robot.n)
+        return self.send(Target(q, zero, zero), q)
+
+    def zero_torques(self) -> None:
+        """Zero the torque sensors where the arm stands.
+
+        Raises:
+            ServiceMissing: this driver cannot.
+        """
+        raise ServiceMissing(
+            f"{type(self).__name__} has no service that zeroes torque sensors", fix="zero them by hand"
+        )
+
+    def call(self, proxy: Any, name: str, request: Any = None) -> Any:  # noqa: ANN401
+        """Call a service within a limit."""
+        service_error = self.node.rospy.ServiceException
+        try:
+            return within(SERVICE_PATIENCE, lambda: proxy(request) if request is not None else proxy())
+        except (service_error, OSError, self.node.rospy.ROSException) as error:
+            raise ServiceMissing(f"{name} did not answer ({error})", where=name) from error
+
+
+def open_port(node: Node, robot: Robot, state_topic: str, command_topic: str | None = None) -> LivePort:
+    """Return the live port of the driver that the robot file names."""
+    from dynid.drivers.kinova_gen2_live import KinovaGen2Live
+    from dynid.drivers.trajectory_live import JointTrajectoryLive, Lwr4PlusLive
+
+    kind = robot.driver.kind if robot.driver else "generic"
+    ports: dict[str, type[LivePort]] = {"kinova_gen2": KinovaGen2Live, "lwr4plus": Lwr4PlusLive}
+    return ports.get(kind, JointTrajectoryLive)(node, robot, state_topic, command_topic)

@@ -1,0 +1,218 @@
+"""The one place that imports ROS 1: found in apt's or Noetic's folder, reached only after its master has answered.
+
+rospy waits without end for a master that is not there, so a socket knocks first; every later wait has a limit too.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.machinery
+import logging
+import os
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from dynid.errors import MasterSilent, RosMissing
+from dynid.files.xdg import cache_folder
+
+T = TypeVar("T")
+
+#: Where Ubuntu 20.04's Noetic and Debian 12's own packages put their Python modules.
+FOLDERS = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
+#: What ``dynid record`` imports.
+MODULES = ("rospy", "rosgraph", "rosbag", "genpy", "genmsg", "sensor_msgs", "std_msgs", "trajectory_msgs")
+#: The line that installs all of it on Debian 12.
+APT = (
+    "apt-get install -y --no-install-recommends python3-rospy python3-rosbag python3-rosmaster python3-roslaunch "
+    "python3-sensor-msgs python3-trajectory-msgs python3-std-msgs"
+)
+#: Address of the master when nothing else is said.
+DEFAULT_MASTER = "http://localhost:11311"
+#: A master in the same laboratory answers in milliseconds; longer means there is none [s].
+PATIENCE = 2.0
+
+
+def master_uri(given: str | None = None) -> str:
+    """Return the address of the master: the given one, ROS_MASTER_URI, or the usual one."""
+    return given or os.environ.get("ROS_MASTER_URI") or DEFAULT_MASTER
+
+
+def ros_folders() -> list[str]:
+    """Return the folders that may hold rospy, DYNID_ROS_PATH first."""
+    own = os.environ.get("DYNID_ROS_PATH", "")
+    return [folder for folder in (*own.split(os.pathsep), *FOLDERS) if folder and Path(folder).is_dir()]
+
+
+def missing_modules() -> list[str]:
+    """Return which of the needed ROS modules cannot be found, without importing any of them."""
+    places = [*sys.path, *ros_folders()]
+    finder = importlib.machinery.PathFinder
+    return [name for name in MODULES if finder.find_spec(name, places) is None]
+
+
+def import_ros(name: str) -> Any:  # noqa: ANN401 - ROS has no types
+    """Import a module of ROS.
+
+    Why: the folders go to the *end* of the search path. In front (or in PYTHONPATH) the system's numpy would hide the
+    one that dynid was installed with.
+
+    Raises:
+        RosMissing: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        sys.path.extend(folder for folder in ros_folders() if folder not in sys.path)
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise RosMissing(f"{name} cannot be imported: {error}", fix=APT) from error
+
+
+def within(seconds: float, function: Callable[[], T]) -> T:
+    """Return what a function returns, or give up on it.
+
+    Raises:
+        TimeoutError: it did not return in time; its thread is left behind.
+    """
+    results: list[T] = []
+    errors: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            results.append(function())
+        except BaseException as error:  # noqa: BLE001 - handed to the caller
+            errors.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if errors:
+        raise errors[0]
+    if not results:
+        raise TimeoutError(f"no answer within {seconds:g} s")
+    return results[0]
+
+
+def knock(uri: str, patience: float = PATIENCE) -> str:
+    """Open and close a connection to a master and return this machine's address on the way there.
+
+    Raises:
+        OSError: nothing answers; also when the name cannot be resolved in time, or the address is none.
+    """
+
+    def connect() -> str:
+        place = urlsplit(uri)
+        try:
+            where = (place.hostname or "", place.port or 11311)
+        except ValueError as error:
+            raise OSError(str(error)) from error
+        if place.scheme != "http" or not where[0]:
+            raise OSError("not an address like http://HOST:11311")
+        with socket.create_connection(where, timeout=patience) as connection:
+            return str(connection.getsockname()[0])
+
+    return within(patience, connect)
+
+
+@dataclass(frozen=True)
+class Node:
+    """This process as a ROS node.
+
+    Attributes:
+        rospy: the module.
+        uri: address of the master.
+        address: this machine's address on the way to the master.
+    """
+
+    rospy: Any
+    uri: str
+    address: str
+
+    def master(self, patience: float = PATIENCE) -> Any:  # noqa: ANN401
+        """Return a master proxy whose every call has a limit."""
+        return _Limited(import_ros("rosgraph").Master(self.rospy.get_name()), patience, self.uri)
+
+    def close(self) -> None:
+        """Leave the graph; a master that died meanwhile is not waited for."""
+        try:
+            within(PATIENCE, lambda: self.rospy.signal_shutdown("done"))
+        except TimeoutError:
+            return
+
+
+class _Limited:
+    """A proxy whose calls end within a limit and raise an error of the catalogue."""
+
+    def __init__(self, inner: Any, patience: float, uri: str) -> None:  # noqa: ANN401
+        self._inner, self._patience, self._uri = inner, patience, uri
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        function = getattr(self._inner, name)
+
+        def call(*args: Any) -> Any:  # noqa: ANN401
+            try:
+                return within(self._patience, lambda: function(*args))
+            except OSError as error:
+                raise MasterSilent(f"the ROS master at {self._uri} no longer answers ({error})") from error
+
+        return call
+
+
+def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> Node:
+    """Become a node of the graph.
+
+    Args:
+        name: node name; a number is appended.
+        given: address of the master, None for ROS_MASTER_URI or the usual one.
+        patience: how long to wait for it [s].
+
+    Raises:
+        RosMissing: ROS is not installed.
+        MasterSilent: no master answers.
+    """
+    uri = master_uri(given)
+    if missing := missing_modules():
+        raise RosMissing(f"not found: {', '.join(missing)}", fix=APT)
+    try:
+        address = knock(uri, patience)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise MasterSilent(f"no ROS master at {uri} ({reason.lower()})", where=uri) from error
+    _environment(uri, address)
+    rospy = import_ros("rospy")
+    try:
+        within(
+            5 * patience,
+            lambda: rospy.init_node(
+                name, argv=[], anonymous=True, disable_signals=True, disable_rosout=True, disable_rostime=True
+            ),
+        )
+    except (OSError, rospy.ROSException) as error:
+        raise MasterSilent(f"the master at {uri} did not take this node ({error})", where=uri) from error
+    _silence()
+    return Node(rospy, uri, address)
+
+
+def _environment(uri: str, address: str) -> None:
+    """Tell ROS what it reads from variables only, before it is imported."""
+    os.environ["ROS_MASTER_URI"] = uri
+    if not os.environ.get("ROS_IP") and not os.environ.get("ROS_HOSTNAME"):
+        # Why: a host name that others cannot resolve is the usual reason why topics are listed but stay silent.
+        os.environ["ROS_IP"] = address
+    os.environ.setdefault("ROS_LOG_DIR", str(cache_folder() / "ros"))
+
+
+def _silence() -> None:
+    """Keep ROS from writing to stdout, which belongs to the answer."""
+    for name in ("rosout", "rospy", "rospy.internal"):
+        logger = logging.getLogger(name)
+        for handler in list(logger.handlers):
+            if not isinstance(handler, logging.FileHandler):
+                logger.removeHandler(handler)

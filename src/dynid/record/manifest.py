@@ -1,0 +1,75 @@
+"""manifest.yaml: what was recorded, with what, by whom, and how it ended. Written before the first motion and after."""
+
+from __future__ import annotations
+
+import getpass
+import platform
+import socket
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from dynid import __version__
+from dynid.drivers.ros import Node
+from dynid.files.artifact import sha256, write_text
+from dynid.robot import Robot
+
+SCHEMA = "dynid/manifest/1"
+
+
+def write_manifest(path: Path, facts: Mapping[str, Any]) -> None:
+    """Write facts as YAML, whole or not at all."""
+    import yaml
+
+    write_text(path, yaml.safe_dump(_plain(facts), sort_keys=False, allow_unicode=True, width=110))
+
+
+def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:
+    """Return what is known before the first motion: who, when, where, with which versions."""
+    return {
+        "schema": SCHEMA,
+        "verdict": "running",
+        "command": command,
+        "operator": _operator(),
+        "host": socket.gethostname(),
+        "began": now(),
+        "robot": {"name": robot.name, "file": str(robot.path), "sha256": sha256(robot.path) if robot.path else None},
+        "versions": {
+            "dynid": __version__,
+            "python": platform.python_version(),
+            "ros": _parameter(node, "/rosdistro"),
+            "ros_comm": _parameter(node, "/rosversion"),
+        },
+        "master": node.uri,
+    }
+
+
+def now() -> str:
+    """Return date and time, ISO 8601."""
+    return datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+def _operator() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return "unknown"
+
+
+def _parameter(node: Node, name: str) -> str | None:
+    master = node.master()
+    return str(master.getParam(name)).strip() if master.hasParam(name) else None
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as YAML knows it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)

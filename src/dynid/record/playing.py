@@ -1,0 +1,127 @@
+"""What is played: a reviewed motion at a share of its speed, repeated, led in from where the arm really stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers.live import Target
+from dynid.motion import Motion
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: A slow approach uses this share of the velocity and acceleration limits.
+APPROACH_SHARE = 0.1
+#: Limits that stand in where the robot file has none [rad/s, rad/s^2].
+SLOW, SOFT = 0.5, 1.0
+#: Shortest approach [s].
+SHORTEST = 2.0
+#: Sample rate of an approach [Hz].
+RATE = 100.0
+#: The arm's remaining distance to the start dies away over this time [s].
+BLEND = 1.0
+#: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
+_SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
+
+
+def at_speed(motion: Motion, speed: float) -> Motion:
+    """Return the same path at a share of its speed (Paper Eq. 19)."""
+    return Motion(motion.t / speed, motion.q, motion.qd * speed, motion.qdd * speed**2)
+
+
+def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
+    """Return a slow quintic from rest to rest, (N, n)."""
+    distance = np.abs(end - start)
+    velocity, acceleration = (
+        np.array([getattr(joint.limits, key) or usual for joint in robot.joints]) * APPROACH_SHARE
+        for key, usual in (("velocity", SLOW), ("acceleration", SOFT))
+    )
+    needed = np.maximum(_SPEED * distance / velocity, np.sqrt(_ACCELERATION * distance / acceleration))
+    duration = max(SHORTEST, float(needed.max()))
+    t = np.linspace(0.0, duration, round(duration * RATE) + 1)
+    s = t / duration
+    shapes = (
+        s**3 * (10 - 15 * s + 6 * s**2),
+        30 * s**2 * (1 - s) ** 2 / duration,
+        60 * s * (1 - s) * (1 - 2 * s) / duration**2,
+    )
+    q, qd, qdd = (np.outer(shape, end - start) for shape in shapes)
+    return Motion(t, start + q, qd, qdd)
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """Return motions one after the other; each begins at rest where the last one ended."""
+    parts, begin = [], 0.0
+    for k, motion in enumerate(motions):
+        keep = slice(1 if k else 0, None)
+        parts.append((motion.t[keep] - motion.t[0] + begin, motion.q[keep], motion.qd[keep], motion.qdd[keep]))
+        begin += float(motion.t[-1] - motion.t[0])
+    t, q, qd, qdd = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return Motion(t, q, qd, qdd)
+
+
+def repeated(robot: Robot, motion: Motion, times: int) -> Motion:
+    """Return a motion played several times, with a slow way back to its start in between."""
+    motions = [motion]
+    for _ in range(times - 1):
+        if np.abs(motion.q[-1] - motion.q[0]).max() > 1e-6:
+            motions.append(approach(robot, motion.q[-1], motion.q[0]))
+        motions.append(motion)
+    return joined(motions)
+
+
+def nearest_turn(robot: Robot, motion: Motion, measured: Floats) -> Motion:
+    """Return the motion with joints that turn without end shifted by full turns to where the arm stands.
+
+    Why: such a joint may have been turned by hand; its driver counts on, and the plan does not know.
+    """
+    endless = np.array([joint.revolute and joint.limits.position is None for joint in robot.joints])
+    turns = np.where(endless, np.round((measured - motion.q[0]) / (2 * np.pi)), 0.0)
+    return replace(motion, q=motion.q + 2 * np.pi * turns)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A motion as a function of time, from where the arm really stands.
+
+    Attributes:
+        motion: the motion.
+        gap: measured minus planned first pose, (n,); it dies away within ``BLEND``.
+    """
+
+    motion: Motion
+    gap: Floats
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return float(self.motion.t[-1])
+
+    def at(self, time: float) -> Target:
+        """Return the target at a time since the start; before and after the motion the arm rests at its ends."""
+        motion = self.motion
+        t = min(max(time, 0.0), self.duration)
+        k = min(int(np.searchsorted(motion.t, t, side="right")) - 1, len(motion) - 2)
+        h = float(motion.t[k + 1] - motion.t[k])
+        s = (t - float(motion.t[k])) / h
+        q = _hermite(motion.q[k : k + 2], motion.qd[k : k + 2], s, h)
+        qd = _hermite(motion.qd[k : k + 2], motion.qdd[k : k + 2], s, h)
+        qdd = (1 - s) * motion.qdd[k] + s * motion.qdd[k + 1]
+        u = min(max(time, 0.0) / BLEND, 1.0)
+        left, speed = 1 - u**3 * (10 - 15 * u + 6 * u**2), -30 * u**2 * (1 - u) ** 2 / BLEND
+        return Target(
+            q + left * self.gap, qd + speed * self.gap, qdd - 60 * u * (1 - u) * (1 - 2 * u) / BLEND**2 * self.gap
+        )
+
+
+def _hermite(values: Floats, slopes: Floats, s: float, h: float) -> Floats:
+    """Return the cubic through two values with two slopes at a share ``s`` of the interval ``h``."""
+    return np.asarray(
+        (1 + 2 * s) * (1 - s) ** 2 * values[0]
+        + s**2 * (3 - 2 * s) * values[1]
+        + h * s * (1 - s) * ((1 - s) * slopes[0] - s * slopes[1])
+    )

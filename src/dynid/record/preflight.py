@@ -1,0 +1,309 @@
+"""Everything that is checked before a joint moves, in a fixed order; the first failure ends it. Nothing is sent."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers import driver_of
+from dynid.drivers.joints import Columns
+from dynid.drivers.live import LivePort
+from dynid.drivers.ros import Node
+from dynid.errors import (
+    Finding,
+    GravityRemoved,
+    JointNamesDiffer,
+    LimitBroken,
+    NotFinite,
+    PositionInDegrees,
+    RateTooLow,
+    ServiceMissing,
+    StartPoseOff,
+    TopicSilent,
+    TorqueScale,
+)
+from dynid.motion import Motion
+from dynid.quality.gravity import expected_torque
+from dynid.record.recorder import Listener
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+#: The rate is measured over this time [s].
+LISTEN = 2.0
+#: Accelerations cannot be found from fewer samples [Hz].
+LEAST_RATE = 50.0
+#: The arm may stand this far from the first pose [rad or m].
+START_TOLERANCE = 0.05
+#: A joint that turns without end may have been turned a few times by hand; more is degrees [rad].
+MOST_TURNS = 4 * 2 * np.pi
+#: Torques beyond this multiple of the rating are in another unit.
+MOST_RATING = 3.0
+#: At rest a joint does not change by more than this while the rate is measured [rad or m].
+STILL = 0.02
+#: Gravity is taken to be removed when every torque is below this share of the weight that the arm must carry.
+NO_WEIGHT = 0.1
+#: ... and the weight is worth looking at [N m].
+LEAST_WEIGHT = 5.0
+#: Kinova's torque sensors are zeroed where gravity loads no joint: all joints at 180 degrees.
+CANDLE, CANDLE_TOLERANCE = np.pi, 0.05
+#: Poses in which links and floor are looked at.
+CLEARANCE_POSES = 1000
+#: A sensor at the candle pose reads less than this when it was zeroed [N m].
+ZEROED = 0.2
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What two seconds of listening showed.
+
+    Attributes:
+        q: mean positions in DH quantities, (n,).
+        tau: mean torques, (n,).
+        rate: rate of arrival [Hz].
+        moved: largest change of any joint [rad or m].
+        names: names in the message.
+    """
+
+    q: Floats
+    tau: Floats
+    rate: float
+    moved: float
+    names: tuple[str, ...]
+
+
+def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
+    """Return the topic of the joint states.
+
+    Raises:
+        TopicSilent: nobody publishes joint states.
+        TopicMissing: the topic that was asked for is not there.
+    """
+    topics = {name: kind for name, kind in node.master().getPublishedTopics("") if not name.startswith("/rosout")}
+    if not topics:
+        raise TopicSilent(f"no node publishes anything at {node.uri}", where=node.uri, fix="start the arm's driver")
+    return driver_of(robot).choose_topic(topics, asked, robot, f"the ROS graph at {node.uri}")
+
+
+def listen(listener: Listener, robot: Robot, patience: float) -> Seen:
+    """Wait for the first joint state and measure for two seconds.
+
+    Raises:
+        TopicSilent: none comes.
+        JointNamesDiffer: it has other joints.
+        RateTooLow: they come too rarely.
+        NotFinite: a number is none.
+    """
+    end = time.monotonic() + patience
+    while listener.latest is None:
+        if time.monotonic() > end:
+            raise _nothing(listener, robot, patience)
+        time.sleep(0.005)
+    begin, count = time.monotonic(), listener.tally.messages
+    rows, arrival = [], -1.0
+    while time.monotonic() < begin + LISTEN:
+        sample = listener.latest
+        if sample.arrival != arrival:
+            arrival = sample.arrival
+            rows.append((sample.q, sample.tau))
+        time.sleep(0.005)
+    rate = (listener.tally.messages - count) / (time.monotonic() - begin)
+    q, tau = (np.array(part) for part in zip(*rows, strict=True))
+    if not (np.isfinite(q).all() and np.isfinite(tau).all()):
+        raise NotFinite(
+            f"{listener.topic} has positions or torques that are not a number",
+            where=listener.topic,
+            fix="restart the driver",
+        )
+    if rate < LEAST_RATE:
+        raise RateTooLow(
+            f"joint states arrive at {rate:.1f} Hz; at least {LEAST_RATE:.0f} Hz is needed for accelerations",
+            where=listener.topic, fix=driver_of(robot).rate_fix,
+        )  # fmt: skip
+    return Seen(q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names)
+
+
+def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
+    if listener.names:
+        expected = ", ".join(robot.log_names)
+        return JointNamesDiffer(
+            f"{listener.topic} names {', '.join(listener.names)}, or lacks torques; the robot file expects {expected}",
+            where=listener.topic, fix="list the driver's names in chain order under `driver: joint_names:`",
+        )  # fmt: skip
+    return TopicSilent(f"{listener.topic} is advertised but silent for {patience:g} s", where=listener.topic)
+
+
+def check_units(seen: Seen, robot: Robot) -> None:
+    """Refuse numbers that cannot be in the units the robot file says.
+
+    Raises:
+        PositionInDegrees: positions beyond anything an arm can reach.
+        TorqueScale: torques beyond anything its drives can give.
+    """
+    for joint, q, tau in zip(robot.joints, seen.q, seen.tau, strict=True):
+        lower, upper = joint.limits.position or (-MOST_TURNS, MOST_TURNS)
+        if joint.revolute and not lower - np.pi <= q <= upper + np.pi:
+            raise PositionInDegrees(f"{joint.name} stands at {q:.4g} rad; its limits are {lower:.3g} to {upper:.3g}")
+        if joint.limits.torque and abs(tau) > MOST_RATING * joint.limits.torque:
+            raise TorqueScale(f"{joint.name} reads {tau:.4g} N m; its rating is {joint.limits.torque:g}")
+
+
+def check_zero(seen: Seen, robot: Robot) -> tuple[Finding, ...]:
+    """Return a warning when the torque sensors should be zeroed, or nobody can tell."""
+    if driver_of(robot).kind != "kinova_gen2":
+        return ()
+    if not at_candle(seen):
+        text = (
+            "torque sensors are zeroed at the candle pose (all joints 180 deg), where the arm is not: offsets stay in"
+        )
+        return (Finding("W501", "warning", text),)
+    worst = int(np.abs(seen.tau).argmax())
+    if abs(seen.tau[worst]) < ZEROED:
+        return ()
+    text = f"{robot.joint_names[worst]} reads {seen.tau[worst]:+.2f} N m at the candle pose: run with --zero-torques"
+    return (Finding("W316", "warning", text, {"torque": seen.tau.tolist()}),)
+
+
+def at_candle(seen: Seen) -> bool:
+    """Return whether a Kinova Gen2 points straight up."""
+    return bool(np.abs(np.angle(np.exp(1j * (seen.q - CANDLE)))).max() < CANDLE_TOLERANCE)
+
+
+def check_gravity(seen: Seen, robot: Robot, port: LivePort) -> bool | None:
+    """Refuse a driver that publishes torques without gravity; return what its parameter says.
+
+    Raises:
+        GravityRemoved: by its parameter, or by the torques themselves.
+    """
+    removed = port.gravity_removed()
+    if robot.torque.source == "gravity_free":
+        return removed
+    if removed:
+        raise GravityRemoved(
+            "the driver says that it publishes torques without gravity", fix=driver_of(robot).gravity_fix
+        )
+    weight = np.abs(expected_torque(seen.q[None], robot)[0])
+    heavy = int(weight.argmax())
+    if robot.torque.source != "motor_current" and weight[heavy] > LEAST_WEIGHT:
+        largest = float(np.abs(seen.tau).max())
+        if largest < NO_WEIGHT * weight[heavy]:
+            raise GravityRemoved(
+                f"no joint reads more than {largest:.2f} N m, but {robot.joint_names[heavy]} must carry about "
+                f"{weight[heavy]:.0f} N m here",
+                fix=driver_of(robot).gravity_fix,
+            )
+    return removed
+
+
+def check_start(seen: Seen, robot: Robot, motion: Motion) -> None:
+    """Refuse to begin anywhere else than at the first pose, or while the arm moves.
+
+    Raises:
+        StartPoseOff: it is elsewhere, or moving.
+    """
+    if seen.moved > STILL:
+        raise StartPoseOff(f"the arm is moving ({seen.moved:.2f} rad in {LISTEN:g} s)", fix="stop what moves it first")
+    away = np.abs(seen.q - motion.q[0])
+    worst = int(away.argmax())
+    if away[worst] > START_TOLERANCE:
+        unit = "rad" if robot.joints[worst].revolute else "m"
+        raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}")
+
+
+def check_limits(robot: Robot, motion: Motion) -> tuple[str, float]:
+    """Check the very samples that will be played; return the fastest joint and its speed.
+
+    Raises:
+        LimitBroken: a limit is broken, the motion does not begin and end at rest, or its rates are not its derivatives.
+    """
+    _check_whole(motion)
+    for j, joint in enumerate(robot.joints):
+        limits = joint.limits
+        lower, upper = limits.position or (-np.inf, np.inf)
+        ranges = ((motion.q, lower, upper, "reaches"), *_rates(motion, limits.velocity, limits.acceleration))
+        for values, low, high, verb in ranges:
+            beyond = np.maximum(values[:, j] - high, low - values[:, j])
+            k = int(beyond.argmax())
+            if beyond[k] > 1e-6 * max(1.0, abs(high)):
+                value, limit = values[k, j], high if values[k, j] > high else low
+                raise LimitBroken(f"{joint.name} {verb} {value:.3g} at t = {motion.t[k]:.1f} s; limit {limit:.3g}")
+    peaks = np.abs(motion.qd).max(axis=0)
+    return robot.joint_names[int(peaks.argmax())], float(peaks.max())
+
+
+def _rates(
+    motion: Motion, velocity: float | None, acceleration: float | None
+) -> list[tuple[Floats, float, float, str]]:
+    pairs = ((motion.qd, velocity, "moves at"), (motion.qdd, acceleration, "accelerates at"))
+    return [(values, -limit, limit, verb) for values, limit, verb in pairs if limit]
+
+
+def _check_whole(motion: Motion) -> None:
+    if not all(np.isfinite(part).all() for part in (motion.t, motion.q, motion.qd, motion.qdd)):
+        raise LimitBroken("the motion has values that are not a number", fix="plan it again")
+    step = np.diff(motion.t)
+    if len(step) == 0 or step.min() <= 0:
+        raise LimitBroken("the motion's time does not increase", fix="plan it again")
+    if np.abs(motion.qd[[0, -1]]).max() > 1e-3:
+        raise LimitBroken("the motion does not begin and end at rest", fix="plan it again")
+    # Why: positions and velocities are sent to different drivers; they must be the same motion on all of them.
+    moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
+    allowed = 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2
+    if np.abs(moved).max() > allowed:
+        raise LimitBroken("the motion's velocities are not the change of its positions", fix="plan it again")
+
+
+def check_endpoints(port: LivePort) -> None:
+    """Refuse a driver that cannot be commanded or stopped.
+
+    Raises:
+        ServiceMissing: a topic or service is not there.
+    """
+    if missing := port.missing():
+        raise ServiceMissing(
+            f"the driver has no {', no '.join(missing)}", where=port.namespace, fix="start the driver completely"
+        )
+
+
+def listener_of(node: Node, robot: Robot, topic: str) -> Listener:
+    """Return a listener on the joint states and on the driver's other topics that belong to the record."""
+    extra = [name for name, _ in node.master().getPublishedTopics("") if _belongs(name, topic)]
+    return Listener(node, Columns(robot), topic, extra)
+
+
+def _belongs(name: str, topic: str) -> bool:
+    """Return whether a topic is one of the driver's small state topics."""
+    beside = name.rsplit("/", 1)[0] == topic.rsplit("/", 1)[0] and name != topic
+    return beside and name.rsplit("/", 1)[1] in (
+        "joint_angles",
+        "joint_torques",
+        "joint_command",
+        "FRI_data",
+        "j_ext_ft",
+    )
+
+
+def parameters_of(port: LivePort) -> dict[str, Any]:
+    """Return the driver's parameters as plain values."""
+    found = port.parameters()
+    return found if isinstance(found, dict) else {"value": found}
+
+
+def check_clearance(robot: Robot, motion: Motion) -> None:
+    """Refuse a way on which links touch. The plan was judged when it was made; the approach to it was not.
+
+    Raises:
+        Collision: two links overlap.
+    """
+    from dynid.errors import Collision
+    from dynid.trajectory.clearance import Scene, Spheres
+
+    few = np.unique(np.linspace(0, len(motion) - 1, CLEARANCE_POSES).astype(int))
+    for contact in Spheres(robot, Scene(floor=None)).contacts(motion.q[few]):
+        if contact.distance < 0:
+            when = float(motion.t[few[contact.index]])
+            raise Collision(f"{contact.what} overlap by {-1e3 * contact.distance:.0f} mm at t = {when:.1f} s")

@@ -1,0 +1,115 @@
+"""Is everything as it should be while the arm moves? Each rule is a number with a reason; a broken one stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers.joints import Sample
+from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
+from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When to stop.
+
+    Attributes:
+        deviation: largest distance between planned and measured position [rad or m].
+        stale: longest time without a joint state [s]; a driver at 50 Hz may lose a dozen.
+        late: latest a command may leave [s]; by then the arm has seen ten periods of silence.
+        torque: largest share of a joint's rating.
+        high_samples: a torque must be high in so many states running; one may be a spike of the sensor.
+    """
+
+    deviation: float = 0.15
+    stale: float = 0.25
+    late: float = 0.1
+    torque: float = 0.8
+    high_samples: int = 3
+
+
+@dataclass
+class Watch:
+    """The watch over one run; it also remembers how near the limits the run came.
+
+    Args:
+        robot: the arm.
+        rules: when to stop.
+    """
+
+    robot: Robot
+    rules: Rules = field(default_factory=Rules)
+    largest_deviation: float = 0.0
+    largest_lateness: float = 0.0
+    largest_torque_share: float = 0.0
+    _high: int = 0
+    _judged: float = -1.0
+
+    def __post_init__(self) -> None:
+        """Collect the ratings."""
+        self._rating = np.array([joint.limits.torque or np.inf for joint in self.robot.joints])
+
+    def pace(self, late: float, time: float) -> None:
+        """Judge how late a command leaves.
+
+        Raises:
+            PacingLate: too late.
+        """
+        self.largest_lateness = max(self.largest_lateness, late)
+        if late > self.rules.late:
+            raise PacingLate(
+                f"a command was {1e3 * late:.0f} ms late (limit {1e3 * self.rules.late:.0f}): "
+                f"stopped at t = {time:.1f} s"
+            )
+
+    def state(self, sample: Sample, planned: Floats, now: float, time: float) -> None:
+        """Judge the newest joint state.
+
+        Args:
+            sample: the state.
+            planned: where the arm should have been when it arrived, (n,).
+            now: monotonic clock [s].
+            time: since the start of the motion [s].
+
+        Raises:
+            StateStale: it is too old.
+            TrackingLost: the arm is not where it should be.
+            TorqueHigh: a torque is near the rating.
+        """
+        age = now - sample.arrival
+        if age > self.rules.stale:
+            raise StateStale(
+                f"no joint state for {age:.2f} s (limit {self.rules.stale:g}): stopped at t = {time:.1f} s"
+            )
+        if sample.arrival == self._judged:
+            return
+        self._judged = sample.arrival
+        self._tracking(sample, planned, time)
+        self._torque(sample, time)
+
+    def _tracking(self, sample: Sample, planned: Floats, time: float) -> None:
+        error = np.abs(sample.q - planned)
+        worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
+        self.largest_deviation = max(self.largest_deviation, float(error[worst]))
+        if not error[worst] <= self.rules.deviation:
+            unit = "rad" if self.robot.joints[worst].revolute else "m"
+            raise TrackingLost(
+                f"{self.robot.joint_names[worst]} is {error[worst]:.2f} {unit} from where it should be "
+                f"(limit {self.rules.deviation:g}): stopped at t = {time:.1f} s, log kept"
+            )
+
+    def _torque(self, sample: Sample, time: float) -> None:
+        share = np.abs(sample.tau) / self._rating
+        worst = int(share.argmax())
+        self.largest_torque_share = max(self.largest_torque_share, float(share[worst]))
+        self._high = self._high + 1 if share[worst] > self.rules.torque else 0
+        if self._high >= self.rules.high_samples:
+            raise TorqueHigh(
+                f"{self.robot.joint_names[worst]} reads {sample.tau[worst]:.1f} N m, {100 * share[worst]:.0f} % of its "
+                f"rating (limit {100 * self.rules.torque:.0f} %): stopped at t = {time:.1f} s"
+            )

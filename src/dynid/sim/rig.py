@@ -1,0 +1,180 @@
+"""A simulated arm behind a driver: physics in real time, sensors with their faults, commands through a follower."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.robot import Robot
+from dynid.sim.arm import Arm
+from dynid.sim.follow import Follower
+from dynid.sim.track import Controller
+
+Floats = NDArray[np.float64]
+
+#: What can be made to go wrong, and when it is noticed on a real arm.
+FAULTS = {
+    "dies": "the driver's process ends",
+    "silent": "joint states stop coming, commands are still obeyed",
+    "deaf": "commands are ignored, as after a software stop elsewhere",
+    "torque": "a joint reads almost its rating",
+    "stop-fails": "the stop service answers with an error",
+    "no-stop": "there is no stop service or topic from the beginning",
+    "gravity-free": "torques lack gravity, as with the driver's parameter or the estimated external torque",
+}
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What measuring and sending add to the truth.
+
+    Attributes:
+        torque_noise: standard deviation, (n,) [N m or N].
+        torque_step: resolution of the torques [N m]; 0 for none.
+        torque_offset: sensor offset, zeroed by the driver's service, (n,) [N m].
+        position_step: resolution of the encoders [rad or m]; 0 for none.
+        velocity_noise: standard deviation of the reported velocity [rad/s].
+        latency: from sampling to publishing [s].
+        jitter: standard deviation added to it, never early [s].
+        drop: share of messages that are lost.
+        fault: a key of ``FAULTS``, or "".
+        fault_time: when it begins, after the first command [s].
+    """
+
+    torque_noise: tuple[float, ...]
+    torque_step: float = 0.0
+    torque_offset: tuple[float, ...] = ()
+    position_step: float = 0.0
+    velocity_noise: float = 0.0
+    latency: float = 0.0
+    jitter: float = 0.0
+    drop: float = 0.0
+    fault: str = ""
+    fault_time: float = 0.0
+
+
+@dataclass
+class Measured:
+    """One sample of the simulated arm as its driver would publish it, in DH quantities.
+
+    Attributes:
+        since: time of the sample since the start [s].
+        q: (n,).
+        qd: (n,).
+        tau: (n,).
+    """
+
+    since: float
+    q: Floats
+    qd: Floats
+    tau: Floats
+
+
+@dataclass
+class Rig:
+    """The simulation, advanced to the present again and again.
+
+    Args:
+        arm: the physics.
+        follower: the arm's controller.
+        rate: of the joint states [Hz].
+        imperfections: of sensors and network.
+        rng: source of all noise.
+    """
+
+    arm: Arm
+    follower: Follower
+    rate: float
+    imperfections: Imperfections
+    rng: np.random.Generator
+    published: int = 0
+    dropped: int = 0
+    first_command: float | None = None
+    largest_delay: float = 0.0
+    _steps: int = 0
+    _zero: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        """Place the arm where its controller holds it."""
+        self.robot: Robot = self.arm.robot
+        n = self.robot.n
+        self.every = max(1, round(1 / (self.rate * self.arm.dt)))
+        self.controller = Controller()
+        self.arm.reset(self.follower.goal)
+        self._offset = np.array(self.imperfections.torque_offset or (0.0,) * n)
+        self._zero = np.zeros(n)
+        self._true = np.zeros(n)
+        self._waiting: list[tuple[float, Measured]] = []
+
+    @property
+    def now(self) -> float:
+        """Simulated time [s]."""
+        return self._steps * self.arm.dt
+
+    def commanded(self) -> None:
+        """Note that a command came."""
+        if self.first_command is None:
+            self.first_command = self.now
+
+    def faulty(self, name: str) -> bool:
+        """Return whether a fault has begun."""
+        wanted = self.imperfections
+        if wanted.fault != name:
+            return False
+        return self.first_command is not None and self.now - self.first_command >= wanted.fault_time
+
+    def zero_torques(self) -> None:
+        """Make the sensors read zero where the arm stands."""
+        self._zero = self._true + self._offset
+
+    def run(self, publish: Callable[[Measured], None], alive: Callable[[], bool]) -> None:
+        """Simulate in real time until told to end; a late machine is caught up with, never skipped."""
+        begin = time.monotonic()
+        while alive():
+            present = time.monotonic() - begin
+            self.largest_delay = max(self.largest_delay, present - self.now)
+            while self.now < present:
+                self._step()
+            self._send(present, publish)
+            time.sleep(max(0.0, min(begin + self.now + self.arm.dt - time.monotonic(), 1e-3)))
+
+    def _step(self) -> None:
+        q, qd = self.arm.state()
+        tau = self.controller.torque(self.arm, q, qd, self.follower.step())
+        if self._steps % self.every == 0:
+            self._sample(q, qd, tau)
+        self.arm.step(tau)
+        self._steps += 1
+
+    def _sample(self, q: Floats, qd: Floats, tau: Floats) -> None:
+        """Measure and put the sample on its way."""
+        wrong = self.imperfections
+        if self.rng.random() < wrong.drop:
+            self.dropped += 1
+            return
+        if wrong.fault == "gravity-free":
+            tau = tau - self.arm.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
+        self._true = tau
+        reading = tau + self._offset - self._zero + self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
+        if self.faulty("torque"):
+            reading[1] = 0.95 * (self.robot.joints[1].limits.torque or 100.0)
+        delay = wrong.latency + abs(self.rng.normal(0.0, wrong.jitter)) if wrong.jitter else wrong.latency
+        due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
+        speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
+        measured = Measured(self.now, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
+        self._waiting.append((due, measured))
+
+    def _send(self, present: float, publish: Callable[[Measured], None]) -> None:
+        while self._waiting and self._waiting[0][0] <= present:
+            _, measured = self._waiting.pop(0)
+            if not self.faulty("silent"):
+                publish(measured)
+                self.published += 1
+
+
+def _stepped(values: Floats, step: float) -> Floats:
+    return np.round(values / step) * step if step else values

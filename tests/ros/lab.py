@@ -1,0 +1,145 @@
+"""Processes of the tests with ROS: a master, simulated drivers, recordings; and small motions for them."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dynid.files.robotfile import load_robot
+from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
+from dynid.motion import Motion
+
+ROOT = Path(__file__).parents[2]
+#: A process that has not ended by then hangs [s].
+LIMIT = 90
+
+
+@dataclass
+class Ended:
+    status: int
+    out: str
+    err: str
+
+    @property
+    def facts(self):
+        return json.loads(self.out)
+
+
+class Child:
+    """A dynid process; what it says is read when it has ended."""
+
+    def __init__(self, words, lab, **options):
+        self.log = lab.folder / f"stderr-{time.monotonic_ns()}.txt"
+        with self.log.open("w") as err:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "dynid", *map(str, words)], cwd=lab.folder, env=lab.env, stdout=subprocess.PIPE,
+                stderr=err, **{"stdin": subprocess.DEVNULL, **options},
+            )  # fmt: skip
+
+    def wait_for(self, text):
+        end = time.monotonic() + LIMIT
+        while text not in self.log.read_text():
+            assert self.process.poll() is None, f"ended before it said '{text}':\n{self.log.read_text()}"
+            assert time.monotonic() < end, f"never said '{text}':\n{self.log.read_text()}"
+            time.sleep(0.02)
+
+    def send(self, number):
+        self.process.send_signal(number)
+
+    def end(self):
+        out, _ = self.process.communicate(timeout=LIMIT)
+        return Ended(self.process.returncode, out.decode(), self.log.read_text())
+
+
+class Lab:
+    """One folder, one master, any number of processes."""
+
+    def __init__(self, folder, uri):
+        self.folder, self.uri, self.children = folder, uri, []
+        self.env = {
+            "PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT / "src"), "HOME": str(folder / "home"),
+            "LANG": "C.UTF-8", "ROS_MASTER_URI": uri, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
+        }  # fmt: skip
+
+    def start(self, *words, **options):
+        self.children.append(Child(words, self, **options))
+        return self.children[-1]
+
+    def driver(self, robot, *words):
+        """Start a simulated driver and wait until it publishes."""
+        child = self.start("sim-driver", robot, "--json", *words)
+        child.wait_for("stop ")
+        return child
+
+    def record(self, robot, *words, **options):
+        return self.start("record", robot, *words, **options).end()
+
+    def moving(self, robot, trajectory, *words, **options):
+        """Start a recording and wait until the arm moves."""
+        child = self.start("record", robot, trajectory, "--move", robot, *words, **options)
+        child.wait_for("was tried and works")
+        time.sleep(1.0)
+        return child
+
+    def finish(self, driver):
+        """End a simulated driver and return what it was sent."""
+        driver.send(signal.SIGINT)
+        ended = driver.end()
+        assert ended.out, ended.err
+        return ended.facts
+
+    def close(self):
+        for child in self.children:
+            if child.process.poll() is None:
+                child.process.kill()
+                child.process.communicate()
+
+
+def start_master(folder):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    env = {**os.environ, "ROS_IP": "127.0.0.1", "ROS_LOG_DIR": str(folder), "ROS_HOME": str(folder)}
+    env.pop("PYTHONPATH", None)
+    process = subprocess.Popen(
+        ["rosmaster", "--core", "-p", str(port)], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    end = time.monotonic() + 20
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return process, f"http://127.0.0.1:{port}"
+        except OSError:
+            assert time.monotonic() < end and process.poll() is None, "the master did not start"
+            time.sleep(0.05)
+
+
+#: Poses about which the arms may swing: joints bent, nothing near the floor or another link.
+MIDDLE = {
+    "kinova_gen2": np.array([0.0, 2.6, 0.0, 2.2, 0.0, 3.6, 0.0]),
+    "kuka_lwr4plus": np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0]),
+}
+
+
+def swing(robot, seconds, size=0.15):
+    """One slow swing of all joints, from rest to rest."""
+    t = np.arange(round(seconds * 100) + 1) / 100
+    w, far = np.pi / seconds, size * np.sqrt(np.arange(1, 8))
+    s, c = np.sin(w * t), np.cos(w * t)
+    shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
+    q, qd, qdd = (np.outer(shape, far) for shape in shapes)
+    return Motion(t, MIDDLE[robot] + q, qd, qdd)
+
+
+def store(path, robot, motion, reviewed=True):
+    arm = load_robot(robot)
+    review = Review("a person", "2026-01-01T12:00:00", motion_hash(motion)) if reviewed else None
+    write_trajectory(path, StoredTrajectory(arm.name, arm.joint_names, motion, 1.0, {}, np.zeros((1, 7)), review))
+    return path

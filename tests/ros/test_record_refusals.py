@@ -1,0 +1,179 @@
+"""What keeps an arm from moving: nobody typed its name, or something is not in order. Every refusal sends nothing."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lab import MIDDLE, store, swing
+
+from dynid.files.trajectoryfile import read_trajectory, write_trajectory
+from dynid.motion import Motion
+
+
+KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"
+
+
+def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
+    trajectory = plan(KINOVA)
+    driver = lab.driver(KINOVA, "--pose", trajectory)
+    words = ("record", KINOVA, trajectory)
+    runs = [lab.start(*words, "--yes"), lab.start(*words, stdin=None if sys.stdin is None else subprocess.DEVNULL)]
+    yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
+    runs.append(lab.start(*words, "--yes", stdin=yes.stdout))
+    (lab.folder / "dynid.yaml").write_text("yes: true\n")
+    lab.env |= {"DYNID_MOVE": KINOVA, "DYNID_RECORD_MOVE": KINOVA, "DYNID_YES": "1"}
+    runs.append(lab.start(*words))
+    for run in runs:
+        done = run.end()
+        assert (done.status, done.out) == (7, ""), done.err
+        assert "error[E703]" in done.err and f"--move {KINOVA}" in done.err
+    yes.kill()
+    yes.communicate()
+    assert lab.finish(driver)["commands"] == 0
+
+
+def test_the_name_cannot_stand_in_a_configuration_file(lab, plan):
+    (lab.folder / "dynid.yaml").write_text(f"record:\n  move: {KINOVA}\n")
+    done = lab.record(KINOVA, plan(KINOVA))
+    assert done.status != 0 and "unknown key 'move'" in done.err
+
+
+def typed(lab, trajectory, line):
+    """Run on a pseudo-terminal and type a line when the robot's name is asked for."""
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dynid", "record", KINOVA, str(trajectory), "--no-convert"], cwd=lab.folder, env=lab.env,
+        stdin=slave, stderr=slave, stdout=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    os.close(slave)
+    shown, end = b"", time.monotonic() + 60
+    while time.monotonic() < end:
+        try:
+            shown += os.read(master, 65536)
+        except OSError:
+            break
+        if line and b"name to start:" in shown:
+            os.write(master, line)
+            line = b""
+    os.close(master)
+    return process.wait(timeout=10), shown.decode()
+
+
+def test_a_wrong_name_moves_nothing_and_the_right_one_does(lab, plan):
+    trajectory = plan(KINOVA, 2.5)
+    driver = lab.driver(KINOVA, "--pose", trajectory)
+    status, shown = typed(lab, trajectory, b"kinova\n")
+    assert status == 7 and "error[E704]" in shown and "the arm was not moved" in shown
+    status, shown = typed(lab, trajectory, b"kinova_gen2\n")
+    assert status == 0, shown
+    assert "moved " in shown
+    assert 250 < lab.finish(driver)["commands"] < 280
+
+
+def test_a_wrong_name_in_the_option_is_wrong_usage(lab, plan):
+    done = lab.record(KINOVA, plan(KINOVA), "--move", "kinova")
+    assert done.status == 2 and "--move names 'kinova'" in done.err
+
+
+def test_what_preflight_refuses_is_not_sent(lab, plan):
+    trajectory = plan(KINOVA)
+    driver = lab.driver(KINOVA, "--pose", trajectory)
+    stored = read_trajectory(trajectory)
+    slower = replace(stored.motion, t=stored.motion.t * 1.5, qd=stored.motion.qd / 1.5, qdd=stored.motion.qdd / 1.5**2)
+    write_trajectory(lab.folder / "changed.npz", replace(stored, motion=slower))
+    store(lab.folder / "away.npz", KINOVA, replace(stored.motion, q=stored.motion.q + 0.4 * (np.arange(7) == 1)))
+    start = "error[E503] the arm is 0.40 rad from the start on j2s7s300_joint_2"
+    expected = {
+        (plan(KINOVA, name="unreviewed.npz", reviewed=False),): (5, "error[E505] nobody confirmed"),
+        (lab.folder / "changed.npz",): (5, "was changed after a person confirmed it"),
+        (lab.folder / "away.npz",): (5, start),
+        (trajectory, "--speed", "400%"): (5, "error[E501]"),
+        (trajectory, "--topic", "/nothing"): (3, "error[E303]"),
+        (trajectory, "--dry-run"): (0, "nothing was sent"),
+    }
+    # Why: all at once, because each of them listens for two seconds.
+    running = [lab.start("record", KINOVA, *words, "--move", KINOVA) for words in expected]
+    for (status, said), child in zip(expected.values(), running, strict=True):
+        done = child.end()
+        assert (done.status, done.out) == (status, "")
+        assert said in done.err
+    assert not (lab.folder / "out").exists()
+    assert lab.finish(driver)["commands"] == 0
+
+
+def test_the_default_rate_of_kinova_is_refused_with_the_launch_argument(lab, plan):
+    trajectory = plan(KINOVA)
+    lab.driver(KINOVA, "--pose", trajectory, "--rate", "10")
+    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    assert done.status == 4 and "error[E314] joint states arrive at" in done.err
+    assert "feedback_publish_rate:=0.01" in done.err
+
+
+@pytest.mark.parametrize("robot", [KINOVA, LWR])
+def test_torques_without_gravity_are_refused(lab, plan, robot):
+    trajectory = plan(robot)
+    lab.driver(robot, "--pose", trajectory, "--fault", "gravity-free")
+    done = lab.record(robot, trajectory, "--move", robot)
+    assert done.status == 3 and "error[E317]" in done.err
+
+
+def test_the_arm_is_brought_to_the_start_when_asked(lab):
+    motion = swing(KINOVA, 2.5)
+    path = store(lab.folder / "trajectory.npz", KINOVA, motion)
+    pose = ",".join(str(x) for x in MIDDLE[KINOVA] + 0.06 * (np.arange(7) == 3))
+    driver = lab.driver(KINOVA, "--pose", pose)
+    done = lab.record(KINOVA, path, "--move", KINOVA, "--go-to-start", "--json")
+    assert done.status == 0, done.err
+    assert done.facts["largest_deviation_rad"] < 0.03
+    assert done.facts["seconds"] > 4.4
+    assert lab.finish(driver)["violations"] == []
+
+
+def test_without_a_master_it_ends_within_the_limit(lab, plan):
+    lab.env["ROS_MASTER_URI"] = "http://127.0.0.1:1"
+    begin = time.monotonic()
+    done = lab.record(KINOVA, plan(KINOVA), "--move", KINOVA)
+    assert done.status == 6 and "error[E602] no ROS master at http://127.0.0.1:1 (connection refused)" in done.err
+    assert time.monotonic() - begin < 10
+
+
+def test_a_silent_driver_is_told_from_an_absent_one(lab, plan):
+    trajectory = plan(KINOVA)
+    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    assert done.status == 6 and "error[E603] no node publishes anything" in done.err
+    driver = lab.driver(KINOVA, "--drop", "1")
+    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    assert done.status == 6 and "is advertised but silent for 2 s" in done.err
+    driver.send(signal.SIGKILL)
+
+
+def test_sensors_are_zeroed_at_the_candle_pose(lab):
+    candle = Motion(*(part[:] for part in (np.array([0.0, 1.0]), np.full((2, 7), np.pi), np.zeros((2, 7)), np.zeros((2, 7)))))
+    path = store(lab.folder / "candle.npz", KINOVA, candle)
+    lab.driver(KINOVA, "--torque-offset", "0.5", "--torque-noise", "0.01")
+    done = lab.record(KINOVA, path, "--dry-run")
+    assert "warning[W316]" in done.err and "--zero-torques" in done.err
+    done = lab.record(KINOVA, path, "--move", KINOVA, "--zero-torques")
+    assert done.status == 0, done.err
+    torque = np.loadtxt(lab.folder / "out" / KINOVA / "log" / "torque.txt", skiprows=1)
+    assert np.abs(torque.mean(axis=0)).max() < 0.02
+
+
+def test_a_recording_is_not_overwritten_unasked(lab, plan):
+    trajectory = plan(LWR, 2.0)
+    driver = lab.driver(LWR, "--pose", trajectory)
+    (lab.folder / "out" / LWR).mkdir(parents=True)
+    bag = lab.folder / "out" / LWR / "log.bag"
+    bag.write_bytes(b"precious")
+    done = lab.record(LWR, trajectory, "--move", LWR)
+    assert done.status == 7 and "error[E702]" in done.err
+    assert bag.read_bytes() == b"precious"
+    assert lab.finish(driver)["commands"] == 0
+
+
