@@ -162,6 +162,14 @@ class ReductionsDisagree(DynidError):
     fix = "write the special value exactly (90 deg instead of 1.57, 0 instead of 1e-9), or move it away from it"
 
 
+class WrongUrdf(DynidError):
+    """The URDF cannot be read, or is not the serial arm that is asked for."""
+
+    code, status = "E210", ExitStatus.INPUT
+    why = "one chain of turning and sliding joints is needed"
+    fix = "expand a xacro first; name the ends of the chain with --base and --tip"
+
+
 # ---------------------------------------------------------------- 3: logs
 class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""

@@ -1,0 +1,58 @@
+"""Where the simulators' frames lie: joint poses, bodies in moving frames, shapes; all at q = 0."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.robot import Body, Robot, rotation_rpy
+from dynid.sim.urdf import after, before
+
+Floats = NDArray[np.float64]
+
+
+def tensor_of(body: Body) -> Floats:
+    """Return the inertia about the centre of mass as a matrix, (3, 3)."""
+    tensor = np.zeros((3, 3))
+    i, j = np.triu_indices(3)
+    tensor[i, j] = tensor[j, i] = body.inertia_com
+    return tensor
+
+
+def moved(body: Body, pose: Floats) -> Body:
+    """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
+    R = pose[:3, :3]
+    x, y, z = (R @ np.array(body.com) + pose[:3, 3]).tolist()
+    xx, xy, xz, yy, yz, zz = (R @ tensor_of(body) @ R.T)[np.triu_indices(3)].tolist()
+    return Body(body.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def base_pose(robot: Robot) -> Floats:
+    """Return the pose of frame 0 in the world, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
+    return pose
+
+
+def world_gravity(robot: Robot) -> Floats:
+    """Return gravity in the world frame, (3,)."""
+    return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
+
+
+def joint_poses(robot: Robot) -> tuple[Floats, ...]:
+    """Return each joint's pose at q = 0 in the moving frame of the previous one, in the world for the first, n of (4, 4)."""
+    previous, poses = base_pose(robot), []
+    for joint in robot.joints:
+        poses.append(previous @ before(joint, robot.convention))
+        previous = after(joint, robot.convention)
+    return tuple(poses)
+
+
+def moving_bodies(robot: Robot, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """Return the bodies in the moving frames of their joints instead of the DH frames."""
+    return tuple(moved(body, after(joint, robot.convention)) for body, joint in zip(bodies, robot.joints, strict=True))
+
+
+def numbers(values: object) -> str:
+    """Return numbers with all their digits, separated by spaces."""
+    return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values, dtype=float)))
