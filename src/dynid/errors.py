@@ -504,6 +504,7 @@ WARNINGS: dict[str, str] = {
     "W319": "A torque stays at its largest value: clipped samples are left out.",
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W402": "A base parameter is hardly excited by this log.",
+    "W405": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
     "W404": "The identified parameters belong to no physical body.",
 }
 

@@ -5,6 +5,6 @@
 
 from dynid.export.formats import FORMATS
 from dynid.export.fullset import FullSet, full_set
-from dynid.export.interface import Agreement, Exporter, Source
+from dynid.export.interface import Agreement, Exporter, LoadingFailed, Source
 
-__all__ = ["FORMATS", "Agreement", "Exporter", "FullSet", "Source", "full_set"]
+__all__ = ["FORMATS", "Agreement", "Exporter", "FullSet", "LoadingFailed", "Source", "full_set"]

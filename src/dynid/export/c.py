@@ -30,7 +30,7 @@ DIALECT = Dialect(
 _TEMPLATE = """\
 /* {head}
  *
- * q, qd, qdd: joint positions, velocities, accelerations of the robot file's DH convention [rad or m, s]; tau [N m or N].
+ * q, qd, qdd: joint positions, velocities, accelerations of the robot file's DH table [rad or m, s]; tau [N m or N].
  * Matrices are row-major. Functions keep no state and allocate nothing; compile with: cc -O2 -c {file} (link with -lm)
  * Base parameters; all values come from the data, except those marked as not determined.
 {table}

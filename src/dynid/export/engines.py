@@ -101,11 +101,14 @@ def bullet(
         return None
     with silent():
         client = engine.connect(engine.DIRECT)
-        if path.suffix == ".sdf":
-            body = engine.loadSDF(str(path), physicsClientId=client)[0]
-        else:
-            flags = engine.URDF_USE_INERTIA_FROM_FILE
-            body = engine.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+        try:
+            if path.suffix == ".sdf":
+                body = engine.loadSDF(str(path), physicsClientId=client)[0]
+            else:
+                flags = engine.URDF_USE_INERTIA_FROM_FILE
+                body = engine.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+        except engine.error as error:
+            raise ValueError(f"PyBullet: {error}") from error
     engine.setGravity(*gravity.tolist(), physicsClientId=client)
     count = engine.getNumJoints(body, physicsClientId=client)
     every = [engine.getJointInfo(body, j, physicsClientId=client) for j in range(count)]
@@ -119,9 +122,13 @@ def bullet(
     def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         tau, spread = np.empty_like(q), np.zeros((3, len(q), len(moving)))
         spread[:, :, place] = q, qd, qdd
-        for k in range(len(q)):
-            inputs = (row.tolist() for row in spread[:, k])
-            tau[k] = np.array(engine.calculateInverseDynamics(body, *inputs, physicsClientId=client))[place]
+        try:
+            with silent():
+                for k in range(len(q)):
+                    inputs = (row.tolist() for row in spread[:, k])
+                    tau[k] = np.array(engine.calculateInverseDynamics(body, *inputs, physicsClientId=client))[place]
+        except (engine.error, SystemError) as error:
+            raise ValueError("PyBullet: inverse dynamics failed") from error
         return tau
 
     return "PyBullet", run

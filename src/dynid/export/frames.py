@@ -40,7 +40,7 @@ def world_gravity(robot: Robot) -> Floats:
 
 
 def joint_poses(robot: Robot) -> tuple[Floats, ...]:
-    """Return each joint's pose at q = 0 in the moving frame of the previous one, in the world for the first, n of (4, 4)."""
+    """Return each joint's pose at q = 0 in the frame of the joint before, in the world for the first, n of (4, 4)."""
     previous, poses = base_pose(robot), []
     for joint in robot.joints:
         poses.append(previous @ before(joint, robot.convention))

@@ -1,6 +1,6 @@
 """One body a link behind the base parameters: what simulators need, and which numbers of it were measured.
 
-Reads a result; where it has no consistent set of its own, base parameters are completed by the nearest set to the prior.
+Reads a result; where it has no consistent set of its own, the set nearest to the prior stands behind the base parameters.
 """
 
 from __future__ import annotations

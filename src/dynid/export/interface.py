@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -61,6 +62,10 @@ class Agreement:
     what: str
 
 
+class LoadingFailed(Exception):
+    """A program refused the file or could not compute with it; the message is the program's own."""
+
+
 class Exporter(ABC):
     """One format.
 
@@ -88,12 +93,24 @@ class Exporter(ABC):
     def loaded(self, path: Path, source: Source) -> Iterator[tuple[str, str, Torques, Torques]]:
         """Load the file in each engine that is installed; yield its name, what is compared, its torques, dynid's."""
 
+    def allowed(self, agreement: Agreement) -> float:
+        """Return the largest difference that counts as agreement [N m or N]."""
+        return self.tolerance * max(1.0, agreement.torque_rms)
+
     def check(self, path: Path, source: Source, seed: int = 0) -> list[Agreement]:
-        """Compare the file's torques with dynid's on random states."""
+        """Compare the file's torques with dynid's on random states.
+
+        Raises:
+            LoadingFailed: a program refused the file.
+        """
         q, qd, qdd = random_states(source.base.robot, STATES, seed)
         found = []
-        for engine, what, theirs, ours in self.loaded(path, source):
-            expected = ours(q, qd, qdd)
-            largest = float(np.abs(theirs(q, qd, qdd) - expected).max())
-            found.append(Agreement(engine, largest, float(np.sqrt(np.mean(expected**2))), STATES, what))
+        try:
+            for engine, what, theirs, ours in self.loaded(path, source):
+                expected = ours(q, qd, qdd)
+                largest = float(np.abs(theirs(q, qd, qdd) - expected).max())
+                size = float(np.sqrt(np.mean(expected**2)))
+                found.append(Agreement(engine, largest if np.isfinite(largest) else np.inf, size, STATES, what))
+        except (ValueError, RuntimeError, subprocess.CalledProcessError) as error:
+            raise LoadingFailed(" ".join(str(error).split())) from error
         return found

@@ -141,7 +141,8 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
         n = q.shape[1]
         script = (
             f"s = load('states.txt'); t = zeros(size(s, 1), {n}); "
-            f"for k = 1:size(s, 1) t(k, :) = {name}('inverse_dynamics', s(k, 1:{n})', s(k, {n}+1:2*{n})', s(k, 2*{n}+1:3*{n})'); end; "
+            f"for k = 1:size(s, 1) r = reshape(s(k, :), {n}, 3); "
+            f"t(k, :) = {name}('inverse_dynamics', r(:, 1), r(:, 2), r(:, 3)); end; "
             "save('-ascii', '-double', 'tau.txt', 't');"
         )
         subprocess.run([octave, "--norc", "--quiet", "--eval", script], cwd=folder, check=True, capture_output=True)

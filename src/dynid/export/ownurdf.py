@@ -80,10 +80,10 @@ def attached(path: Path, robot: Robot) -> Attached:
     best = min(misses, key=lambda miss: float(miss.max()))
     worst = int(np.argmax(best > SAME_ARM))
     raise WrongUrdf(
-        f"{path}: joint '{names[worst]}' is not where the robot file's DH table has it (off by {best[worst]:.3g} m or rad)",
+        f"{path}: joint '{names[worst]}' is not where the robot file's DH table has it (off by {best[worst]:.3g} m)",
         where=str(path),
         why="bodies would be put into the wrong frames",
-        fix="give signs and offsets under `simulator:` and the base's pose under `base:` in the robot file, or import the URDF",
+        fix="give signs and offsets under `simulator:` and the base's pose under `base:` in the robot file",
     )
 
 

@@ -23,7 +23,7 @@ DIALECT = Dialect(
 _TEMPLATE = '''\
 """{head}
 
-q, qd, qdd: joint positions, velocities, accelerations of the robot file's DH convention, shape (..., {n}) [rad or m, s].
+q, qd, qdd: joint positions, velocities, accelerations of the robot file's DH table, shape (..., {n}) [rad or m, s].
 Base parameters; all values come from the data, except those marked as not determined.
 
 {table}

@@ -76,7 +76,9 @@ class SdfExporter(Exporter):
             mass.text = "0"
         with tempfile.TemporaryDirectory() as folder:
             moments = {
-                str(link.get("name")): [float(str(link.findtext(f"inertial/inertia/{key}"))) for key in ("ixx", "iyy", "izz")]
+                str(link.get("name")): [
+                    float(str(link.findtext(f"inertial/inertia/{key}"))) for key in ("ixx", "iyy", "izz")
+                ]
                 for link in root.iter("link")
             }
             copy = Path(folder) / "arm.sdf"
