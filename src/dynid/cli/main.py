@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import keyword
 import os
 import signal
 import sys
@@ -47,7 +48,9 @@ COMMANDS: dict[str, Entry] = {
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
+    "import": Entry("", "make a robot file from a URDF"),
     "compare": Entry("", "one table over many results"),
+    "run": Entry("", "many robots and logs from one list"),
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
@@ -64,9 +67,14 @@ EXAMPLES = (
 )
 
 
+def module_of(name: str) -> str:
+    """Return the module of a command; a word of Python such as ``import`` gets an underscore."""
+    return f"dynid.cli.{name}{'_' if keyword.iskeyword(name) else ''}"
+
+
 def available() -> dict[str, Entry]:
     """Return the commands whose module exists."""
-    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(f"dynid.cli.{name}")}
+    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(module_of(name))}
 
 
 class LazyGroup(click.Group):
@@ -80,7 +88,7 @@ class LazyGroup(click.Group):
         """Import a command."""
         if cmd_name not in available():
             return None
-        command = importlib.import_module(f"dynid.cli.{cmd_name}").command
+        command = importlib.import_module(module_of(cmd_name)).command
         assert isinstance(command, click.Command)
         return command
 

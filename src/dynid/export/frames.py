@@ -5,26 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.prior import moved
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.sim.urdf import after, before
 
 Floats = NDArray[np.float64]
-
-
-def tensor_of(body: Body) -> Floats:
-    """Return the inertia about the centre of mass as a matrix, (3, 3)."""
-    tensor = np.zeros((3, 3))
-    i, j = np.triu_indices(3)
-    tensor[i, j] = tensor[j, i] = body.inertia_com
-    return tensor
-
-
-def moved(body: Body, pose: Floats) -> Body:
-    """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
-    R = pose[:3, :3]
-    x, y, z = (R @ np.array(body.com) + pose[:3, 3]).tolist()
-    xx, xy, xz, yy, yz, zz = (R @ tensor_of(body) @ R.T)[np.triu_indices(3)].tolist()
-    return Body(body.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
 def base_pose(robot: Robot) -> Floats:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical, WrongUrdf
-from dynid.export.frames import moved, numbers
+from dynid.export.frames import numbers
 from dynid.export.fullset import smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import frames
-from dynid.model.prior import body_of
+from dynid.model.prior import body_of, moved
 from dynid.robot import Body, JointMap, Robot, rotation_rpy
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.export.engines import bullet
-from dynid.export.frames import joint_poses, moving_bodies, numbers, tensor_of, world_gravity
+from dynid.export.frames import joint_poses, moving_bodies, numbers, world_gravity
 from dynid.export.interface import Exporter, Source, Torques
 from dynid.export.torques import RIGID, part
 from dynid.export.urdf import beyond_joints
-from dynid.robot import Body, Joint
-from dynid.sim.urdf import roll_pitch_yaw
+from dynid.model.prior import tensor_of
+from dynid.robot import Body, Joint, roll_pitch_yaw
 
 Floats = NDArray[np.float64]
 
