@@ -105,7 +105,7 @@ def possible(source: Source, wanted: dict[str, Exporter], allowed: bool) -> list
     if not impossible or not holding:
         return []
     links = ", ".join(str(link) for link in impossible)
-    what = f"no body has the parameters of link {links}: mass or inertia is not positive, or breaks the triangle inequality"
+    what = f"no body has the parameters of link {links}: mass or inertia not positive, or triangle inequality broken"
     if not allowed:
         raise NotPhysical(
             what,

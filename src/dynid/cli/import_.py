@@ -61,7 +61,7 @@ def head(found: Imported, urdf: Path) -> str:
     """Return the first lines of the robot file: where it comes from and where the tip lies."""
     xyz, rpy = tip(found)
     return (
-        f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are those of the URDF.\n"
+        f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are the URDF's.\n"
         f"The frame of {found.tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].\n"
         f"Forward kinematics agree with the URDF to {found.largest:.1e} m and rad."
     )

@@ -1,6 +1,6 @@
 """One body a link behind the base parameters: what simulators need, and which numbers of it were measured.
 
-Reads a result; where it has no consistent set of its own, the set nearest to the prior stands behind the base parameters.
+Reads a result; where it has no consistent set of its own, the set nearest to the prior stands for it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.identify.physics import smallest_eigenvalues
 from dynid.model.prior import body_of, prior_bodies, prior_parameters
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
@@ -72,19 +73,8 @@ class FullSet:
 
 
 def smallest_eigenvalue(body: Body) -> float:
-    """Return the smallest eigenvalue of a body's pseudo-inertia; no distribution of mass has one that is not positive.
-
-    Source: Wensing, Kim, Slotine 2018, linear matrix inequalities for physically consistent inertial parameters.
-    """
-    p = body.parameters()
-    tensor = np.zeros((3, 3))
-    tensor[np.triu_indices(3)] = p[4:]
-    tensor = tensor + np.triu(tensor, 1).T
-    P = np.empty((4, 4))
-    P[:3, :3] = np.trace(tensor) / 2 * np.eye(3) - tensor
-    P[:3, 3] = P[3, :3] = p[1:4]
-    P[3, 3] = p[0]
-    return float(np.linalg.eigvalsh(P)[0])
+    """Return the smallest eigenvalue of a body's pseudo-inertia; a body that can exist has a positive one."""
+    return float(smallest_eigenvalues(body.parameters()))
 
 
 def full_set(

@@ -130,4 +130,5 @@ def _shape(parent: ET.Element, cylinder: Cylinder, to_dh: Floats) -> None:
     """Add a cylinder for the eye; it has no mass and touches nothing."""
     ends = [to_dh[:3, :3] @ np.array(end) + to_dh[:3, 3] for end in (cylinder.start, cylinder.end)]
     look = {"mass": "0", "contype": "0", "conaffinity": "0", "group": "1", "rgba": "0.6 0.65 0.7 1"}
-    ET.SubElement(parent, "geom", type="cylinder", size=repr(cylinder.radius), fromto=numbers(ends), **look)
+    shape = {"type": "cylinder", "size": repr(cylinder.radius), "fromto": numbers(ends)}
+    ET.SubElement(parent, "geom", shape | look)

@@ -35,7 +35,7 @@ def robot_text(robot: Robot, head: str = "") -> str:
 def _angle(angle: float) -> float | str:
     """Return an angle, in degrees where it is a multiple of 15: 90 deg is exact, 1.5707963267948966 is not."""
     steps = angle / SNAP_STEP
-    return f"{round(steps) * 15} deg" if steps and abs(steps - round(steps)) < 1e-12 else angle
+    return f"{round(steps) * 15} deg" if round(steps) and abs(steps - round(steps)) < 1e-12 else angle + 0.0
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
@@ -49,5 +49,10 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def _body(body: Body) -> dict[str, Any]:
-    tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(float, body.inertia_com), strict=True))
-    return {"mass": float(body.mass), "com": [float(value) for value in body.com], "inertia_com": tensor}
+    tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(_tidy, body.inertia_com), strict=True))
+    return {"mass": float(body.mass), "com": [_tidy(value) for value in body.com], "inertia_com": tensor}
+
+
+def _tidy(value: float) -> float:
+    """Take rounding noise off."""
+    return round(float(value), 15) + 0.0

@@ -128,7 +128,7 @@ def import_arm(
     if own > SAME_POSE:
         raise WrongUrdf(f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}", where=str(urdf.path))
     if written > SAME_POSE:
-        text = f"the URDF's angles are rounded; the DH table has the exact ones, which moves the tip by {written:.1e} m or rad"
+        text = f"the URDF's angles are rounded, the DH table's are exact: that moves the tip by {written:.1e} m or rad"
         findings.append(Finding("W202", "warning", text, {"largest": written}))
     return Imported(robot, start, end, tip_pose, written, tuple(findings))
 
@@ -225,7 +225,7 @@ def _angle(a: Floats, b: Floats, axis: Floats) -> float:
 
 
 def _clean(length: float) -> float:
-    return 0.0 if abs(length) < ZERO_LENGTH else float(length)
+    return 0.0 if abs(length) < ZERO_LENGTH else round(float(length), 12)
 
 
 def _joint(joint: UrdfJoint, rows: Sequence[tuple[float, float, float, float]], i: int, convention: str) -> Joint:
@@ -251,7 +251,7 @@ def _bodies(
         loose = [other.name for other, _ in behind if other.moves]
         if loose:
             text = f"link {i + 1} carries joints of its own ({', '.join(loose)}): its prior takes them at zero"
-            findings.append(Finding("W209", "info", text, {"link": i + 1, "joints": loose}))
+            findings.append(Finding("W210", "info", text, {"link": i + 1, "joints": loose}))
         total = np.zeros(10)
         for pose, link in parts:
             body = urdf.bodies[link]
@@ -263,7 +263,7 @@ def _bodies(
         text = (
             f"the URDF has no mass for link {', '.join(empty)}: correct the prior before asking for feasible parameters"
         )
-        findings.append(Finding("W209", "warning", text, {"links": empty}))
+        findings.append(Finding("W210", "warning", text, {"links": empty}))
     return tuple(bodies), findings
 
 
