@@ -9,6 +9,8 @@ import importlib
 import importlib.util
 import os
 import sys
+import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -105,8 +107,7 @@ def bullet(
             if path.suffix == ".sdf":
                 body = engine.loadSDF(str(path), physicsClientId=client)[0]
             else:
-                flags = engine.URDF_USE_INERTIA_FROM_FILE
-                body = engine.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
+                body = _bullet_urdf(engine, client, path)
         except engine.error as error:
             raise ValueError(f"PyBullet: {error}") from error
     engine.setGravity(*gravity.tolist(), physicsClientId=client)
@@ -132,6 +133,19 @@ def bullet(
         return tau
 
     return "PyBullet", run
+
+
+def _bullet_urdf(engine: Any, client: int, path: Path) -> int:  # noqa: ANN401
+    """Load a URDF without its shapes: their meshes may be anywhere, and dynamics do not need them."""
+    root = ET.parse(path).getroot()
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    with tempfile.TemporaryDirectory() as folder:
+        bare = Path(folder) / "bare.urdf"
+        ET.ElementTree(root).write(bare)
+        flags = engine.URDF_USE_INERTIA_FROM_FILE
+        return int(engine.loadURDF(str(bare), useFixedBase=True, flags=flags, physicsClientId=client))
 
 
 def mujoco(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:

@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 #: The URDF and the DH table count as the same arm when their frames agree to this [m and rad].
 SAME_ARM = 1e-4
+#: What is left of a link when all its mass hangs on it, up to rounding.
+NOTHING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -138,13 +140,13 @@ def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]
     behind = urdf.behind(link, stop=place.names)
     parts = [(joint.child, moved(part, pose), joint) for joint, pose in behind if (part := urdf.bodies[joint.child])]
     rest = body_of(body.parameters() - sum((part.parameters() for _, part, _ in parts), np.zeros(10)))
-    if not parts or smallest_eigenvalue(rest) > 0 or smallest_eigenvalue(body) <= 0:
+    if not parts or smallest_eigenvalue(rest) > -NOTHING or smallest_eigenvalue(body) <= 0:
         return rest, []
     own_joint = {joint.child for joint, _ in behind if joint.moves}
     free = {joint.child for joint, _ in behind if joint.parent in own_joint} | own_joint
     kept = [part for name, part, _ in parts if name in free]
     rest = body_of(body.parameters() - sum((part.parameters() for part in kept), np.zeros(10)))
-    if smallest_eigenvalue(rest) <= 0:
+    if smallest_eigenvalue(rest) <= -NOTHING:
         raise NotPhysical(
             f"what moves on link '{link}' by itself ({', '.join(sorted(free))}) is heavier than the identified body"
         )
