@@ -84,6 +84,12 @@ class Runner:
         return Ended(status, answer, shown.decode())
 
 
+@pytest.fixture(scope="session")
+def runner():
+    """The class, for fixtures that keep a folder for several tests."""
+    return Runner
+
+
 @pytest.fixture
 def dynid(tmp_path):
     folder, home = tmp_path / "work", tmp_path / "home"

@@ -74,8 +74,11 @@ def command(
         if comparison is not None:
             show_comparison(common, name, first, comparison, share)
     if baseline is not None:
+        for name, why in zip(names, verdicts, strict=True):
+            if why:
+                common.terminal.say(f"limit      {name}: {why}")
         common.terminal.answer()
-        common.terminal.fact("verdict", "passed" if passed else "drifted: " + "; ".join(filter(None, verdicts)))
+        common.terminal.fact("verdict", f"{'as' if passed else 'not as'} the baseline {first}")
     common.terminal.emit_json(
         {
             "schema": "dynid/compare/1",

@@ -114,7 +114,7 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
             baseline.names, baseline.theta, other.theta, scale, p_values, significant, strict=True
         )
     )
-    # Why no joint Wald test: with 69 parameters the inverse of a HAC covariance makes two logs of one arm differ (1e-43).
+    # Why no joint Wald test: with 69 parameters a HAC covariance inverted tells two logs of one arm apart (1e-43).
     smallest = min(1.0, float(np.nanmin(p_values)) * int(tested.sum())) if tested.any() else 1.0
     return Comparison(changes, _figures(baseline, other), smallest)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import pinocchio_model
-from cases import SHIPPED, made, random, shipped
+from export_cases import SHIPPED, made, random, shipped
 
 from dynid.export import FORMATS
 from dynid.export.c import compiled, pointer

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import random_bodies
-from cases import made
+from export_cases import made
 
 from dynid.errors import NotPhysical, WrongUrdf
 from dynid.export import FORMATS
 from dynid.files.urdffile import read_urdf
 from dynid.model.fromurdf import import_arm
 from dynid.model.prior import prior_bodies
+from dynid.robot import JointMap
 
 #: An arm as people have them: comments, meshes, a world link, a sensor by a fixed joint, a finger, uneven white space.
 OWN = """<?xml version="1.0" ?>
@@ -20,8 +21,10 @@ OWN = """<?xml version="1.0" ?>
 <robot name="own" xmlns:xacro="http://nothing">
   <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
   <link name="world"/>
-  <link name="base"><inertial><mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/><origin xyz="0.1 0 0.4" rpy="0 0 0.3"/></joint>
+  <link name="base"><inertial>
+    <mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/>
+    <origin xyz="0.1 0 0.4" rpy="0 0 0.3"/></joint>
   <joint name="a" type="continuous">
     <parent link="base"/><child link="upper"/><origin xyz="0 0 0.2" rpy="0 0 0"/><axis xyz="0 0 1"/>
     <dynamics damping="0.7"/>
@@ -46,10 +49,12 @@ OWN = """<?xml version="1.0" ?>
   </joint>
   <link name="hand"/>
   <joint name="camera_mount" type="fixed"><parent link="fore"/><child link="camera"/><origin xyz="0 0 0.1"/></joint>
-  <link name="camera"><inertial><mass value="0.2"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+  <link name="camera"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
   <joint name="finger" type="revolute"><parent link="hand"/><child link="jaw"/><axis xyz="1 0 0"/>
     <limit lower="0" upper="1" effort="5" velocity="2"/></joint>
-  <link name="jaw"><inertial><mass value="0.05"/><inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
+  <link name="jaw"><inertial><mass value="0.05"/>
+    <inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
 </robot>
 """
 
@@ -71,8 +76,8 @@ def without_inertials(text):
 
 
 def test_only_inertial_blocks_change(tmp_path):
-    """Comments, meshes, namespaces, white space and dynamics are the user's; the base and the camera keep their blocks."""
-    path, source = own(tmp_path)
+    """Comments, meshes, namespaces, white space and dynamics are the user's; base and camera keep their blocks."""
+    _, source = own(tmp_path)
     text = FORMATS["urdf"].text(source)
     assert without_inertials(text) == without_inertials(OWN)
     assert 'filename="package://own/upper.dae"' in text
@@ -82,8 +87,8 @@ def test_only_inertial_blocks_change(tmp_path):
 
 
 def test_the_changed_file_has_the_identified_torques(tmp_path):
-    """Pinocchio and PyBullet load it; what hangs on a link counts with it, the finger at zero: 1e-6 N m on 1000 states."""
-    path, source = own(tmp_path)
+    """Pinocchio and PyBullet load it; what hangs on a link counts with it, the finger at zero: 1e-6 N m."""
+    _path, source = own(tmp_path)
     new = tmp_path / "new.urdf"
     new.write_text(FORMATS["urdf"].text(source), encoding="utf-8")
     found = FORMATS["urdf"].check(new, source)
@@ -93,7 +98,7 @@ def test_the_changed_file_has_the_identified_torques(tmp_path):
 
 def test_a_fixed_part_that_is_heavier_than_the_link_is_emptied(tmp_path):
     """The link carries the whole identified body then, and the torques stay right."""
-    path, source = own(tmp_path, OWN.replace('<mass value="0.2"/>', '<mass value="50"/>'))
+    _path, source = own(tmp_path, OWN.replace('<mass value="0.2"/>', '<mass value="50"/>'))
     new = tmp_path / "new.urdf"
     new.write_text(FORMATS["urdf"].text(source), encoding="utf-8")
     assert read_urdf(new).bodies["camera"].mass == 0
@@ -102,7 +107,7 @@ def test_a_fixed_part_that_is_heavier_than_the_link_is_emptied(tmp_path):
 
 def test_a_finger_heavier_than_the_identified_link_is_refused(tmp_path):
     """It would leave the hand a negative mass."""
-    path, source = own(tmp_path, OWN.replace('<mass value="0.05"/>', '<mass value="50"/>'))
+    _, source = own(tmp_path, OWN.replace('<mass value="0.05"/>', '<mass value="50"/>'))
     with pytest.raises(NotPhysical, match="jaw"):
         FORMATS["urdf"].text(source)
 
@@ -128,8 +133,6 @@ def test_signs_and_offsets_of_the_simulator_map_are_used(tmp_path):
     path, source = own(tmp_path)
     robot = source.full.robot
     turned = replace(robot.joints[1], theta_offset=robot.joints[1].theta_offset + 0.25)
-    from dynid.robot import JointMap
-
     mapping = JointMap((1.0, 1.0, 1.0), (0.0, -0.25, 0.0))
     other = replace(robot, joints=(robot.joints[0], turned, robot.joints[2]), simulator=mapping)
     changed = made(other, bodies=source.full.bodies, urdf=path)

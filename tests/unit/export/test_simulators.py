@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import pinocchio_model, random_states
-from cases import SHIPPED, random, shipped
+from export_cases import SHIPPED, random, shipped
 
 from dynid.export import FORMATS
 from dynid.robot import Body
