@@ -162,6 +162,14 @@ class ReductionsDisagree(DynidError):
     fix = "write the special value exactly (90 deg instead of 1.57, 0 instead of 1e-9), or move it away from it"
 
 
+class WrongUrdf(DynidError):
+    """The URDF cannot be read, or is not the serial arm that is asked for."""
+
+    code, status = "E210", ExitStatus.INPUT
+    why = "one chain of turning and sliding joints is needed"
+    fix = "expand a xacro first; name the ends of the chain with --base and --tip"
+
+
 # ---------------------------------------------------------------- 3: logs
 class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""
@@ -517,6 +525,7 @@ class Declined(DynidError):
 WARNINGS: dict[str, str] = {
     "W202": "A DH angle was within 1e-4 rad of a multiple of 15 degrees and was snapped to it.",
     "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
+    "W210": "The URDF leaves something open: a link without mass, or joints that hang on a link of the arm.",
     "W304": "The messages have no usable time stamps; the time of arrival in the bag is used.",
     "W305": "The bag was cut or not closed; what could be read was salvaged.",
     "W308": "Measured velocity and the change of position agree only roughly; the derived velocity is better.",
@@ -528,6 +537,7 @@ WARNINGS: dict[str, str] = {
     "W319": "A torque stays at its largest value: clipped samples are left out.",
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W402": "A base parameter is hardly excited by this log.",
+<<<<<<< HEAD
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
@@ -536,6 +546,10 @@ WARNINGS: dict[str, str] = {
     "W502": "The driver could not be told or asked something that is not needed to move.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
+=======
+    "W405": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
+    "W404": "The identified parameters belong to no physical body.",
+>>>>>>> export
 }
 
 

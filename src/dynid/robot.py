@@ -299,3 +299,11 @@ def rotation_rpy(rpy: tuple[float, float, float]) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def roll_pitch_yaw(R: Floats) -> tuple[float, float, float]:
+    """Return fixed-axis roll, pitch, yaw of a rotation matrix [rad], exact to rounding at a pitch of 90 degrees too."""
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    # Why: with the yaw taken off first, whatever it came out as near 90 degrees, the other two are well determined.
+    rest = rotation_rpy((0.0, 0.0, -yaw)) @ R
+    return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import keyword
 import os
 import signal
 import sys
@@ -47,7 +48,9 @@ COMMANDS: dict[str, Entry] = {
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
+    "import": Entry("", "make a robot file from a URDF"),
     "compare": Entry("", "one table over many results"),
+    "run": Entry("", "many robots and logs from one list"),
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
@@ -66,8 +69,13 @@ EXAMPLES = (
 
 
 def module_of(name: str) -> str:
+<<<<<<< HEAD
     """Return the module of a command."""
     return f"dynid.cli.{name.replace('-', '_')}"
+=======
+    """Return the module of a command; a word of Python such as ``import`` gets an underscore."""
+    return f"dynid.cli.{name}{'_' if keyword.iskeyword(name) else ''}"
+>>>>>>> export
 
 
 def available() -> dict[str, Entry]:

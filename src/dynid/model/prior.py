@@ -120,3 +120,19 @@ def body_of(parameters: Floats) -> Body:
     x, y, z = c.tolist()
     xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
     return Body(m, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def tensor_of(body: Body) -> Floats:
+    """Return the inertia about the centre of mass as a matrix, (3, 3)."""
+    tensor = np.zeros((3, 3))
+    i, j = np.triu_indices(3)
+    tensor[i, j] = tensor[j, i] = body.inertia_com
+    return tensor
+
+
+def moved(body: Body, pose: Floats) -> Body:
+    """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
+    R = pose[:3, :3]
+    x, y, z = (R @ np.array(body.com) + pose[:3, 3]).tolist()
+    xx, xy, xz, yy, yz, zz = (R @ tensor_of(body) @ R.T)[np.triu_indices(3)].tolist()
+    return Body(body.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.files.artifact import write_text
 from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
-from dynid.robot import Body, Joint, Robot, rotation_rpy
+from dynid.robot import Body, Joint, Robot, roll_pitch_yaw, rotation_rpy
 
 Floats = NDArray[np.float64]
 
@@ -122,11 +122,3 @@ def _origin(element: ET.Element, pose: Floats) -> None:
     xyz = " ".join(repr(float(value)) for value in pose[:3, 3])
     rpy = " ".join(repr(value) for value in roll_pitch_yaw(pose[:3, :3]))
     ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
-
-
-def roll_pitch_yaw(R: Floats) -> tuple[float, float, float]:
-    """Return fixed-axis roll, pitch, yaw of a rotation matrix [rad], exact to rounding at a pitch of 90 degrees too."""
-    yaw = math.atan2(R[1, 0], R[0, 0])
-    # Why: with the yaw taken off first, whatever it came out as near 90 degrees, the other two are well determined.
-    rest = rotation_rpy((0.0, 0.0, -yaw)) @ R
-    return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw

@@ -1,0 +1,10 @@
+"""Identified parameters in the formats that simulators and controllers read: one file a format.
+
+``parameters.npz -> arm.urdf, arm.xml, arm.sdf, arm.yaml, arm.c, arm.py, arm.m``
+"""
+
+from dynid.export.formats import FORMATS
+from dynid.export.fullset import FullSet, full_set
+from dynid.export.interface import Agreement, Exporter, LoadingFailed, Source
+
+__all__ = ["FORMATS", "Agreement", "Exporter", "FullSet", "LoadingFailed", "Source", "full_set"]

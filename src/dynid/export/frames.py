@@ -1,0 +1,43 @@
+"""Where the simulators' frames lie: joint poses, bodies in moving frames, shapes; all at q = 0."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.prior import moved
+from dynid.robot import Body, Robot, rotation_rpy
+from dynid.sim.urdf import after, before
+
+Floats = NDArray[np.float64]
+
+
+def base_pose(robot: Robot) -> Floats:
+    """Return the pose of frame 0 in the world, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
+    return pose
+
+
+def world_gravity(robot: Robot) -> Floats:
+    """Return gravity in the world frame, (3,)."""
+    return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
+
+
+def joint_poses(robot: Robot) -> tuple[Floats, ...]:
+    """Return each joint's pose at q = 0 in the frame of the joint before, in the world for the first, n of (4, 4)."""
+    previous, poses = base_pose(robot), []
+    for joint in robot.joints:
+        poses.append(previous @ before(joint, robot.convention))
+        previous = after(joint, robot.convention)
+    return tuple(poses)
+
+
+def moving_bodies(robot: Robot, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """Return the bodies in the moving frames of their joints instead of the DH frames."""
+    return tuple(moved(body, after(joint, robot.convention)) for body, joint in zip(bodies, robot.joints, strict=True))
+
+
+def numbers(values: object) -> str:
+    """Return numbers with all their digits, separated by spaces."""
+    return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values, dtype=float)))

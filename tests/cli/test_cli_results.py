@@ -1,0 +1,163 @@
+"""export, import, compare and run from outside: what they write, say and return."""
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
+INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+URDF = f"""<robot name="two"><link name="base"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="one"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="50" velocity="2"/></joint>
+<link name="one"><inertial><mass value="2"/>{INERTIA}</inertial></link>
+<joint name="b" type="continuous"><parent link="one"/><child link="two"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+</joint><link name="two"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>{INERTIA}</inertial></link></robot>"""
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory, runner):
+    """A folder with a result of the shipped log, the same log as npz, and one with a torque column scaled by 1.02."""
+    folder = tmp_path_factory.mktemp("shop")
+    (folder / "home").mkdir()
+    run = runner(folder, folder / "home")
+    assert run("check", str(IDENTIFY), "--robot", "kuka_lwr4plus", "--convert", "-o", "log").status == 0
+    with np.load(folder / "log" / "log.npz") as archive:
+        arrays = dict(archive)
+    arrays["tau"] = arrays["tau"] * np.array([1, 1, 1.02, 1, 1, 1, 1])
+    np.savez(folder / "scaled.npz", **arrays)
+    assert run("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/arm").status == 0
+    return run
+
+
+def test_code_is_exported_compiled_and_compared(shop):
+    """C and Python need no bodies; their torques differ by rounding."""
+    done = shop("export", "out/arm", "--format", "c", "--format", "python", "--json")
+    answer = json.loads(done.out)
+    assert (done.status, answer["schema"]) == (0, "dynid/export/1")
+    checks = [check for file in answer["files"] for check in file["checks"]]
+    assert [check["engine"] for check in checks] == ["cc", "NumPy"]
+    assert all(check["largest_difference_nm"] < 1e-10 and check["agrees"] for check in checks)
+    script = "import kuka_lwr4plus as arm; print(arm.inverse_dynamics([0]*7, [0]*7, [0]*7).shape)"
+    alone = subprocess.run([sys.executable, "-c", script], cwd=shop.folder / "out/arm", capture_output=True, text=True)
+    assert alone.stdout.strip() == "(7,)"
+
+
+def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(shop):
+    """The same bytes are fine; a file that somebody changed needs --force."""
+    assert shop("export", "out/arm", "--format", "matlab").status == 0
+    again = shop("export", "out/arm", "--format", "matlab")
+    assert again.status == 0
+    assert "reused" in again.err
+    (shop.folder / "out/arm/kuka_lwr4plus.m").write_text("mine")
+    refused = shop("export", "out/arm", "--format", "matlab")
+    assert refused.status == 7
+    assert "E702" in refused.err
+    assert shop("export", "out/arm", "--format", "matlab", "--force").status == 0
+
+
+def test_an_urdf_option_without_the_format_is_refused(shop):
+    """It would be ignored silently."""
+    (shop.folder / "two.urdf").write_text(URDF)
+    done = shop("export", "out/arm", "--format", "c", "--urdf", "two.urdf")
+    assert (done.status, done.out) == (2, "")
+
+
+def test_a_urdf_becomes_a_robot_file_that_the_other_commands_read(dynid):
+    """import, then check and model on what it wrote."""
+    (dynid.folder / "two.urdf").write_text(URDF)
+    done = dynid("import", "two.urdf", "--json")
+    answer = json.loads(done.out)
+    assert (done.status, answer["schema"], answer["n_joints"]) == (0, "dynid/import/1", 2)
+    assert answer["kinematics_largest_difference"] < 1e-9
+    assert answer["mass_kg"] == pytest.approx(3.0)
+    path = answer["wrote"][0]
+    assert dynid("check", path).status == 0
+    assert (
+        "base parameters" in dynid("model", path, "-o", "out/two").err
+        or dynid("model", path, "-o", "out/two").status == 0
+    )
+
+
+def test_a_file_that_is_no_urdf_is_refused(dynid):
+    """With its own code, on stderr only."""
+    (dynid.folder / "two.urdf").write_text("<sdf/>")
+    done = dynid("import", "two.urdf")
+    assert (done.status, done.out) == (3, "")
+    assert "E210" in done.err
+
+
+def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
+    """The regression job: the same log passes at a tolerance of 1 %, a column times 1.02 fails and is named."""
+    same = shop("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/again")
+    assert same.status == 0
+    passed = shop("compare", "out/again", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "same.xml")
+    assert passed.status == 0
+    assert shop("identify", "kuka_lwr4plus", "scaled.npz", "-o", "out/scaled").status == 0
+    failed = shop(
+        "compare", "out/scaled", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "scaled.xml", "--json"
+    )
+    answer = json.loads(failed.out)
+    assert (failed.status, answer["passed"]) == (1, False)
+    moved = {each["name"] for each in answer["comparisons"][0]["beyond_tolerance"]}
+    assert {"fv3", "lwr_2_joint torque_rms_nm"} <= moved
+    counts = [ET.parse(shop.folder / name).getroot().get("failures") for name in ("same.xml", "scaled.xml")]
+    assert counts == ["0", "1"]
+
+
+def test_runs_become_one_table(shop):
+    """Text, CSV and LaTeX; two runs of one arm."""
+    done = shop("compare", "out/arm", "out/arm/parameters.npz", "--csv", "all.csv", "--latex", "all.tex")
+    assert done.status == 0
+    assert done.out.count("KUKA LWR4+") == 2
+    assert len((shop.folder / "all.csv").read_text().splitlines()) == 3
+    assert r"\bottomrule" in (shop.folder / "all.tex").read_text()
+
+
+def test_a_tolerance_without_a_baseline_is_wrong_usage(shop):
+    """Nothing could be compared."""
+    done = shop("compare", "out/arm", "--tolerance", "1%")
+    assert (done.status, done.out) == (2, "")
+
+
+BATCH = f"""
+defaults: {{robot: kuka_lwr4plus}}
+jobs:
+  - {{name: good, logs: {IDENTIFY}, baseline: out/arm, tolerance: 1%}}
+  - {{name: scaled, logs: scaled.npz, baseline: out/arm, tolerance: 1%}}
+  - {{name: missing, logs: nowhere.bag}}
+"""
+
+
+def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(shop):
+    """A passed, a drifted and a broken job; the second time nothing is identified; a changed option runs one again."""
+    (shop.folder / "batch.yaml").write_text(BATCH)
+    done = shop("run", "batch.yaml", "--json", "--junit", "batch.xml", "-o", "jobs")
+    answer = json.loads(done.out)
+    assert done.status == 3
+    assert [job["outcome"] for job in answer["jobs"]] == ["passed", "beyond a limit", "failed"]
+    assert "lwr_2_joint" in answer["jobs"][1]["message"] or "3" in answer["jobs"][1]["message"]
+    assert "nowhere.bag" in answer["jobs"][2]["message"]
+    root = ET.parse(shop.folder / "batch.xml").getroot()
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
+    again = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs").out)
+    assert [job["reused"] for job in again["jobs"]] == [True, True, False]
+    (shop.folder / "batch.yaml").write_text(
+        BATCH.replace("tolerance: 1%}\n  - {name: scaled", "tolerance: 2%}\n  - {name: scaled")
+    )
+    third = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs", "--only", "good", "--only", "scaled").out)
+    assert [job["reused"] for job in third["jobs"]] == [False, True]
+
+
+def test_an_option_that_identify_does_not_have_stops_the_batch_before_it_runs(shop):
+    """The nearest one is offered."""
+    (shop.folder / "wrong.yaml").write_text(
+        f"jobs: [{{robot: kuka_lwr4plus, logs: {IDENTIFY}, options: {{cutof: 8}}}}]"
+    )
+    done = shop("run", "wrong.yaml")
+    assert (done.status, done.out) == (2, "")
+    assert "did you mean 'cutoff'" in done.err
