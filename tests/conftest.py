@@ -20,6 +20,12 @@ def recordings():
     return RECORDINGS
 
 
+@pytest.fixture(scope="session")
+def runner():
+    """The class, for fixtures that keep a folder for several tests."""
+    return Runner
+
+
 @pytest.fixture
 def dynid(tmp_path):
     """The command line in processes of its own, with an empty home and folder."""

@@ -80,20 +80,3 @@ class Runner:
         os.close(master)
         answer = process.stdout.read().decode() if process.stdout else ""
         return Ended(status, answer, shown.decode())
-<<<<<<< HEAD:tests/runner.py
-=======
-
-
-@pytest.fixture(scope="session")
-def runner():
-    """The class, for fixtures that keep a folder for several tests."""
-    return Runner
-
-
-@pytest.fixture
-def dynid(tmp_path):
-    folder, home = tmp_path / "work", tmp_path / "home"
-    folder.mkdir()
-    home.mkdir()
-    return Runner(folder, home)
->>>>>>> export:tests/cli/conftest.py

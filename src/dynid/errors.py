@@ -537,7 +537,6 @@ WARNINGS: dict[str, str] = {
     "W319": "A torque stays at its largest value: clipped samples are left out.",
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W402": "A base parameter is hardly excited by this log.",
-<<<<<<< HEAD
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
@@ -546,10 +545,7 @@ WARNINGS: dict[str, str] = {
     "W502": "The driver could not be told or asked something that is not needed to move.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
-=======
-    "W405": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
-    "W404": "The identified parameters belong to no physical body.",
->>>>>>> export
+    "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
 }
 
 

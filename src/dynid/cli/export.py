@@ -143,7 +143,7 @@ def checked(common: Common, name: str, exporter: Exporter, path: Path, source: S
     fine = not refused and all(agreement.largest <= exporter.allowed(agreement) for agreement in agreements)
     if not fine:
         worst = refused or ", ".join(f"{a.engine} differs by {a.largest:.3g}" for a in agreements)
-        common.terminal.finding(Finding("W405", "warning", f"{path}: {worst}", {}))
+        common.terminal.finding(Finding("W408", "warning", f"{path}: {worst}", {}))
     checks = [
         {
             "engine": a.engine,

@@ -69,13 +69,8 @@ EXAMPLES = (
 
 
 def module_of(name: str) -> str:
-<<<<<<< HEAD
-    """Return the module of a command."""
-    return f"dynid.cli.{name.replace('-', '_')}"
-=======
     """Return the module of a command; a word of Python such as ``import`` gets an underscore."""
-    return f"dynid.cli.{name}{'_' if keyword.iskeyword(name) else ''}"
->>>>>>> export
+    return f"dynid.cli.{name.replace('-', '_')}{'_' if keyword.iskeyword(name) else ''}"
 
 
 def available() -> dict[str, Entry]:
