@@ -54,6 +54,7 @@ class Built:
 @click.option(
     "--groups", type=click.Choice(["json", "latex", "text"]), help="Print the relations of all base parameters."
 )
+@click.option("--at-rest", is_flag=True, help="With --groups: only what torques at rest show, as vendors publish it.")
 @click.option("--latex", is_flag=True, help="Print the regressor as LaTeX.")
 @click.option("--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function.")
 def command(common: Common, robot: str, **options: Any) -> None:  # noqa: ANN401
@@ -67,7 +68,7 @@ def command(common: Common, robot: str, **options: Any) -> None:  # noqa: ANN401
         if options["latex"] or options["python"]:
             return show_code(common, built.model, latex=options["latex"])
         if options["groups"]:
-            return show_groups(common, built.model, options["groups"])
+            return show_groups(common, built.model, options["groups"], still=options["at_rest"])
         answer = ask(common, "P1", given=options["reduce_now"])
         if answer is not Answer.RETRY:
             break
@@ -265,14 +266,14 @@ def common_name(robot: Robot) -> str:
     return names[0] if names else str(robot.path)
 
 
-def show_groups(common: Common, model: Model, form: str) -> None:
+def show_groups(common: Common, model: Model, form: str, *, still: bool) -> None:
     """Print the relations, so that a vendor's grouped numbers can be named."""
     import json
 
     from dynid.model.exact import reduce_exactly
     from dynid.model.groups import groups_json, groups_latex, groups_text
 
-    exact = reduce_exactly(model)
+    exact = reduce_exactly(model, still=still)
     facts = {"schema": "dynid/model/1", "robot": model.robot.name, **groups_json(exact)}
     common.terminal.emit_json(facts)
     if form == "json":

@@ -14,7 +14,6 @@ from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
 
 if TYPE_CHECKING:
-    from dynid.errors import Finding
     from dynid.identify.stack import Stack
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
@@ -64,7 +63,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
     base = base_model(common, robot)
     if not may_write(common, path, inputs):
         sources, header = numeric.load(path)
-        return answer_of(base, stack_sources(common, base, sources), [], header["log_findings"], [])
+        return answer_of(common, base, stack_sources(common, base, sources), header["log_findings"], [])
     sources, findings = read_sources(common, base, logs, reading_of(options))
     stack = stack_sources(common, base, sources)
     header = {
@@ -78,7 +77,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
     }
     wrote = write_stack(common, folder, base, stack, header)
     write_run(folder, inputs)
-    return answer_of(base, stack, findings, [asdict(f) for f in findings], wrote)
+    return answer_of(common, base, stack, header["log_findings"], wrote)
 
 
 def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, header: dict[str, Any]) -> list[Path]:
@@ -105,14 +104,21 @@ def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, hea
 
 
 def answer_of(
-    base: BaseModel, stack: Stack, findings: list[Finding], stored: list[dict[str, Any]], wrote: list[Path]
+    common: Common, base: BaseModel, stack: Stack, stored: list[dict[str, Any]], wrote: list[Path]
 ) -> dict[str, Any]:
-    """Return the JSON answer: what the log excites."""
+    """Say what the log excites and return the JSON answer."""
+    from dynid.identify.estimate import prior_base
+    from dynid.identify.excitation import weakly_excited
     from dynid.identify.least_squares import merge, solve
 
-    factors, _ = stack.whole
-    solution = solve(merge(factors))
+    solution = solve(merge(stack.whole[0]))
+    weak = weakly_excited(base, stack, prior_base(base))
     chosen = stack.sources[0].chosen
+    rank = f"rank {solution.rank} of {base.reduction.rank}"
+    common.terminal.stage(
+        "excites", f"{rank}, condition number {solution.condition_number_scaled:.3g} with normalised columns"
+    )
+    common.terminal.findings(weak)
     return {
         "schema": "dynid/parameters/1",
         "robot": base.robot.name,
@@ -125,6 +131,6 @@ def answer_of(
         "structural_rank": base.reduction.rank,
         "condition_number": solution.condition_number,
         "condition_number_scaled": solution.condition_number_scaled,
-        "findings": stored or [asdict(f) for f in findings],
+        "findings": [*stored, *(asdict(finding) for finding in weak)],
         "wrote": wrote,
     }
