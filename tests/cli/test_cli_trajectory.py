@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+
 from runner import Runner
 
 QUICK = ("--no-optimise", "--duration", "6", "--segments", "4", "--preview", "none")
