@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+
 from runner import Runner
 
 QUICK = ("--no-optimise", "--duration", "6", "--segments", "4", "--preview", "none")
@@ -104,6 +105,18 @@ def test_plan_file_sets_options_and_the_command_line_wins(dynid):
     second = dynid("trajectory", "kuka_lwr4plus", "plan.yaml", "--preview", "none", "--json", "--alpha", "1", "-o", "b")
     assert (json.loads(first.out)["alpha"], json.loads(second.out)["alpha"]) == (0.5, 1.0)
     assert json.loads(first.out)["duration_s"] == pytest.approx(2 * json.loads(second.out)["duration_s"])
+
+
+def test_path_of_an_earlier_motion_runs_again_at_another_alpha(planned):
+    run, answer, _ = planned
+    earlier = "out/kuka_lwr4plus/trajectory.npz"
+    words = ("trajectory", "kuka_lwr4plus", "--from-trajectory", earlier, "--alpha", "0.4", "-o", "faster")
+    done = run(*words, "--preview", "none", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["duration_s"] == pytest.approx(answer["duration_s"] / 2)
+    with np.load(run.folder / earlier) as slow, np.load(run.folder / "faster" / "trajectory.npz") as fast:
+        assert np.allclose(slow["q"][::2][: len(fast["q"])], fast["q"], atol=1e-9)
+        assert np.allclose(2 * slow["qd"][::2][: len(fast["q"])], fast["qd"], atol=1e-9)
 
 
 def test_person_is_asked_and_no_plans_another_motion(dynid):

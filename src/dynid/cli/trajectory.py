@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
     from dynid.trajectory.clearance import Box, Scene
+    from dynid.trajectory.plan import Trajectory
     from dynid.trajectory.planning import Wishes, Workshop
 
 #: Options that decide what motion comes out; the others only show or confirm it.
@@ -55,7 +57,8 @@ class Task:
     examples=(
         "dynid trajectory kinova_gen2                     search, preview, ask; alpha 0.2 for the first run",
         "dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5",
-        "dynid trajectory my_arm.yaml --from-waypoints points.csv --no-optimise",
+        "dynid trajectory my_arm.yaml --from-waypoints points.csv",
+        "dynid trajectory kinova_gen2 --from-trajectory slow.npz --alpha 0.5 -o next      the same path, faster",
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
 )
@@ -99,6 +102,12 @@ class Task:
     metavar="CSV",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Go through these points.",
+)
+@click.option(
+    "--from-trajectory",
+    metavar="NPZ",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="The path of a motion planned before, at this --alpha.",
 )
 @click.option(
     "--earlier",
@@ -158,7 +167,7 @@ def command(common: Common, robot: str, plan: Path | None, **options: Any) -> No
 
 def inputs_of(robot: Robot, plan: Path | None, options: dict[str, Any], seed: int) -> dict[str, str]:
     """Return the hashes that a motion depends on."""
-    files = {"plan": plan, "waypoints": options["from_waypoints"]}
+    files = {"plan": plan, "waypoints": options["from_waypoints"], "trajectory": options["from_trajectory"]}
     files |= {f"earlier {k + 1}": path for k, path in enumerate(options["earlier"])}
     decided = {key: options[key] for key in _DECIDING} | {"seed": seed}
     hashes = input_hashes({name: path for name, path in files.items() if path is not None}, decided)
@@ -242,16 +251,13 @@ def find(common: Common, task: Task, shop: Workshop, look: View) -> Verdict:
     """Return the first motion that passes every judge."""
     from dynid.cli.motionview import judge_contact
     from dynid.trajectory.limits import check
-    from dynid.trajectory.plan import through
     from dynid.trajectory.planning import first_accepted, judged, proposals
 
     with common.terminal.progress() as progress:
-        progress.stage("search" if task.waypoints is None else "plan", "")
-        if task.waypoints is None:
+        candidates = given_motions(task, shop)
+        progress.stage("search" if candidates is None else "plan", "")
+        if candidates is None:
             candidates = proposals(shop, progress)
-        else:
-            motion = through(task.waypoints.q, shop.limits, task.waypoints.times)
-            candidates = iter([motion.slowed(task.options["alpha"])])
         trajectory, (_, verdict) = first_accepted(
             candidates,
             [lambda t: judged(shop, t), lambda t: judge_contact(common, shop, t, look, task.options["urdf"])],
@@ -260,6 +266,21 @@ def find(common: Common, task: Task, shop: Workshop, look: View) -> Verdict:
     assert found.trajectory is trajectory
     found.check = check(trajectory, shop.base.robot, shop.limits, shop.torque, shop.wishes.speed)
     return found
+
+
+def given_motions(task: Task, shop: Workshop) -> Iterator[Trajectory] | None:
+    """Return the motion through the person's waypoints, or on the path of an earlier motion; None to search."""
+    from dynid.files.trajectoryfile import read_trajectory
+    from dynid.trajectory.basis import basis_from
+    from dynid.trajectory.plan import Trajectory, through
+
+    alpha, path = task.options["alpha"], task.options["from_trajectory"]
+    if path is not None:
+        stored = read_trajectory(path, shop.base.robot)
+        return iter([Trajectory(basis_from(dict(stored.basis)), stored.coefficients, alpha)])
+    if task.waypoints is None:
+        return None
+    return iter([through(task.waypoints.q, shop.limits, task.waypoints.times).slowed(alpha)])
 
 
 def wishes_of(common: Common, task: Task) -> Wishes:

@@ -93,7 +93,13 @@ def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
         "review": None if review is None else {"by": review.by, "when": review.when, "motion": review.motion},
     }
     motion = stored.motion
-    arrays: dict[str, NDArray[Any]] = {"t": motion.t, "q": motion.q, "qd": motion.qd, "qdd": motion.qdd, "coefficients": stored.coefficients}
+    arrays: dict[str, NDArray[Any]] = {
+        "t": motion.t,
+        "q": motion.q,
+        "qd": motion.qd,
+        "qdd": motion.qdd,
+        "coefficients": stored.coefficients,
+    }
     if stored.selected is not None:
         arrays["selected"] = stored.selected
     write_artifact(path, Artifact(SCHEMA, header, arrays))

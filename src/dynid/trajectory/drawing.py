@@ -76,15 +76,15 @@ def _traces(draw: Any, box: tuple[int, int, int, int], traces: Traces, marks: li
         draw.line((left, y, right, y), "#dddddd" if share == 0.5 else "#999999")
         draw.text((box[0] + 4, y - 7), text, "#555555", font_size=11)
     for mark in marks:
-        at = left + mark / t[-1] * (right - left)
+        at = left + mark / float(t[-1]) * (right - left)
         draw.line((at, top, at, bottom), "#bbbbbb" if len(marks) > 1 else "#333333", width=2)
     step = max(1, len(t) // 600)
     across = left + t[::step] / t[-1] * (right - left)
     for j, label in enumerate(labels):
         share = (q[::step, j] - lower[j]) / (upper[j] - lower[j])
-        y = bottom - share * (bottom - top)
+        height = bottom - share * (bottom - top)
         color = COLORS[j % len(COLORS)]
-        draw.line(list(zip(across.tolist(), y.tolist(), strict=True)), color, width=2)
+        draw.line(list(zip(across.tolist(), height.tolist(), strict=True)), color, width=2)
         draw.text((right + 8, top + 2 + j * 22), label[-22:], color, font_size=12)
     draw.text((left, bottom + 6), "0 s", "#555555", font_size=12)
     draw.text((right - 40, bottom + 6), f"{t[-1]:.1f} s", "#555555", font_size=12)
