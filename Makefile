@@ -14,7 +14,7 @@ BIN := $(VENV)/bin
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
 
-test: $(VENV)/.ready-test
+test: $(VENV)/.ready-test $(VENV)/.ready-system
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/.ready-lint
@@ -30,6 +30,19 @@ $(VENV)/.ready: pyproject.toml | $(BIN)/python
 
 $(VENV)/.ready-%: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$*]'
+	@touch $@
+
+# What the tests use besides Python packages: ROS 1 with its master, and a virtual screen. Where we may not install,
+# tests that need them are skipped and say so.
+SYSTEM := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch python3-sensor-msgs python3-trajectory-msgs \
+	python3-std-msgs xvfb xauth libgl1 libgl1-mesa-dri
+
+$(VENV)/.ready-system: Makefile | $(BIN)/python
+	@if dpkg -s $(SYSTEM) >/dev/null 2>&1; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo "installing ROS 1 and a virtual screen for the tests"; apt-get update -qq && \
+		DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM) >/dev/null; \
+	else echo "ROS 1 and xvfb are not installed: the tests that need them are skipped"; fi
 	@touch $@
 
 # Debian's python3 comes without ensurepip: virtualenv stands in, or apt brings it when we may use it.

@@ -34,6 +34,7 @@ def test_written_code_gives_dynids_torques(robot, format, tmp_path):
     assert agreement.largest < 1e-10
 
 
+@pytest.mark.optional
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
 @pytest.mark.parametrize("robot", ["scara", "staubli_tx40"])
 def test_the_matlab_file_gives_dynids_torques_in_octave(robot, tmp_path):
