@@ -5,11 +5,15 @@ A driver says which topic and message to read, which joints to leave out, whethe
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dynid.drivers.generic import Generic
 from dynid.drivers.interface import Driver
 from dynid.drivers.kinova_gen2 import KinovaGen2
 from dynid.drivers.lwr4plus import Lwr4Plus
-from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.robot import Robot
 
 DRIVERS: dict[str, Driver] = {driver.kind: driver for driver in (KinovaGen2(), Lwr4Plus(), Generic())}
 

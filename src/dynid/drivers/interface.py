@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from dynid.errors import TopicMissing, WrongMessageType
-from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.robot import Robot
 
 JOINT_STATE = "sensor_msgs/JointState"
 
