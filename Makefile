@@ -1,5 +1,5 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
-# make test    all tests
+# make test    all tests; those with a ROS master run alone, because they keep time
 # make lint    style, types, import direction
 # make reference    the pages of docs/reference that are made from the code
 
@@ -15,7 +15,8 @@ demo: $(VENV)/.ready
 	$(BIN)/dynid demo
 
 test: $(VENV)/.ready-test $(VENV)/.ready-system
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -m "not ros"
+	$(BIN)/python -m pytest -m ros
 
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check src tests
