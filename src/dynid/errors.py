@@ -546,6 +546,7 @@ WARNINGS: dict[str, str] = {
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
     "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
+    "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",
 }
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from runner import Runner
+
 IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 URDF = f"""<robot name="two"><link name="base"/>
@@ -45,6 +47,23 @@ def test_code_is_exported_compiled_and_compared(shop):
     script = "import kuka_lwr4plus as arm; print(arm.inverse_dynamics([0]*7, [0]*7, [0]*7).shape)"
     alone = subprocess.run([sys.executable, "-c", script], cwd=shop.folder / "out/arm", capture_output=True, text=True)
     assert alone.stdout.strip() == "(7,)"
+
+
+def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refused(shop):
+    """All formats agree within 1e-6 N m; bodies that cannot exist need --allow-infeasible and are warned of."""
+    done = shop("export", "out/arm", "--format", "all", "--set", "physical", "-o", "all", "--json")
+    answer = json.loads(done.out)
+    assert (done.status, answer["impossible_links"]) == (0, [])
+    assert {file["format"] for file in answer["files"]} == {"urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab"}
+    assert all(check["largest_difference_nm"] < 1e-6 for file in answer["files"] for check in file["checks"])
+    assert set(answer["origin"].values()) == {"data", "prior"}
+    refused = shop("export", "out/arm", "--format", "urdf", "--set", "plain", "-o", "plain")
+    assert (refused.status, refused.out) == (1, "")
+    assert "E404" in refused.err
+    assert not (shop.folder / "plain").exists()
+    allowed = shop("export", "out/arm", "--format", "urdf", "--set", "plain", "-o", "plain", "--allow-infeasible")
+    assert allowed.status == 0
+    assert "W409" in allowed.err
 
 
 def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(shop):

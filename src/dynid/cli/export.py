@@ -37,10 +37,18 @@ NAMES = ("urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab")
     help="Your URDF, to be kept but for inertias.",
 )
 @click.option(
+    "--set",
+    "which",
+    type=click.Choice(["auto", "physical", "plain"]),
+    default="auto",
+    show_default=True,
+    help="The physically possible parameters, the plain estimate, or the one in force.",
+)
+@click.option(
     "--allow-infeasible", is_flag=True, help="Write also bodies that cannot exist; simulators may refuse them."
 )
 def command(
-    common: Common, run: Path, formats: tuple[str, ...], urdf: Path | None, allow_infeasible: bool
+    common: Common, run: Path, formats: tuple[str, ...], urdf: Path | None, which: str, allow_infeasible: bool
 ) -> ExitStatus:
     """Write the identified model as URDF, MJCF, SDF, YAML, C, Python or MATLAB."""
     from dynid.export import FORMATS
@@ -50,7 +58,7 @@ def command(
     if urdf is not None and "urdf" not in wanted:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
     stored = result.load(parameters_of(run))
-    source = source_of(common, stored, urdf)
+    source = source_of(common, stored, which, urdf)
     findings = possible(source, wanted, allow_infeasible)
     common.terminal.findings(findings)
     texts = {name: exporter.text(source) for name, exporter in wanted.items()}
@@ -82,20 +90,21 @@ def parameters_of(run: Path) -> Path:
     return run / "parameters.npz" if run.is_dir() else run
 
 
-def source_of(common: Common, stored: StoredResult, urdf: Path | None) -> Source:
+def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> Source:
     """Return what is exported, from a stored result."""
     from dynid import __version__
     from dynid.cli.validate import base_model_of
-    from dynid.export import Source, full_set
+    from dynid.export import Source, whole_arm
 
     base, found = base_model_of(common, stored), stored.identification
-    full = full_set(base.model, base.reduction, found.theta, stored.header.get("links"))
+    which = found.in_force if which == "auto" else which
+    theta = found.physical.theta if which == "physical" else found.plain
     hashes = ", ".join(sha[:12] for sha in stored.log_sha256)
     made_from = (
         f"{stored.robot.name}, identified by dynid {stored.header.get('dynid', __version__)} ({found.method}, "
-        f"relative error {found.relative_error_percent:.3g} %) from logs with sha256 {hashes}"
+        f"{which} set, relative error {found.relative_error_percent:.3g} %) from logs with sha256 {hashes}"
     )
-    return Source(base, found.theta, found.knowledge, full, made_from, urdf)
+    return Source(base, theta, found.knowledge, whole_arm(base, found.physical, theta), made_from, urdf)
 
 
 def possible(source: Source, wanted: dict[str, Exporter], allowed: bool) -> list[Finding]:
@@ -110,9 +119,9 @@ def possible(source: Source, wanted: dict[str, Exporter], allowed: bool) -> list
         raise NotPhysical(
             what,
             why=f"simulators refuse such a {'/'.join(holding)} file or replace its inertias silently",
-            fix="identify with --feasible, or export c, python, matlab or yaml, or add --allow-infeasible",
+            fix="export --set physical, or c, python, matlab or yaml, or add --allow-infeasible",
         )
-    return [Finding("W404", "warning", what, {"links": list(impossible)})]
+    return [Finding("W409", "warning", what, {"links": list(impossible)})]
 
 
 def write(common: Common, path: Path, text: str) -> Path:

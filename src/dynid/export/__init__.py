@@ -4,7 +4,7 @@
 """
 
 from dynid.export.formats import FORMATS
-from dynid.export.fullset import FullSet, full_set
 from dynid.export.interface import Agreement, Exporter, LoadingFailed, Source
+from dynid.export.wholearm import WholeArm, whole_arm
 
-__all__ = ["FORMATS", "Agreement", "Exporter", "FullSet", "LoadingFailed", "Source", "full_set"]
+__all__ = ["FORMATS", "Agreement", "Exporter", "LoadingFailed", "Source", "WholeArm", "whole_arm"]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.export.fullset import FullSet
+from dynid.export.wholearm import WholeArm
 from dynid.model.reduce import random_states
 from dynid.model.store import BaseModel
 
@@ -38,7 +38,7 @@ class Source:
     base: BaseModel
     theta: Floats
     known: tuple[str, ...]
-    full: FullSet
+    full: WholeArm
     made_from: str
     urdf: Path | None = None
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical, WrongUrdf
 from dynid.export.frames import numbers
-from dynid.export.fullset import smallest_eigenvalue
+from dynid.export.wholearm import smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import frames
 from dynid.model.prior import body_of, moved

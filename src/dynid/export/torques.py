@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.export.fullset import FullSet
+from dynid.export.wholearm import WholeArm
 from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ ROTORS = ("Im",)
 VISCOUS = ("fv",)
 
 
-def part(model: Model, full: FullSet, kinds: Sequence[str]) -> Torques:
+def part(model: Model, full: WholeArm, kinds: Sequence[str]) -> Torques:
     """Return the torques that only the parameters of these kinds make."""
     whole = Model(replace(model.robot, links=()), model.rigid)
     names = whole.parameter_names

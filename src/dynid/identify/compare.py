@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.result import Identification
+from dynid.identify.uncertainty import Knowledge
 
 Floats = NDArray[np.float64]
 
@@ -96,12 +97,12 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     Source: the tests treat both estimates as independent and normal with their honest covariances; Holm 1979 for many
         tests at once.
     """
-    tested = np.isfinite(baseline.std_error) & np.isfinite(other.std_error)
-    tested &= (baseline.std_error > 0) & (other.std_error > 0)
-    difference = other.theta - baseline.theta
-    covariance = baseline.covariance + other.covariance
+    # Why the plain estimates: what the physical sets take from their common prior would hide a change.
+    difference = other.plain - baseline.plain
+    variance = np.diag(baseline.covariance) + np.diag(other.covariance)
+    tested = _determined(baseline) & _determined(other) & (variance > 0)
     p_values = np.full(len(difference), np.nan)
-    sigma = np.sqrt(np.diag(covariance)[tested])
+    sigma = np.sqrt(variance[tested])
     p_values[tested] = _two_sided(difference[tested] / sigma)
     significant = _holm(p_values)
     error = np.where(np.isfinite(baseline.std_error), baseline.std_error, 0.0)
@@ -117,6 +118,11 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     # Why no joint Wald test: with 69 parameters a HAC covariance inverted tells two logs of one arm apart (1e-43).
     smallest = min(1.0, float(np.nanmin(p_values)) * int(tested.sum())) if tested.any() else 1.0
     return Comparison(changes, _figures(baseline, other), smallest)
+
+
+def _determined(result: Identification) -> NDArray[np.bool_]:
+    known = np.array([known != Knowledge.NOT_DETERMINED.value for known in result.knowledge])
+    return known & np.isfinite(result.std_error)
 
 
 def _two_sided(z: Floats) -> Floats:

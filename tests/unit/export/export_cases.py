@@ -3,7 +3,7 @@
 import numpy as np
 from arms import random_bodies, random_robot
 
-from dynid.export import FullSet, Source
+from dynid.export import Source, WholeArm
 from dynid.files.robotfile import load_robot
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -18,7 +18,7 @@ def made(robot, seed=1, bodies=None, urdf=None):
     model = build_model(robot)
     reduction = reduce(model)
     rotors = rng.uniform(0.01, 0.2, robot.n)
-    full = FullSet(
+    full = WholeArm(
         robot=robot,
         bodies=bodies or random_bodies(rng, robot.n),
         rotor_inertia=tuple(float(x) if j.motor_inertia else 0.0 for x, j in zip(rotors, robot.joints, strict=True)),

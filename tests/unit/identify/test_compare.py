@@ -15,7 +15,8 @@ def result(theta, std_error, **changes):
     joints = (JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12), JointQuality("joint_2", 0.2, 2.0, 10.0, 0.2))
     p = len(error)
     facts = {
-        "method": "wls", "names": tuple(f"p{k}" for k in range(p)), "theta": np.asarray(theta, dtype=float),
+        "method": "wls", "why": "", "physical": None, "in_force": "plain", "choice": "", "heldout_by_set": {},
+        "plain": np.asarray(theta, dtype=float), "names": tuple(f"p{k}" for k in range(p)), "theta": np.asarray(theta, dtype=float),
         "covariance": np.diag(error**2), "std_error": error, "knowledge": ("well",) * p, "prior": np.full(p, np.nan),
         "noise": np.full(2, 0.1), "joints": joints, "relative_error_percent": 1.5,
         "heldout_relative_error_percent": 1.6, "heldout": "last 20 %", "rank": p, "condition_number": 50.0,
@@ -40,7 +41,7 @@ def test_the_parameter_that_changed_is_named_and_no_other():
     rng = np.random.default_rng(1)
     truth, error = rng.normal(size=40), np.full(40, 0.05)
     one, other = (result(truth + error * rng.normal(size=40), error) for _ in range(2))
-    changed = replace(other, theta=other.theta + np.where(np.arange(40) == 17, 8 * np.sqrt(2) * 0.05, 0))
+    changed = replace(other, plain=other.plain + np.where(np.arange(40) == 17, 8 * np.sqrt(2) * 0.05, 0))
     assert [change.name for change in compare(one, changed).drifted] == ["p17"]
 
 
