@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runner import Runner
-
 IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 URDF = f"""<robot name="two"><link name="base"/>
