@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 
 #: Colours that stay apart for colour-blind readers and in print (Okabe and Ito).
 MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
+GRID = "#e6e6e6"
 #: Points a curve is thinned to; a screen shows no more.
 MOST_POINTS = 2000
 
@@ -89,7 +90,7 @@ def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residu
     low, high = np.nanpercentile(np.concatenate(shown), [0.2, 99.8])
     room = 0.12 * max(high - low, 1e-9)
     axis.set_ylim(low - room, high + room)
-    axis.grid(color="#e6e6e6", lw=0.6)
+    axis.grid(color=GRID, lw=0.6)
     axis.tick_params(labelsize=8)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
