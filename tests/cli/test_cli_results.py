@@ -178,3 +178,16 @@ def test_an_option_that_identify_does_not_have_stops_the_batch_before_it_runs(sh
     done = shop("run", "wrong.yaml")
     assert (done.status, done.out) == (2, "")
     assert "did you mean 'cutoff'" in done.err
+
+
+def test_the_report_is_one_file_beside_the_result(shop):
+    """With a summary for a pull request; the verdict is the answer; a second run gives the same bytes."""
+    done = shop("report", "out/arm", "--json")
+    answer = json.loads(done.out)
+    assert (done.status, answer["schema"], len(answer["verdict"])) == (0, "dynid/report/1", 3)
+    page = shop.folder / "out/arm/report.html"
+    first = page.read_bytes()
+    assert len(first) < 2_000_000
+    assert (shop.folder / "out/arm/summary.md").is_file()
+    assert shop("report", "out/arm").status == 0
+    assert page.read_bytes() == first

@@ -74,6 +74,9 @@ def as_svg(figure: Figure, label: str) -> str:
     assert box is not None
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0]}'
     rest = re.sub(r"<metadata>.*?</metadata>", "", rest, flags=re.S)
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', rest))
+    # Why: names of groups are the same in every figure, and ids must be unique on a page.
+    rest = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", rest)
     for drawn, shown in _SHOWN.items():
         rest = rest.replace(drawn, shown)
     rest = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px; font-family: inherit", rest)

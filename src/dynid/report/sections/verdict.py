@@ -58,7 +58,7 @@ def sentences(evidence: Evidence) -> list[str]:
     )
     third = (
         f"{known} of {len(found.names)} base parameters are known as well as the torque needs, "
-        f"{found.knowledge.count('not determined')} are not determined by the logs; the {found.in_force} set is in force."
+        f"{found.knowledge.count('not determined')} not determined by the logs; the {found.in_force} set is in force."
     )
     return [first, second, third]
 
