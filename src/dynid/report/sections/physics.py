@@ -75,7 +75,7 @@ def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
         drawing = as_svg(figure, "the arm from two sides with an ellipsoid for each link's mass and inertia")
     return Picture(
         drawing,
-        "Each ellipsoid has its link's mass and inertia, in frame 0; blue comes mostly from data, orange from the prior.",
+        "Each ellipsoid has its link's mass and inertia, in frame 0; blue is mostly from data, orange from the prior.",
         "An ellipsoid far larger than the link, or far off it: the prior or the data are wrong there.",
     )
 
