@@ -146,8 +146,8 @@ def commands(job: Job, folder: Path) -> Iterator[tuple[str, list[str]]]:
     yield "identify", words
     result = str(folder / "parameters.npz")
     for log in job.validate:
-        limit = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
-        yield "validate", [result, str(log), "--no-plot", *limit]
+        most = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
+        yield "validate", [result, str(log), "--no-plot", *most]
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
         yield "compare", [result, "--baseline", str(job.baseline), *within]

@@ -58,13 +58,13 @@ def command(
     wrote: list[Path] = []
     cases = [tables.Case(name, run.robot.name, why) for name, run, why in zip(names, stored, verdicts, strict=False)]
     texts = (
-        (csv_file, lambda: tables.runs_csv(names, stored)),
-        (latex_file, lambda: tables.runs_latex(names, stored)),
-        (junit_file, lambda: tables.junit("dynid compare", cases)),
+        (csv_file, tables.runs_csv(names, stored)),
+        (latex_file, tables.runs_latex(names, stored)),
+        (junit_file, tables.junit("dynid compare", cases)),
     )
     for path, text in texts:
         if path is not None:
-            write_text(path, text())
+            write_text(path, text)
             common.terminal.wrote(path)
             wrote.append(path)
     show_runs(common, names, stored)

@@ -29,7 +29,9 @@ def robot_text(robot: Robot, head: str = "") -> str:
     if robot.prior and robot.prior.links:
         document["prior"] = {"links": [_body(body) for body in robot.prior.links]}
     comment = "".join(f"# {line}\n" for line in head.splitlines())
-    return comment + yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140, default_flow_style=None)
+    return (
+        f"{comment}{yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140, default_flow_style=None)}"
+    )
 
 
 def _angle(angle: float) -> float | str:

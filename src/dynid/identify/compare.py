@@ -78,7 +78,8 @@ class Comparison:
 
     def beyond(self, tolerance: float) -> tuple[Change | Figure, ...]:
         """Return the numbers that moved by more than a share, the largest move first."""
-        moved = [each for each in (*self.figures, *self.changes) if not abs(each.percent) <= 100 * tolerance]
+        every: list[Change | Figure] = [*self.figures, *self.changes]
+        moved = [each for each in every if not abs(each.percent) <= 100 * tolerance]
         return tuple(sorted(moved, key=lambda each: -abs(each.percent)))
 
 

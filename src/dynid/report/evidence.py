@@ -89,7 +89,7 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
     residual = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
     torque = np.where(motion.usable, motion.tau_measured, 0.0)
     each = np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(torque, axis=0), 1e-12)
-    return float(100 * np.linalg.norm(residual) / max(np.linalg.norm(torque), 1e-12)), 100 * each
+    return 100 * float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12), 100 * each
 
 
 def _unseen(path: Path) -> Unseen:

@@ -6,7 +6,7 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynid.report.figures import ESTIMATED, GRID, MEASURED, RESIDUAL
 
@@ -33,7 +33,7 @@ def page_style(name: str) -> Iterator[None]:
     """Draw with the page's colours; ``name`` keeps the ids of several figures on one page apart."""
     import matplotlib as mpl
 
-    style = {
+    style: dict[Any, Any] = {
         "svg.fonttype": "none",
         "svg.hashsalt": name,
         "font.family": "sans-serif",
