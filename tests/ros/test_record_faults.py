@@ -29,7 +29,6 @@ def manifest_of(lab, robot=KINOVA):
         (LWR, "deaf@1", 5, "E504", True),
         (KINOVA, "torque@1", 5, "E508", True),
         (KINOVA, "silent@1", 5, "E506", True),
-        (KINOVA, "dies@1", 5, "E506", False),
         (LWR, "dies@1", 5, "E506", False),
     ],
 )

@@ -9,7 +9,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from lab import MIDDLE, store, swing
 
 from dynid.files.trajectoryfile import read_trajectory, write_trajectory
@@ -115,12 +114,15 @@ def test_the_default_rate_of_kinova_is_refused_with_the_launch_argument(lab, pla
     assert "feedback_publish_rate:=0.01" in done.err
 
 
-@pytest.mark.parametrize("robot", [KINOVA, LWR])
-def test_torques_without_gravity_are_refused(lab, plan, robot):
-    trajectory = plan(robot)
-    lab.driver(robot, "--pose", trajectory, "--fault", "gravity-free")
-    done = lab.record(robot, trajectory, "--move", robot)
-    assert done.status == 3 and "error[E317]" in done.err
+def test_torques_without_gravity_are_refused(lab, plan):
+    plans = {robot: plan(robot, name=f"{robot}.npz") for robot in (KINOVA, LWR)}
+    for robot, path in plans.items():
+        lab.driver(robot, "--pose", path, "--fault", "gravity-free")
+    topics = {KINOVA: "/j2s7s300_driver/out/joint_state", LWR: "/lwr/joint_states"}
+    running = [lab.start("record", r, p, "--move", r, "--topic", topics[r]) for r, p in plans.items()]
+    for child in running:
+        done = child.end()
+        assert done.status == 3 and "error[E317]" in done.err
 
 
 def test_the_arm_is_brought_to_the_start_when_asked(lab):
@@ -154,7 +156,9 @@ def test_a_silent_driver_is_told_from_an_absent_one(lab, plan):
 
 
 def test_sensors_are_zeroed_at_the_candle_pose(lab):
-    candle = Motion(*(part[:] for part in (np.array([0.0, 1.0]), np.full((2, 7), np.pi), np.zeros((2, 7)), np.zeros((2, 7)))))
+    candle = Motion(
+        *(part[:] for part in (np.array([0.0, 1.0]), np.full((2, 7), np.pi), np.zeros((2, 7)), np.zeros((2, 7))))
+    )
     path = store(lab.folder / "candle.npz", KINOVA, candle)
     lab.driver(KINOVA, "--torque-offset", "0.5", "--torque-noise", "0.01")
     done = lab.record(KINOVA, path, "--dry-run")
@@ -175,5 +179,3 @@ def test_a_recording_is_not_overwritten_unasked(lab, plan):
     assert done.status == 7 and "error[E702]" in done.err
     assert bag.read_bytes() == b"precious"
     assert lab.finish(driver)["commands"] == 0
-
-

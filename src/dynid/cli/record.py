@@ -313,8 +313,6 @@ class Recording:
         recorder.start()
         outcome: Outcome = run(recorder)
         outcome.tally = recorder.close()
-        if self.given.listen_only and isinstance(outcome.failure, KeyboardInterrupt):
-            outcome.failure = None
         self._finish(facts, outcome, recorder.bag_path, recorder.text_folder)
         return self._end(outcome, recorder)
 

@@ -6,6 +6,7 @@ stream has ended, slower publishing moves it too slowly. Source: Kinovarobotics/
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,8 @@ Floats = NDArray[np.float64]
 
 #: Velocity streaming drifts; the position error is fed back so slowly that encoder noise does not shake the arm [1/s].
 DRIFT_GAIN = 1.0
+#: Velocities change by this share of the acceleration limit at most: they are rounded to 32 bits on the way.
+SLEW_SHARE = 0.999
 _GRAVITY = "torque_parameters/publish_torque_with_gravity_compensation"
 
 
@@ -51,7 +54,7 @@ class KinovaGen2Live(LivePort):
         )
         wanted = np.clip(target.qd + DRIFT_GAIN * (target.q - measured), -fastest, fastest)
         # Why: after a late period the plan has moved on by two; the arm gets there at the acceleration it can bear.
-        step = hardest / self.rate
+        step = SLEW_SHARE * hardest / self.rate
         speed = self._speed + np.clip(wanted - self._speed, -step, step)
         self._speed = speed
         values = self.columns.in_degrees(speed).tolist()
@@ -72,11 +75,9 @@ class KinovaGen2Live(LivePort):
         self.stop()
         self.call(self._proxy("Start", "in/start"), f"{self.namespace}/in/start")
         mode = self._proxy("SetTorqueControlMode", "in/set_torque_control_mode")
-        try:
+        # Why: the driver's callback returns no value, so a call that worked is often reported as failed.
+        with contextlib.suppress(ServiceMissing):
             self.call(mode, f"{self.namespace}/in/set_torque_control_mode", 0)
-        except ServiceMissing as error:
-            # Why: the driver's callback returns no value, so a call that worked is often reported as failed.
-            self.mode_note = error.what
 
     def stop(self) -> str:
         """Call ``in/stop``, which erases queued points and holds until ``in/start``."""
