@@ -1,4 +1,4 @@
-"""All of loop 2 and 3 on simulated arms behind a real master: nothing lost, and the model found from what was recorded."""
+"""Loops 2 and 3 on simulated arms behind a real master: nothing lost, and the model found from what was recorded."""
 
 import json
 import signal
@@ -44,9 +44,11 @@ def recorded(lab, robot, name, seconds, period, rate):
 def test_a_model_identified_from_a_recording_predicts_another_within_the_noise(lab, robot, rate):
     runs = [("identify", 20.0, 16.0), ("validate", 9.0, 8.0)]
     (train, facts, sent), (unseen, _, _) = (recorded(lab, robot, *run, rate) for run in runs)
-    assert facts["lost"] == 0 and facts["rate_hz"] == pytest.approx(rate, rel=0.01)
+    assert facts["lost"] == 0
+    assert facts["rate_hz"] == pytest.approx(rate, rel=0.01)
     assert sent["violations"] == [], "the commands keep the limits at the receiving end"
-    assert sent["velocity_share"] <= 1 and sent["acceleration_share"] <= 1
+    assert sent["velocity_share"] <= 1
+    assert sent["acceleration_share"] <= 1
 
     bag, text = (read_log(train / part, robot=load_robot(robot)) for part in ("log.bag", "log"))
     where = [bag.names.index(name) for name in text.names]

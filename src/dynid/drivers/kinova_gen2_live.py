@@ -32,6 +32,7 @@ class KinovaGen2Live(LivePort):
     #: A velocity is held for a period, so it is that of the period's middle [s].
     lead: ClassVar[float] = 0.005
     stop_words: ClassVar[str] = "in/stop"
+    _speed: Floats
 
     @property
     def namespace(self) -> str:
