@@ -542,7 +542,6 @@ WARNINGS: dict[str, str] = {
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
     "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
     "W501": "Torque sensors were not zeroed in this session.",
-    "W502": "The driver could not be told or asked something that is not needed to move.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
     "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",

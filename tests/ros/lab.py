@@ -117,7 +117,8 @@ def start_master(folder):
             socket.create_connection(("127.0.0.1", port), timeout=1).close()
             return process, f"http://127.0.0.1:{port}"
         except OSError:
-            assert time.monotonic() < end and process.poll() is None, "the master did not start"
+            assert time.monotonic() < end, "the master did not start"
+            assert process.poll() is None, "the master ended"
             time.sleep(0.05)
 
 

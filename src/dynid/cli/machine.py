@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 
 from dynid import __version__
+from dynid.files.rosplace import missing_modules
 
 
 def version_of(package: str) -> str | None:
@@ -18,8 +19,6 @@ def version_of(package: str) -> str | None:
 
 def version_lines() -> list[str]:
     """Return dynid's version and those it depends on most."""
-    from dynid.drivers.ros import missing_modules
-
     return [
         f"dynid    {__version__}",
         f"Python   {platform.python_version()}",

@@ -115,6 +115,7 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
 @click.option("--duration", type=click.FloatRange(0, min_open=True), metavar="S", help="Length with --listen-only.")
 def command(common: Common, robot: str, trajectory: Path | None, **options: Any) -> ExitStatus:  # noqa: ANN401
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
+    from dynid.drivers.priority import hurry
     from dynid.drivers.ros import connect
     from dynid.files.robotfile import load_robot
     from dynid.files.trajectoryfile import read_trajectory
@@ -123,10 +124,12 @@ def command(common: Common, robot: str, trajectory: Path | None, **options: Any)
     arm = load_robot(robot)
     _check_usage(arm, trajectory, given)
     stored = read_trajectory(trajectory, arm) if trajectory is not None else None
+    priority = hurry()
     begin = time.monotonic()
     node = connect("dynid_record", given.master, given.timeout)
     common.terminal.stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
     try:
+        common.terminal.detail("priority", priority)
         return Recording(common, arm, trajectory, stored, given, node).run()
     finally:
         node.close()
@@ -310,8 +313,6 @@ class Recording:
         recorder.start()
         outcome: Outcome = run(recorder)
         outcome.tally = recorder.close()
-        if self.given.listen_only and isinstance(outcome.failure, KeyboardInterrupt):
-            outcome.failure = None
         self._finish(facts, outcome, recorder.bag_path, recorder.text_folder)
         return self._end(outcome, recorder)
 

@@ -90,12 +90,14 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
     """Simulate an arm behind its driver's topics, in real time."""
     import time
 
+    from dynid.drivers.priority import hurry
     from dynid.drivers.ros import connect
     from dynid.files.robotfile import load_robot
     from dynid.sim.faces import face_of
 
     arm = load_robot(robot)
     topic = options["topic"] or (arm.driver.topic if arm.driver else None) or "/joint_states"
+    hurry()
     node = connect("dynid_sim_driver", options["master"])
     try:
         with _rig(common, arm, options) as rig:
@@ -111,7 +113,7 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
                 common.terminal.detail("stop", "interrupted")
             facts = face.received.facts() | {
                 "published": rig.published, "dropped": rig.dropped, "largest_delay_s": rig.largest_delay,
-                "longest_queue": getattr(rig.follower, "longest", None),
+                "longest_queue": rig.follower.longest,
             }  # fmt: skip
             if options["sent"] is not None:
                 face.received.write(options["sent"])
@@ -143,7 +145,7 @@ def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa:
 
     import numpy as np
 
-    from dynid.sim.follow import PointFollower, VelocityQueue
+    from dynid.sim.follow import PointFollower, VelocityFollower
     from dynid.sim.rig import Rig
 
     @contextmanager
@@ -152,7 +154,7 @@ def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa:
         plant = _plant(robot, options["truth"])
         with _arm(robot, plant, dt) as arm:
             velocity = robot.driver is not None and robot.driver.kind == "kinova_gen2"
-            follower = (VelocityQueue if velocity else PointFollower)(_pose(robot, options["pose"]), dt)
+            follower = (VelocityFollower if velocity else PointFollower)(_pose(robot, options["pose"]), dt)
             wrong = _imperfections(robot, plant, options)
             rig: Rig = Rig(arm, follower, options["rate"], wrong, np.random.default_rng(common.seed))
             yield rig

@@ -6,6 +6,7 @@ stream has ended, slower publishing moves it too slowly. Source: Kinovarobotics/
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,8 @@ Floats = NDArray[np.float64]
 
 #: Velocity streaming drifts; the position error is fed back so slowly that encoder noise does not shake the arm [1/s].
 DRIFT_GAIN = 1.0
+#: Velocities change by this share of the acceleration limit at most: they are rounded to 32 bits on the way.
+SLEW_SHARE = 0.999
 _GRAVITY = "torque_parameters/publish_torque_with_gravity_compensation"
 
 
@@ -29,6 +32,7 @@ class KinovaGen2Live(LivePort):
     #: A velocity is held for a period, so it is that of the period's middle [s].
     lead: ClassVar[float] = 0.005
     stop_words: ClassVar[str] = "in/stop"
+    _speed: Floats
 
     @property
     def namespace(self) -> str:
@@ -44,9 +48,16 @@ class KinovaGen2Live(LivePort):
         return message("JointVelocity")
 
     def message(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
-        """Return the velocity of this period, drift corrected, never beyond the joints' limits."""
-        fastest = np.array([joint.limits.velocity or np.inf for joint in self.robot.joints])
-        speed = np.clip(target.qd + DRIFT_GAIN * (target.q - measured), -fastest, fastest)
+        """Return the velocity of this period, drift corrected, inside the joints' velocity and acceleration limits."""
+        fastest, hardest = (
+            np.array([getattr(joint.limits, key) or np.inf for joint in self.robot.joints])
+            for key in ("velocity", "acceleration")
+        )
+        wanted = np.clip(target.qd + DRIFT_GAIN * (target.q - measured), -fastest, fastest)
+        # Why: after a late period the plan has moved on by two; the arm gets there at the acceleration it can bear.
+        step = SLEW_SHARE * hardest / self.rate
+        speed = self._speed + np.clip(wanted - self._speed, -step, step)
+        self._speed = speed
         values = self.columns.in_degrees(speed).tolist()
         return self.command_type()(*values, *[0.0] * (7 - len(values)))
 
@@ -60,15 +71,14 @@ class KinovaGen2Live(LivePort):
         Why: a stop that was never tried is none; the connection it leaves open also outlives a master that dies.
         """
         super().ready()
+        self._speed = np.zeros(self.robot.n)
         self._stop = self._proxy("Stop", "in/stop", persistent=True)
         self.stop()
         self.call(self._proxy("Start", "in/start"), f"{self.namespace}/in/start")
         mode = self._proxy("SetTorqueControlMode", "in/set_torque_control_mode")
-        try:
+        # Why: the driver's callback returns no value, so a call that worked is often reported as failed.
+        with contextlib.suppress(ServiceMissing):
             self.call(mode, f"{self.namespace}/in/set_torque_control_mode", 0)
-        except ServiceMissing as error:
-            # Why: the driver's callback returns no value, so a call that worked is often reported as failed.
-            self.mode_note = error.what
 
     def stop(self) -> str:
         """Call ``in/stop``, which erases queued points and holds until ``in/start``."""

@@ -6,7 +6,6 @@ rospy waits without end for a master that is not there, so a socket knocks first
 from __future__ import annotations
 
 import importlib
-import importlib.machinery
 import logging
 import os
 import socket
@@ -14,24 +13,15 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from dynid.errors import MasterSilent, RosMissing
+from dynid.files.rosplace import APT, missing_modules, ros_folders
 from dynid.files.xdg import cache_folder
 
 T = TypeVar("T")
 
-#: Where Ubuntu 20.04's Noetic and Debian 12's own packages put their Python modules.
-FOLDERS = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
-#: What ``dynid record`` imports.
-MODULES = ("rospy", "rosgraph", "rosbag", "genpy", "genmsg", "sensor_msgs", "std_msgs", "trajectory_msgs")
-#: The line that installs all of it on Debian 12.
-APT = (
-    "apt-get install -y --no-install-recommends python3-rospy python3-rosbag python3-rosmaster python3-roslaunch "
-    "python3-sensor-msgs python3-trajectory-msgs python3-std-msgs"
-)
 #: Address of the master when nothing else is said.
 DEFAULT_MASTER = "http://localhost:11311"
 #: A master in the same laboratory answers in milliseconds; longer means there is none [s].
@@ -41,19 +31,6 @@ PATIENCE = 2.0
 def master_uri(given: str | None = None) -> str:
     """Return the address of the master: the given one, ROS_MASTER_URI, or the usual one."""
     return given or os.environ.get("ROS_MASTER_URI") or DEFAULT_MASTER
-
-
-def ros_folders() -> list[str]:
-    """Return the folders that may hold rospy, DYNID_ROS_PATH first."""
-    own = os.environ.get("DYNID_ROS_PATH", "")
-    return [folder for folder in (*own.split(os.pathsep), *FOLDERS) if folder and Path(folder).is_dir()]
-
-
-def missing_modules() -> list[str]:
-    """Return which of the needed ROS modules cannot be found, without importing any of them."""
-    places = [*sys.path, *ros_folders()]
-    finder = importlib.machinery.PathFinder
-    return [name for name in MODULES if finder.find_spec(name, places) is None]
 
 
 def import_ros(name: str) -> Any:  # noqa: ANN401 - ROS has no types

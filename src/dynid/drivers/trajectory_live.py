@@ -23,8 +23,8 @@ class JointTrajectoryLive(LivePort):
     """Any driver with a JointTrajectory topic beside its joint states."""
 
     rate: ClassVar[float] = 100.0
-    #: The controller interpolates to a point two periods ahead, so one late message leaves no gap [s].
-    lead: ClassVar[float] = 0.02
+    #: The controller interpolates to a point five periods ahead, so a few late messages leave no gap [s].
+    lead: ClassVar[float] = 0.05
     stop_words: ClassVar[str] = "an empty trajectory"
 
     def default_command_topic(self) -> str:

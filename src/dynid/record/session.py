@@ -146,23 +146,35 @@ def listen_only(recorder: Recorder, seconds: float | None, stale: float, glance:
         stale: silence after which it ends [s].
         glance: called about twenty times a second; True ends it.
     """
-    listener = recorder.listener
+    told = threading.Event()
     outcome = Outcome()
     begin = time.monotonic()
-    try:
-        while (seconds is None or time.monotonic() - begin < seconds) and not glance(time.monotonic() - begin):
-            time.sleep(GLANCE)
-            if recorder.failure is not None:
-                raise disk_error(recorder)
-            if listener.latest is not None and time.monotonic() - listener.latest.arrival > stale:
-                outcome.notes.append(
-                    f"joint states ended {time.monotonic() - listener.latest.arrival:.1f} s before the end"
-                )
-                break
-    except BaseException as error:  # noqa: BLE001 - files are closed by the caller
-        outcome.failure = error
+    with _signals(told.set):
+        try:
+            _hear(recorder, told, seconds, stale, glance)
+        except BaseException as error:  # noqa: BLE001 - files are closed by the caller
+            outcome.failure = error
     outcome.seconds = time.monotonic() - begin
+    latest = recorder.listener.latest
+    if latest is not None and time.monotonic() - latest.arrival > stale:
+        outcome.notes.append(f"joint states ended {time.monotonic() - latest.arrival:.1f} s before the recording")
     return outcome
+
+
+def _hear(
+    recorder: Recorder, told: threading.Event, seconds: float | None, stale: float, glance: Callable[[float], bool]
+) -> None:
+    """Wait until told to end, the time is over, or nothing comes any more."""
+    begin = time.monotonic()
+    while not told.wait(GLANCE):
+        now = time.monotonic()
+        latest = recorder.listener.latest
+        if (seconds is not None and now - begin >= seconds) or glance(now - begin):
+            return
+        if recorder.failure is not None:
+            raise disk_error(recorder)
+        if latest is not None and now - latest.arrival > stale:
+            return
 
 
 def disk_error(recorder: Recorder) -> CannotWrite:

@@ -17,7 +17,7 @@ from dynid.drivers.joints import Columns
 from dynid.drivers.kinova_msgs import message, service
 from dynid.drivers.ros import Node, import_ros
 from dynid.robot import Robot
-from dynid.sim.follow import PointFollower, VelocityQueue
+from dynid.sim.follow import PointFollower, VelocityFollower
 from dynid.sim.received import Received
 from dynid.sim.rig import Measured, Rig
 
@@ -132,7 +132,7 @@ class KinovaFace(Face):
         speed = np.radians(values) * self.columns.sign
         self.received.velocity(time.monotonic(), speed)
         if now is not None:
-            assert isinstance(self.rig.follower, VelocityQueue)
+            assert isinstance(self.rig.follower, VelocityFollower)
             self.rig.follower.push(speed)
 
     def _stop(self, request: Any) -> Any:  # noqa: ANN401
@@ -171,7 +171,7 @@ class TrajectoryFace(Face):
         follower = self.rig.follower
         assert isinstance(follower, PointFollower)
         if not command.points:
-            follower.forget()
+            follower.hold()
             return
         now = self.heard()
         where = [command.joint_names.index(name) for name in self.columns.names]
@@ -182,7 +182,7 @@ class TrajectoryFace(Face):
         )
         self.received.point(time.monotonic(), q, qd, qdd)
         if now is not None:
-            follower.push(q, qd, point.time_from_start.to_sec())
+            follower.push((q, qd, point.time_from_start.to_sec()))
 
 
 class LwrFace(TrajectoryFace):

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 
-class Follower(ABC):
+class Follower(ABC, Generic[T]):
     """Turns received commands into the reference of the joint controllers.
+
+    Commands wait in a queue and are taken one a period of 10 ms, in whatever rhythm they came. One that is late is
+    bridged, and when it comes one of those that wait is dropped, so that the arm does not fall behind for good.
 
     A critically damped second-order filter stands for the firmware's smoothing: it follows ramps without lag and turns
     the steps of the commands into accelerations that drives can give.
@@ -23,25 +28,48 @@ class Follower(ABC):
         frequency: of the smoothing [Hz].
     """
 
-    def __init__(self, q: Floats, dt: float, frequency: float) -> None:
+    PERIOD = 0.01
+    LENGTH = 2000
+
+    def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         self.dt = dt
         self.goal, self.speed = q.copy(), np.zeros_like(q)
+        self.stopped = False
+        self.longest = 0
         self._q, self._qd = q.copy(), np.zeros_like(q)
         self._omega = 2 * np.pi * frequency
-        self.stopped = False
+        self._queue: deque[T] = deque(maxlen=self.LENGTH)
+        self._every = max(1, round(self.PERIOD / dt))
+        self._count = 0
+        self._bridged = 0
 
     @abstractmethod
-    def command(self) -> None:
+    def take(self, command: T) -> None:
+        """Obey a command from now on."""
+
+    @abstractmethod
+    def bridge(self, periods: int) -> None:
+        """Do without a command for so many periods already."""
+
+    @abstractmethod
+    def move(self) -> None:
         """Move ``goal`` and ``speed`` on by one step."""
 
-    @abstractmethod
-    def forget(self) -> None:
-        """Drop commands that wait."""
+    def push(self, command: T) -> None:
+        """Receive a command; a stopped arm ignores it."""
+        if not self.stopped:
+            self._queue.append(command)
+            self.longest = max(self.longest, len(self._queue))
 
     def stop(self) -> None:
-        """Brake, and ignore commands until started."""
+        """Erase the queue, brake, and ignore commands until started."""
         self.stopped = True
-        self.forget()
+        self.hold()
+
+    def hold(self) -> None:
+        """Erase the queue and stay here."""
+        self._queue.clear()
+        self._bridged = 0
         self.speed = np.zeros_like(self.goal)
 
     def start(self) -> None:
@@ -50,88 +78,91 @@ class Follower(ABC):
 
     def step(self) -> tuple[Floats, Floats, Floats]:
         """Return the reference of this step: position, velocity, acceleration, (n,) each."""
+        if self._count % self._every == 0:
+            self._next()
+        self._count += 1
         if not self.stopped:
-            self.command()
+            self.move()
         acceleration = self._omega**2 * (self.goal - self._q) + 2 * self._omega * (self.speed - self._qd)
         found = self._q.copy(), self._qd.copy(), acceleration
         self._qd = self._qd + self.dt * acceleration
         self._q = self._q + self.dt * self._qd
         return found
 
+    def _next(self) -> None:
+        if not self._queue:
+            self._bridged += 1
+            self.bridge(self._bridged)
+            return
+        while self._bridged > 0 and len(self._queue) > 1:
+            self._queue.popleft()
+            self._bridged -= 1
+        self.take(self._queue.popleft())
 
-class VelocityQueue(Follower):
-    """Kinova's firmware: one velocity every 10 ms from a queue of 2000, in whatever rhythm they came.
 
-    Faster publishing fills the queue, and the arm moves on after the stream has ended. A message that is a little late
-    is bridged by the last one, and played or dropped when it comes, so that the way is the same.
+class VelocityFollower(Follower[Floats]):
+    """Kinova's firmware: velocities [rad/s], one every 10 ms from a queue of 2000.
+
+    Faster publishing fills the queue, and the arm moves on after the stream has ended.
     """
 
-    PERIOD = 0.01
-    LENGTH = 2000
     #: Periods that the last velocity is held when no message came.
     PATIENCE = 5
 
     def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         super().__init__(q, dt, frequency)
-        self.queue: deque[Floats] = deque(maxlen=self.LENGTH)
-        self.longest = 0
-        self._bridged = 0
-        self._every = max(1, round(self.PERIOD / dt))
-        self._count = 0
+        self._wanted = np.zeros_like(q)
 
-    def push(self, velocity: Floats) -> None:
-        """Take a velocity, (n,) [rad/s]."""
-        if not self.stopped:
-            self.queue.append(velocity)
-            self.longest = max(self.longest, len(self.queue))
+    def take(self, command: Floats) -> None:
+        """Go over to a velocity, (n,), within the period.
 
-    def forget(self) -> None:
-        """Erase the queue."""
-        self.queue.clear()
-        self._bridged = 0
+        Why: a step at each period would be an acceleration at 100 Hz, which samples at 100 Hz always catch at its peak.
+        """
+        self._wanted = command
 
-    def command(self) -> None:
-        """Take the next velocity when its period begins."""
-        if self._count % self._every == 0:
-            self._next()
-        self._count += 1
+    def hold(self) -> None:
+        """Erase the queue and stay here."""
+        super().hold()
+        self._wanted = np.zeros_like(self.goal)
+
+    def bridge(self, periods: int) -> None:
+        """Keep the velocity for a short while, then stop: silence is the usual end of a motion."""
+        if periods > self.PATIENCE:
+            self._wanted = np.zeros_like(self.goal)
+            self._bridged = 0
+
+    def move(self) -> None:
+        """Go over to the wanted velocity, and integrate it."""
+        left = self._every - (self._count - 1) % self._every
+        self.speed = self.speed + (self._wanted - self.speed) / left
         self.goal = self.goal + self.dt * self.speed
 
-    def _next(self) -> None:
-        if not self.queue:
-            self._bridged += 1
-            if self._bridged > self.PATIENCE:
-                self.speed = np.zeros_like(self.goal)
-            return
-        while self._bridged > 0 and len(self.queue) > 1:
-            self.queue.popleft()
-            self._bridged -= 1
-        if self._bridged > self.PATIENCE:
-            self._bridged = 0
-        self.speed = self.queue.popleft()
 
-
-class PointFollower(Follower):
+class PointFollower(Follower[tuple[Floats, Floats, float]]):
     """A joint_trajectory_controller that is given one point at a time: a cubic from where it is to that point."""
 
-    def __init__(self, q: Floats, dt: float, frequency: float = 15.0) -> None:
+    def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         super().__init__(q, dt, frequency)
-        self._from = (q.copy(), np.zeros_like(q))
-        self._to = (q.copy(), np.zeros_like(q))
-        self._length, self._elapsed = dt, dt
+        self._from = self._to = (q.copy(), np.zeros_like(q))
+        self._length = self._elapsed = dt
 
-    def push(self, q: Floats, qd: Floats, after: float) -> None:
-        """Take a point to reach after so many seconds, (n,) each."""
-        if not self.stopped:
-            self._from = (self.goal.copy(), self.speed.copy())
-            self._to, self._length, self._elapsed = (q, qd), max(after, self.dt), 0.0
+    def take(self, command: tuple[Floats, Floats, float]) -> None:
+        """Go to a position with a velocity, (n,) each, within so many seconds."""
+        q, qd, after = command
+        self._from, self._to = (self.goal.copy(), self.speed.copy()), (q, qd)
+        self._length, self._elapsed = max(after, self.dt), 0.0
 
-    def forget(self) -> None:
-        """Hold where it is."""
-        self._to = self._from = (self.goal.copy(), np.zeros_like(self.goal))
+    def bridge(self, periods: int) -> None:
+        """Go on to the last point and stay there."""
+        self._bridged = 0
+
+    def hold(self) -> None:
+        """Erase the queue and stay here."""
+        super().hold()
+        self._from = self._to = (self.goal.copy(), np.zeros_like(self.goal))
         self._elapsed = self._length
 
-    def command(self) -> None:
+    def move(self) -> None:
         """Go on along the cubic; hold at its end."""
         self._elapsed = min(self._elapsed + self.dt, self._length)
         s, h = self._elapsed / self._length, self._length

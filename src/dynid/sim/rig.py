@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from dynid.sim.track import Controller
 
 Floats = NDArray[np.float64]
 
+#: A late simulation lets other threads read commands after so many steps, for so long [s].
+PIECE, BREATH = 10, 5e-4
 #: What can be made to go wrong, and when it is noticed on a real arm.
 FAULTS = {
     "dies": "the driver's process ends",
@@ -87,7 +90,7 @@ class Rig:
     """
 
     arm: Arm
-    follower: Follower
+    follower: Follower[Any]
     rate: float
     imperfections: Imperfections
     rng: np.random.Generator
@@ -108,6 +111,7 @@ class Rig:
         self._offset = np.array(self.imperfections.torque_offset or (0.0,) * n)
         self._zero = np.zeros(n)
         self._true = np.zeros(n)
+        self._rating = np.array([joint.limits.torque or np.inf for joint in self.robot.joints])
         self._waiting: list[tuple[float, Measured]] = []
 
     @property
@@ -139,12 +143,15 @@ class Rig:
             self.largest_delay = max(self.largest_delay, present - self.now)
             while self.now < present:
                 self._step()
+                if self._steps % PIECE == 0 and self.now < present:
+                    # Why: commands that came while this machine was busy are to be read before time goes on.
+                    time.sleep(BREATH)
             self._send(present, publish)
             time.sleep(max(0.0, min(begin + self.now + self.arm.dt - time.monotonic(), 1e-3)))
 
     def _step(self) -> None:
         q, qd = self.arm.state()
-        tau = self.controller.torque(self.arm, q, qd, self.follower.step())
+        tau = np.clip(self.controller.torque(self.arm, q, qd, self.follower.step()), -self._rating, self._rating)
         if self._steps % self.every == 0:
             self._sample(q, qd, tau)
         self.arm.step(tau)
