@@ -100,8 +100,8 @@ def run_identify(
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
-    base = base_model(common, arm)
     inputs = needed_inputs(arm, folder, logs, options)
+    base = base_model(common, arm)
     path = folder / "parameters.npz"
     if may_write(common, path, inputs):
         stack, header = obtain_stack(common, base, folder, logs, options, inputs)
