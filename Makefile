@@ -1,6 +1,7 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
 # make test    all tests; those with a ROS master run alone, because they keep time
 # make lint    style, types, import direction
+# make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
 
 # PyBullet has wheels up to Python 3.11, so that one is preferred; any Python from 3.10 on will do.
@@ -9,7 +10,7 @@ PYTHON ?= $(shell for p in python3.11 python3.10 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint reference clean
+.PHONY: demo test lint docs reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -21,6 +22,9 @@ test: $(VENV)/.ready-test $(VENV)/.ready-system
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check src tests
 	$(BIN)/mypy
+
+docs: $(VENV)/.ready-docs
+	$(BIN)/mkdocs build --quiet --strict
 
 reference: $(VENV)/.ready
 	$(BIN)/python -m dynid.cli.reference docs/reference
@@ -57,4 +61,4 @@ $(BIN)/python:
 		rm -rf $(VENV); echo "no virtual environment: install python3-venv or virtualenv" >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) out site

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -39,8 +40,10 @@ def commands(text):
     found = []
     for block in FENCE.findall(text):
         for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
-            line, _, output = part.partition("\n")
-            found.append(Command(line, output))
+            first, *rest = part.splitlines()
+            more = [line[2:] for line in takewhile(lambda line: line.startswith("> "), rest)]
+            output = "".join(f"{line}\n" for line in rest[len(more) :])
+            found.append(Command("\n".join([first, *more]), output))
     return found
 
 
@@ -49,9 +52,10 @@ def folder_for(path):
     for name in ("robots", "trajectories"):
         (path / name).symlink_to(ROOT / name)
     (path / "bin").mkdir()
-    program = path / "bin" / "dynid"
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m dynid "$@"\n')
-    program.chmod(0o755)
+    for name, words in (("dynid", "-m dynid"), ("python3", "")):
+        program = path / "bin" / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
+        program.chmod(0o755)
     (path / "home").mkdir()
     (path / "work").mkdir()
     for name in ("robots", "trajectories"):
@@ -92,7 +96,8 @@ def refreshed(text, folder):
             status, output = run(command.line, folder)
             print(f"{status} $ {command.line}", file=sys.stderr)  # noqa: T201
             keep = "..." in command.output.splitlines() and alike(command.output, output)
-            lines.append(f"$ {command.line}\n{command.output if keep else output}")
+            typed = command.line.replace("\n", "\n> ")
+            lines.append(f"$ {typed}\n{command.output if keep else output}")
         return "```console\n" + "".join(lines) + "```"
 
     return FENCE.sub(block, text)
