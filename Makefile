@@ -1,6 +1,7 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
 # make test    all tests; those with a ROS master run alone, because they keep time
 # make lint    style, types, import direction
+# make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
 
 # PyBullet has wheels up to Python 3.11, so that one is preferred; any Python from 3.10 on will do.
@@ -13,7 +14,7 @@ BIN := $(VENV)/bin
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test ros screen lint reference clean
+.PHONY: demo test ros screen lint docs reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -41,6 +42,9 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check src tests
 	$(BIN)/mypy
 
+docs: $(VENV)/.ready-docs
+	$(BIN)/mkdocs build --quiet --strict
+
 reference: $(VENV)/.ready
 	$(BIN)/python -m dynid.cli.reference docs/reference
 
@@ -63,4 +67,4 @@ $(BIN)/python:
 		rm -rf $(VENV); echo "no virtual environment: install python3-venv or virtualenv" >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) out site

@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 TOY = Path(__file__).parent / "cli" / "toy.py"
 #: A command that has not ended by then hangs [s].
-LIMIT = 40
+LIMIT = 90
 
 
 @dataclass

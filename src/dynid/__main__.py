@@ -1,5 +1,6 @@
 """The program ``dynid``, also ``python -m dynid``."""
 
+import os
 import sys
 
 
@@ -9,7 +10,8 @@ def main() -> None:
         from dynid.cli.main import main as run
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
-        sys.exit(130)
+        sys.stderr.flush()
+        os._exit(130)  # Why: see failure.leave
     run()
 
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 import click
 
@@ -85,6 +87,18 @@ def silence_streams() -> None:
             stream.flush()
         except OSError:
             os.dup2(nowhere, stream.fileno())
+
+
+def leave(status: int) -> NoReturn:
+    """Flush the streams and end the program with a status, whatever signal still arrives."""
+    with suppress(ValueError):  # not the main thread: the caller handles signals
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    silence_streams()
+    if status == ExitStatus.INTERRUPTED:
+        # Why: Python remembers an interruption that went through exec(), which makes dataclasses and named tuples, and
+        # ends by the signal although it was caught; a shell then sees a killed program instead of status 130.
+        os._exit(status)
+    sys.exit(status)
 
 
 def visible(text: str) -> str:

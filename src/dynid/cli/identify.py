@@ -13,6 +13,7 @@ from dynid.cli.loop3 import (
     READING_DEFAULTS,
     base_model,
     hashes,
+    option_texts,
     percent,
     read_sources,
     reading_of,
@@ -21,7 +22,7 @@ from dynid.cli.loop3 import (
     stack_sources,
 )
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import may_write
+from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, LogNotFound, WrongUsage
 
@@ -95,11 +96,12 @@ def run_identify(
     from dynid.identify import result as results
 
     options = DEFAULTS | given
+    check_words(options)
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
-    base = base_model(common, arm)
     inputs = needed_inputs(arm, folder, logs, options)
+    base = base_model(common, arm)
     path = folder / "parameters.npz"
     if may_write(common, path, inputs):
         stack, header = obtain_stack(common, base, folder, logs, options, inputs)
@@ -121,8 +123,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     from dynid.files.artifact import read_header
 
     if logs:
-        extra = (Path(options["holdout"]),) if _is_log(options["holdout"]) else ()
-        return hashes(robot, (*logs, *extra), options)
+        return hashes(robot, logs, options) | hash_of_holdout(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
@@ -131,7 +132,29 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
         raise LogNotFound(
             f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG"
         )
-    return dict(header["inputs"]) | {"method": str(options["method"]), "holdout": str(options["holdout"])}
+    inputs = dict(header["inputs"])
+    for name, text in option_texts(reading_part(options)).items():
+        if text not in (inputs.get(name), *option_texts({name: READING_DEFAULTS[name]}).values()):
+            raise WrongUsage(
+                f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
+                why="without logs, the stack that dynid parameters wrote is used as it is",
+                fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
+            )
+    fit = {key: options[key] for key in DEFAULTS if key not in READING_DEFAULTS}
+    return inputs | option_texts(fit) | hash_of_holdout(options)
+
+
+def hash_of_holdout(options: dict[str, Any]) -> dict[str, str]:
+    """Return the hash of the log that is held out, if one is."""
+    text = options["holdout"]
+    return input_hashes({"holdout": Path(text)}) if _is_log(text) and Path(text).exists() else {}
+
+
+def check_words(options: dict[str, Any]) -> None:
+    """Raise for values that no log could make sense of, before anything is read or written."""
+    reading_of(options)
+    if options["holdout"] != "none" and not _is_log(options["holdout"]):
+        percent(options["holdout"], "--holdout")
 
 
 def _is_log(text: str) -> bool:
@@ -344,38 +367,43 @@ def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
 
 
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
+#: Figures that --fail-if may name.
+FIGURES = (
+    "condition_number", "condition_number_scaled", "heldout_relative_error_percent", "max_heldout_rms_nm",
+    "max_rms_nm", "rank", "relative_error_percent", "samples",
+)  # fmt: skip
 
 
 def parsed_limit(text: str) -> tuple[str, str, float]:
     """Read a limit such as ``max_rms_nm > 1.5``."""
+    from dynid.files.yamlfile import closest
+
     match = LIMIT.fullmatch(text)
     try:
         if match is None:
             raise ValueError
-        return match[1], match[2], float(match[3])
+        name, sign, limit = match[1], match[2], float(match[3])
     except ValueError:
         raise WrongUsage(
             f"--fail-if '{text}' is not NAME > NUMBER", fix="such as --fail-if 'max_rms_nm > 1.5'"
         ) from None
+    if name not in FIGURES:
+        raise WrongUsage(f"--fail-if: no figure '{name}'{closest(name, FIGURES)}", fix=f"one of {', '.join(FIGURES)}")
+    return name, sign, limit
 
 
 def broken(common: Common, facts: dict[str, Any], name: str, sign: str, limit: float) -> bool:
     """Return whether a limit is broken, and say so."""
-    from dynid.files.yamlfile import closest
-
-    values = {
-        key: value for key, value in facts.items() if isinstance(value, (int, float)) and not isinstance(value, bool)
-    }
-    values["max_rms_nm"] = max(joint["rms_nm"] for joint in facts["joints"])
     held = [joint["heldout_rms_nm"] for joint in facts["joints"] if joint["heldout_rms_nm"] is not None]
-    if held:
-        values["max_heldout_rms_nm"] = max(held)
-    if name not in values:
-        raise WrongUsage(
-            f"--fail-if: no figure '{name}'{closest(name, values)}", fix=f"one of {', '.join(sorted(values))}"
-        )
+    values = {
+        **facts,
+        "max_rms_nm": max(joint["rms_nm"] for joint in facts["joints"]),
+        "max_heldout_rms_nm": max(held, default=None),
+    }
     value = values[name]
-    holds = {"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign]
+    if value is None:
+        raise WrongUsage(f"--fail-if: nothing is held out, so there is no {name}", fix="--holdout 20%")
+    holds = bool({"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign])
     if holds:
         common.terminal.say(f"limit      {name} = {value:.4g} {sign} {limit:g}")
     return holds

@@ -133,14 +133,23 @@ def reading_part(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def hashes(robot: Robot, logs: Sequence[Path], options: dict[str, Any]) -> dict[str, str]:
-    """Return what a result depends on: robot, logs, options."""
+    """Return what a result depends on: hashes of robot and logs, and each option as it was given."""
     for log in logs:
         if not log.exists():
             from dynid.files.logs import read_log
 
             read_log(log, robot=robot)
     named = {f"log {k + 1}": log for k, log in enumerate(logs)}
-    return {"robot": robot.model_key, **input_hashes(named, options)}
+    return {"robot": robot.model_key, **input_hashes(named), **option_texts(options)}
+
+
+def option_texts(options: dict[str, Any]) -> dict[str, str]:
+    """Return options as text by name, for the inputs of a result."""
+    return {
+        name: " ".join(value) if isinstance(value, tuple) else str(value)
+        for name, value in options.items()
+        if value is not None
+    }
 
 
 def read_sources(

@@ -254,6 +254,4 @@ def main() -> NoReturn:
         warnings.simplefilter("ignore")
     if "_DYNID_COMPLETE" in os.environ:
         _complete()
-    status = run(sys.argv[1:])
-    failure.silence_streams()
-    sys.exit(status)
+    failure.leave(run(sys.argv[1:]))

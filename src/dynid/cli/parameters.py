@@ -35,6 +35,7 @@ def command(common: Common, robot: str, logs: tuple[Path, ...], identify_now: bo
     """Filter logs, stack the base regressor over them, and say what they excite."""
     from dynid.files.robotfile import load_robot
 
+    reading_of(options)  # wrong words end here, before anything is read
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
     while True:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import select
 import sys
 from collections.abc import Mapping
@@ -226,8 +227,15 @@ def _difference(found: object, inputs: Mapping[str, str]) -> str:
     if not isinstance(found, Mapping):
         return "does not say what it was made from"
     changed = [
-        f"{name} sha {str(found.get(name, 'none'))[:4]} -> {inputs.get(name, 'none')[:4]}"
+        f"{name} {_brief(str(found.get(name, 'none')), str(inputs.get(name, 'none')))}"
         for name in sorted({*found, *inputs})
         if found.get(name) != inputs.get(name)
     ]
     return f"differs in inputs ({', '.join(changed)})"
+
+
+def _brief(old: str, new: str) -> str:
+    """Show a change: of hashes the beginning, of options all."""
+    if any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new)):
+        return f"sha {old[:4]} -> {new[:4]}"
+    return f"{old or 'none'} -> {new or 'none'}"

@@ -1,0 +1,222 @@
+"""Measure dynid beside Pinocchio and beside plain SymPy, in one run on one machine; print a table of times and ratios.
+
+    python benchmarks/speed.py [--samples 1000000] [--naive 4]
+
+The arm is the bundled KUKA LWR4+ (7 joints, 77 rigid-body parameters, 98 with friction). Whole processes start from
+nothing in an empty folder. The logs are sums of sines with torques of the same model and noise: they are here for their
+size, not for accuracy. Needs ``pip install -e '.[test]'``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from dynid.files.npzlog import write_log
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.model import build_model
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "physics"))
+from arms import pinocchio_model, random_bodies  # noqa: E402
+
+ROBOT = "kuka_lwr4plus"
+RATE = 200.0
+
+
+def process(folder, *words):
+    """Run dynid and return (seconds, peak memory [MB])."""
+    began = time.perf_counter()
+    child = subprocess.Popen(
+        [sys.executable, "-m", "dynid", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+    )  # fmt: skip
+    err = child.stderr.read()
+    _, status, usage = os.wait4(child.pid, 0)
+    seconds = time.perf_counter() - began
+    if status:
+        raise SystemExit(f"dynid {' '.join(words)} failed:\n{err.decode()}")
+    return seconds, usage.ru_maxrss / 1024
+
+
+def median(action, times):
+    return statistics.median(action() for _ in range(times))
+
+
+def seconds(action):
+    began = time.perf_counter()
+    action()
+    return time.perf_counter() - began
+
+
+# ---------------------------------------------------------------- the other sides
+def naive_regressor(robot, n):
+    """Newton-Euler of the first n joints in plain SymPy, every expression written out; the regressor by derivatives."""
+    import sympy as sp
+
+    def turned(joint, q):
+        c, s = sp.cos(q), sp.sin(q)
+        ca, sa = sp.nsimplify(round(np.cos(joint.twist), 12)), sp.nsimplify(round(np.sin(joint.twist), 12))
+        return sp.Matrix([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0, sa, ca]])
+
+    q, v, w = (sp.symbols(f"{name}1:{n + 1}") for name in ("q", "qd", "qdd"))
+    axis = sp.Matrix([0, 0, 1])
+    omega, alpha, linear = sp.zeros(3, 1), sp.zeros(3, 1), sp.Matrix([0, 0, sp.Rational("9.81")])
+    links, gamma = [], []
+    for i in range(n):
+        joint, R = robot.joints[i], turned(robot.joints[i], q[i])
+        alpha = R.T * (alpha + w[i] * axis + omega.cross(v[i] * axis))
+        omega = R.T * (omega + v[i] * axis)
+        arm = R.T * sp.Matrix([joint.a * sp.cos(q[i]), joint.a * sp.sin(q[i]), joint.d])
+        linear = R.T * linear + alpha.cross(arm) + omega.cross(omega.cross(arm))
+        m, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters = sp.symbols(f"p{i}_0:10")
+        first, inertia = sp.Matrix([mx, my, mz]), sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        force = m * linear + alpha.cross(first) + omega.cross(omega.cross(first))
+        moment = inertia * alpha + omega.cross(inertia * omega) + first.cross(linear)
+        links.append((R, arm, force, moment))
+        gamma += parameters
+    torques, force, moment, R = [], sp.zeros(3, 1), sp.zeros(3, 1), sp.eye(3)
+    for i in reversed(range(n)):
+        if i < n - 1:
+            force, moment = R * force, R * moment
+        R, arm, own_force, own_moment = links[i]
+        force, moment = force + own_force, moment + own_moment
+        force_at_joint = force
+        moment = moment + arm.cross(force_at_joint)
+        torques.append((R * moment).dot(axis))
+    return sp.Matrix(torques[::-1]).jacobian(gamma)
+
+
+def pinocchio_loop(robot, states):
+    """The usual way to a stacked regressor: one call a sample."""
+    model = pinocchio_model(robot, random_bodies(np.random.default_rng(0), robot.n))
+    data = model.createData()
+    W = np.empty((len(states[0]), robot.n, 10 * robot.n))
+    for k, (q, qd, qdd) in enumerate(zip(*states, strict=True)):
+        W[k] = pin.computeJointTorqueRegressor(model, data, q, qd, qdd)
+    return W
+
+
+# ---------------------------------------------------------------- logs
+def sines(samples, n, seed=0):
+    """Positions, velocities, accelerations of five sines a joint, all below 1 Hz."""
+    random = np.random.default_rng(seed)
+    t = np.arange(samples) / RATE
+    q, qd, qdd = (np.zeros((samples, n)) for _ in range(3))
+    for j in range(n):
+        for _ in range(5):
+            w, phase = 2 * np.pi * random.uniform(0.05, 0.8), random.uniform(0, 2 * np.pi)
+            a = random.uniform(0.4, 1.0) * min(0.25, 0.5 / w)
+            q[:, j] += a * np.sin(w * t + phase)
+            qd[:, j] += a * w * np.cos(w * t + phase)
+            qdd[:, j] -= a * w**2 * np.sin(w * t + phase)
+    return t, q, qd, qdd
+
+
+def make_log(path, model, samples):
+    t, q, qd, qdd = sines(samples, model.robot.n)
+    random = np.random.default_rng(1)
+    bodies = random_bodies(random, model.robot.n)
+    rigid = np.concatenate([np.append(body.parameters(), 0.1) for body in bodies])
+    gamma = np.concatenate([rigid, random.uniform(0.2, 1.0, model.size - len(rigid))])
+    tau = model.observer().torque(gamma, q, qd, qdd) + 0.05 * random.standard_normal(q.shape)
+    names = model.robot.joint_names
+    write_log(path, Log(t=t, q=q, tau=tau, names=names, units={"position": "rad", "effort": "Nm"}, dh=False))
+
+
+# ---------------------------------------------------------------- rows of the table
+def derivation(robot, largest):
+    ours = median(lambda: seconds(lambda: build_model(robot)), 3)
+    yield "derive the regressor, 7 joints", f"{ours:.2f} s", "0.5 s", ""
+    times = {n: seconds(lambda n=n: naive_regressor(robot, n)) for n in range(2, largest + 1)}
+    for n, value in times.items():
+        part = type(robot)(**{**vars(robot), "joints": robot.joints[:n], "prior": None, "driver": None, "tool": None,
+                              "links": None})  # fmt: skip
+        short = median(lambda part=part: seconds(lambda: build_model(part)), 3)
+        yield f"the same, {n} joints, SymPy written out", f"{value:.2f} s", "", f"{value / short:.0f} x dynid's {short:.2f} s"
+    growth = times[largest] / times[largest - 1]
+    guess = times[largest] * growth ** (7 - largest)
+    yield (
+        "the same, 7 joints, extrapolated", f"about {guess:.0f} s", "",
+        f"{guess / ours:.0f} x; not measured: x {growth:.1f} for each further joint, as from {largest - 1} to {largest}",
+    )  # fmt: skip
+
+
+def evaluation(robot):
+    model = build_model(robot)
+    _, *states = sines(20000, robot.n)
+    observer = model.observer()
+    list(observer.blocks(*states))
+
+    def walk():
+        for _ in observer.blocks(*states):
+            pass
+
+    ours = median(lambda: seconds(walk), 5) / 20000 * 1e6
+    dense = median(lambda: seconds(lambda: observer.dense(*states)), 3) / 20000 * 1e6
+    theirs = median(lambda: seconds(lambda: pinocchio_loop(robot, states)), 3) / 20000 * 1e6
+    yield "regressor, non-zero entries, a sample", f"{ours:.2f} us", "3 us", f"{theirs / ours:.1f} x faster than the loop"
+    yield "regressor, dense 7 x 98, a sample", f"{dense:.2f} us", "", f"{theirs / dense:.1f} x faster than the loop"
+    yield "Pinocchio computeJointTorqueRegressor loop", f"{theirs:.2f} us", "", "70 columns, from Python"
+
+
+def whole_processes(robot, folder, samples):
+    model = build_model(robot)
+    yield "dynid --help", f"{median(lambda: process(folder, '--help')[0], 5):.2f} s", "0.15 s", ""
+
+    def cold():
+        return process(folder, "model", ROBOT, "--rebuild", "--reduce")[0]
+
+    cold_time = median(cold, 3)
+    yield "dynid model, cold", f"{cold_time:.2f} s", "3 s", "the paper: 165 s"
+    yield "dynid model, cached", f"{median(lambda: process(folder, 'model', ROBOT)[0], 3):.2f} s", "0.5 s", ""
+    for count, label, limit in (
+        (12000, "dynid identify, 60 s at 200 Hz", "2 s"),
+        (samples, f"dynid identify, {samples:,} samples", "15 s, 500 MB"),
+    ):
+        make_log(folder / "log.npz", model, count)
+        runs = [process(folder, "identify", ROBOT, "log.npz", "--force") for _ in range(3 if count < 10**5 else 1)]
+        took, memory = statistics.median(run[0] for run in runs), max(run[1] for run in runs)
+        note = "the paper: 109 s" if count < 10**5 else "all rows of 83 minutes"
+        yield label.replace(",", " ") if count > 10**5 else label, f"{took:.2f} s, {memory:.0f} MB", limit, note
+
+
+def machine():
+    """Describe the machine in one line."""
+    names = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line]
+    load = os.getloadavg()[0]
+    return (
+        f"{names[0] if names else platform.processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
+        f"NumPy {np.__version__}, Pinocchio {pin.__version__}, load average {load:.1f} at the start"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--samples", type=int, default=1_000_000)
+    parser.add_argument("--naive", type=int, default=5, help="most joints derived in plain SymPy")
+    options = parser.parse_args()
+    robot = load_robot(ROBOT)
+    print(machine(), "\n")
+    print("| what | measured | target | beside |\n| --- | --- | --- | --- |")
+    with tempfile.TemporaryDirectory() as folder:
+        for rows in (
+            derivation(robot, options.naive), evaluation(robot), whole_processes(robot, Path(folder), options.samples)
+        ):  # fmt: skip
+            for row in rows:
+                print("| " + " | ".join(row) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""README and docs cannot rot: commands run and print what the page shows, links exist, every code is listed."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from blocks import ROOT, alike, commands, folder_for, pages, run
+from dynid.cli.explain import codes
+from dynid.cli.main import available
+
+#: Status of the commands that show a mistake on purpose, by the code they show.
+MISTAKE = re.compile(r"^error\[(E\d+)\]", re.M)
+LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]+)?\)")
+WITH_COMMANDS = [page for page in pages() if commands(page.read_text())]
+
+
+def name(page):
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=name)
+def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path):
+    folder = folder_for(tmp_path)
+    for command in commands(page.read_text()):
+        status, output = run(command.line, folder)
+        assert "Traceback" not in output
+        assert (status != 0) is bool(MISTAKE.search(command.output)), f"$ {command.line}\n{output}"
+        assert alike(command.output, output), f"$ {command.line}\n{output}"
+
+
+@pytest.mark.parametrize("page", pages(), ids=name)
+def test_every_link_of_a_page_leads_somewhere(page):
+    for target, anchor in LINK.findall(page.read_text()):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        path = (page.parent / target).resolve()
+        assert path.exists(), f"{target} in {name(page)}"
+        assert not anchor or anchor[1:] in anchors(path), f"{target}{anchor} in {name(page)}"
+
+
+def anchors(path):
+    headings = re.findall(r"^#+ (.+)$", path.read_text(), re.M)
+    return {re.sub(r"[^a-z0-9 -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_page_is_reachable_from_the_index():
+    reached, todo = set(), [ROOT / "docs/index.md"]
+    while todo:
+        page = todo.pop()
+        if page in reached:
+            continue
+        reached.add(page)
+        todo += [(page.parent / t).resolve() for t, _ in LINK.findall(page.read_text()) if t.endswith(".md")]
+    assert set((ROOT / "docs").rglob("*.md")) <= reached
+
+
+def test_every_code_is_on_the_page_of_errors():
+    text = (ROOT / "docs/reference/errors.md").read_text()
+    assert [code for code in codes() if code not in text] == []
+
+
+def test_every_code_on_a_page_exists():
+    for page in pages():
+        assert set(re.findall(r"\b[EW]\d{3}\b", page.read_text())) <= set(codes()), name(page)
+
+
+def test_every_command_named_in_the_pages_exists():
+    known = {*available(), "help", "COMMAND"}
+    for page in pages():
+        shown = re.findall(r"`dynid ([a-zA-Z-]+)", page.read_text()) + re.findall(r"^\$ dynid ([a-z-]+)", page.read_text(), re.M)
+        assert set(shown) <= known, name(page)
+
+
+def test_pages_that_errors_point_to_exist():
+    source = "".join(path.read_text() for path in (ROOT / "src").rglob("*.py"))
+    for target in set(re.findall(r"docs/[a-z/-]+\.md", source)):
+        assert (ROOT / target).is_file(), target
+
+
+def test_pictures_of_the_docs_are_used():
+    text = "".join(page.read_text() for page in pages())
+    for picture in (ROOT / "docs/images").iterdir():
+        assert picture.name in text
+
+
+def test_masking_numbers_hides_nothing_else():
+    assert alike("rms 0.42 N m\n", "rms 0.43 N m\n")
+    assert not alike("rms 0.42 N m\n", "rms 0.42 N\n")
+    assert alike("a\n...\nb\n", "a\nx\ny\nb\n")
+
+
+def test_the_root_of_the_tests_is_that_of_the_project():
+    assert (Path(ROOT) / "pyproject.toml").is_file()
