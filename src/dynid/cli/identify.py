@@ -34,8 +34,12 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
-    "method": "auto", "holdout": "20%", "drop_weak": False, "feasible": None,
+    "method": "auto",
+    "holdout": "20%",
+    "drop_weak": False,
+    "feasible": None,
     "explained": False,
+    "payload_from": None,
 }
 
 
@@ -45,6 +49,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     examples=(
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
+        "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
@@ -68,6 +73,12 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
 @click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters.")
 @click.option(
     "--explain", "explained", is_flag=True, help="Show how cut-off and delay change the parameters; needs a LOG."
+)
+@click.option(
+    "--payload-from",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="RESULT",
+    help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
 )
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
@@ -98,6 +109,7 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
         given: options, as on the command line.
     """
+    from dynid.cli.loads import add_payload, as_unloaded
     from dynid.cli.sensitivity import explain
     from dynid.files.robotfile import load_robot
     from dynid.identify import result as results
@@ -105,7 +117,11 @@ def run_identify(
     options = DEFAULTS | given
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
+    unloaded = results.load(options["payload_from"]) if options["payload_from"] else None
     folder = common.folder(arm.slug)
+    if unloaded is not None:
+        options = as_unloaded(options, unloaded)
+        folder = common.out or folder.with_name(f"{folder.name}_loaded")
     base = base_model(common, arm)
     inputs = needed_inputs(arm, folder, logs, options)
     path = folder / "parameters.npz"
@@ -120,6 +136,8 @@ def run_identify(
     facts = {**answer_of(base, found, wrote), **timing, "folder": folder, "inputs": inputs}
     if show:
         show_result(common, base, found)
+    if unloaded is not None:
+        add_payload(common, folder, found, unloaded, facts)
     if options["explained"]:
         if not logs:
             raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
@@ -136,7 +154,8 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
 
     if logs:
         extra = (Path(options["holdout"]),) if _is_log(options["holdout"]) else ()
-        return hashes(robot, (*logs, *extra), {key: value for key, value in options.items() if key != "explained"})
+        made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
+        return hashes(robot, (*logs, *extra), made_of)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
