@@ -19,6 +19,7 @@ from dynid.cli.loop3 import (
     reading_of,
     reading_options,
     reading_part,
+    stack_logs,
     stack_sources,
 )
 from dynid.cli.options import Common, dynid_command
@@ -33,7 +34,14 @@ if TYPE_CHECKING:
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
-DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "auto", "holdout": "20%", "drop_weak": False, "feasible": None}
+DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
+    "method": "auto",
+    "holdout": "20%",
+    "drop_weak": False,
+    "feasible": None,
+    "explained": False,
+    "payload_from": None,
+}
 
 
 @dynid_command(
@@ -42,6 +50,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "auto", "holdout": "20%
     examples=(
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
+        "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
@@ -63,6 +72,15 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {"method": "auto", "holdout": "20%
     "--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back."
 )
 @click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters.")
+@click.option(
+    "--explain", "explained", is_flag=True, help="Show how cut-off and delay change the parameters; needs a LOG."
+)
+@click.option(
+    "--payload-from",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="RESULT",
+    help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
+)
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
 def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[str, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
@@ -92,6 +110,8 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
         given: options, as on the command line.
     """
+    from dynid.cli.loads import add_payload, as_unloaded
+    from dynid.cli.sensitivity import explain
     from dynid.files.robotfile import load_robot
     from dynid.identify import result as results
 
@@ -99,19 +119,31 @@ def run_identify(
     check_words(options)
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
+    unloaded = results.load(options["payload_from"]) if options["payload_from"] else None
     folder = common.folder(arm.slug)
+    if unloaded is not None:
+        options = as_unloaded(options, unloaded)
+        folder = common.out or folder.with_name(f"{folder.name}_loaded")
     inputs = needed_inputs(arm, folder, logs, options)
     base = base_model(common, arm)
     path = folder / "parameters.npz"
     if may_write(common, path, inputs):
         stack, header = obtain_stack(common, base, folder, logs, options, inputs)
-        found = fitted(common, base, stack, options)
+        found = fitted(common, base, stack, {**options, "delay": repr(header.get("delay_applied_s") or 0.0)})
         wrote = write_results(common, folder, base, stack, found, {**common.header(inputs), **header})
     else:
-        found, wrote = results.load(path).identification, []
-    facts = {**answer_of(base, found, wrote), "folder": folder, "inputs": inputs}
+        stored = results.load(path)
+        found, wrote, header = stored.identification, [], stored.header
+    timing = {key: header.get(key) for key in TIMING}
+    facts = {**answer_of(base, found, wrote), **timing, "folder": folder, "inputs": inputs}
     if show:
         show_result(common, base, found)
+    if unloaded is not None:
+        add_payload(common, folder, found, unloaded, facts)
+    if options["explained"]:
+        if not logs:
+            raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
+        facts["explain"] = explain(common, base, logs, options, found, header)
     if show and final:
         common.terminal.emit_json(facts)
         common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
@@ -123,7 +155,8 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     from dynid.files.artifact import read_header
 
     if logs:
-        return hashes(robot, logs, options) | hash_of_holdout(options)
+        made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
+        return hashes(robot, logs, made_of) | hash_of_holdout(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
@@ -173,16 +206,16 @@ def obtain_stack(
     from dynid.identify import numeric
 
     if logs:
-        sources, findings = read_sources(common, base, logs, reading_of(options))
+        stack, findings, timing = stack_logs(common, base, logs, options)
         header = {
             "robot": base.robot.name,
             "key": base.robot.model_key,
             "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
             "logs": [str(log) for log in logs],
-            "cutoff_hz": sources[0].chosen.cutoff,
+            "cutoff_hz": stack.sources[0].chosen.cutoff,
             "log_findings": [asdict(f) for f in findings],
+            **timing.facts(),
         }
-        stack = stack_sources(common, base, sources)
         of_stack = hashes(base.robot, logs, reading_part(options))
         numeric.save(folder / "fullnumericregressor.npz", stack, {**common.header(of_stack), **header})
         common.terminal.wrote(folder / "fullnumericregressor.npz")
@@ -191,6 +224,7 @@ def obtain_stack(
     sources, stored = numeric.load(path)
     common.terminal.stage("log", f"from {path}: {', '.join(stored['logs'])}")
     header = {key: stored[key] for key in ("robot", "key", "log_sha256", "logs", "cutoff_hz", "log_findings")}
+    header |= {key: stored.get(key) for key in TIMING}
     return stack_sources(common, base, sources), header
 
 
@@ -216,6 +250,7 @@ def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any
     return found
 
 
+TIMING = ("delay_s", "delay_std_error_s", "delay_applied_s")
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
 METHOD_TEXT = {
     "wls": "weighted least squares, one noise level a joint",

@@ -14,10 +14,16 @@ from dynid.cli.prompt import input_hashes
 from dynid.errors import DynidError, Finding, WrongUsage
 
 if TYPE_CHECKING:
+    from dynid.identify.delay import Delay
     from dynid.identify.sources import Reading
     from dynid.identify.stack import Source, Stack
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
+
+#: No driver is this late; a larger number is meant in milliseconds [s].
+LONGEST_DELAY = 0.5
+#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
+DELAY_FOUND, DELAY_ROUNDS = 2e-4, 3
 
 READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("--cutoff", metavar="auto|HZ", default="auto", show_default=True, help="Over torque and columns."),
@@ -26,6 +32,10 @@ READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         help="Ignore the driver's velocity, or use it (default: derived, and compared with it).",
     ),
     click.option("--exclude", metavar="T0-T1", multiple=True, help="Leave out a stretch [s]; repeatable."),
+    click.option(
+        "--delay", metavar="auto|off|SECONDS", default="auto", show_default=True,
+        help="Of the torques; auto estimates it, says it, and corrects it when it is clear.",
+    ),
     click.option("--topic", metavar="TOPIC", help="ROS topic of the joint states."),
     click.option("--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", help="Of text logs."),
     click.option("--sort-time", is_flag=True, help="Sort samples whose time stamps are only shuffled."),
@@ -34,6 +44,7 @@ READING_OPTIONS: tuple[Callable[[Any], Any], ...] = (
 
 READING_DEFAULTS: dict[str, Any] = {
     "cutoff": "auto", "velocity": None, "exclude": (), "topic": None, "rate": None, "sort_time": False,
+    "delay": "auto",
 }  # fmt: skip
 
 
@@ -55,6 +66,7 @@ def reading_of(options: dict[str, Any], *, identify: bool = True) -> Reading:
         velocity=options["velocity"] or "",
         exclude=tuple(_stretch(text) for text in options["exclude"]),
         sort_time=options["sort_time"],
+        delay=_delay(options["delay"]) or 0.0,
         identify=identify,
     )
 
@@ -68,6 +80,21 @@ def _cutoff(text: str) -> float | None:
         value = 0.0
     if not 0 < value < float("inf"):
         raise WrongUsage(f"--cutoff '{text}' is neither auto nor a frequency in Hz", fix="such as --cutoff 8")
+    return value
+
+
+def _delay(text: str) -> float | None:
+    """Return a delay in seconds; None for auto, 0 for off."""
+    if text in ("auto", "off"):
+        return None if text == "auto" else 0.0
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) <= LONGEST_DELAY:
+        raise WrongUsage(
+            f"--delay '{text}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s", fix="such as --delay 0.008"
+        )
     return value
 
 
@@ -190,6 +217,64 @@ def _located(path: Path, read: Callable[[], Any]) -> Any:  # noqa: ANN401
     except DynidError as error:
         error.where = error.where or str(path)
         raise
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What is known about the delay of the torques.
+
+    Attributes:
+        estimated: the estimate and its standard error [s], None when nobody asked.
+        applied: what was corrected [s].
+    """
+
+    estimated: Delay | None = None
+    applied: float = 0.0
+
+    def facts(self) -> dict[str, float | None]:
+        """Return what the JSON answer and the headers say."""
+        found = self.estimated
+        return {
+            "delay_s": found.seconds if found else self.applied or None,
+            "delay_std_error_s": found.std_error if found else None,
+            "delay_applied_s": self.applied,
+        }
+
+
+def stack_logs(
+    common: Common, base: BaseModel, logs: Sequence[Path], options: dict[str, Any]
+) -> tuple[Stack, list[Finding], Timing]:
+    """Read, condition and stack logs; estimate how late the torques are, and correct that when it is clear."""
+    from dynid.identify.delay import Delay, delay_findings, estimate_delay
+
+    reading = reading_of(options)
+    sources, findings = read_sources(common, base, logs, reading)
+    stack = stack_sources(common, base, sources)
+    if options["delay"] != "auto":
+        return stack, findings, Timing(applied=reading.delay)
+    found, applied = estimate_delay(stack), 0.0
+    for _ in range(DELAY_ROUNDS if found.clear else 0):
+        applied = found.seconds
+        stack = stacked_again(base, logs, replace(reading, delay=applied, cutoff=sources[0].chosen.cutoff))
+        left = estimate_delay(stack)
+        found = Delay(applied + left.seconds, left.std_error)
+        if abs(found.seconds - applied) < DELAY_FOUND:
+            break
+    size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
+    common.terminal.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
+    said = delay_findings(found, applied)
+    common.terminal.findings(said)
+    return stack, [*findings, *said], Timing(found, applied)
+
+
+def stacked_again(base: BaseModel, logs: Sequence[Path], reading: Reading) -> Stack:
+    """Read and stack logs in another way, without saying again what was noticed in them."""
+    from dynid.identify.sources import read_source
+    from dynid.identify.stack import stack
+
+    sources = [read_source(path, base.model, reading)[0] for path in logs]
+    reduction = base.reduction
+    return stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
 
 
 def stack_sources(common: Common, base: BaseModel, sources: Sequence[Source]) -> Stack:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model, hashes, read_sources, reading_of, reading_options, reading_part, stack_sources
+from dynid.cli.loop3 import base_model, hashes, reading_options, reading_part, stack_logs, stack_sources
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
@@ -64,21 +64,21 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
     base = base_model(common, robot)
     if not may_write(common, path, inputs):
         sources, header = numeric.load(path)
-        return answer_of(common, base, stack_sources(common, base, sources), header["log_findings"], [])
-    sources, findings = read_sources(common, base, logs, reading_of(options))
-    stack = stack_sources(common, base, sources)
+        return answer_of(common, base, stack_sources(common, base, sources), header, [])
+    stack, findings, timing = stack_logs(common, base, logs, options)
     header = {
         **common.header(inputs),
         "robot": robot.name,
         "key": robot.model_key,
         "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
         "logs": [str(log) for log in logs],
-        "cutoff_hz": sources[0].chosen.cutoff,
+        "cutoff_hz": stack.sources[0].chosen.cutoff,
+        **timing.facts(),
         "log_findings": [asdict(f) for f in findings],
     }
     wrote = write_stack(common, folder, base, stack, header)
     write_run(folder, inputs)
-    return answer_of(common, base, stack, header["log_findings"], wrote)
+    return answer_of(common, base, stack, header, wrote)
 
 
 def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, header: dict[str, Any]) -> list[Path]:
@@ -105,7 +105,7 @@ def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, hea
 
 
 def answer_of(
-    common: Common, base: BaseModel, stack: Stack, stored: list[dict[str, Any]], wrote: list[Path]
+    common: Common, base: BaseModel, stack: Stack, header: dict[str, Any], wrote: list[Path]
 ) -> dict[str, Any]:
     """Say what the log excites and return the JSON answer."""
     from dynid.identify.estimate import prior_base
@@ -127,11 +127,11 @@ def answer_of(
         "rate_hz": chosen.rate,
         "cutoff_hz": chosen.cutoff,
         "kept_rate_hz": chosen.kept_rate,
-        "delay_s": None,
+        **{key: header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
         "rank": solution.rank,
         "structural_rank": base.reduction.rank,
         "condition_number": solution.condition_number,
         "condition_number_scaled": solution.condition_number_scaled,
-        "findings": [*stored, *(asdict(finding) for finding in weak)],
+        "findings": [*header["log_findings"], *(asdict(finding) for finding in weak)],
         "wrote": wrote,
     }

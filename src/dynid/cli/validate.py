@@ -67,7 +67,9 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
     base = base_model_of(common, stored)
     sha = refuse_training_log(stored, log, allow=options["allow_training_data"])
     cutoff = options["cutoff"] if options["cutoff"] != "auto" else repr(stored.cutoff)
-    source = read_sources(common, base, (log,), reading_of({**options, "cutoff": cutoff}, identify=False))[0][0]
+    delay = options["delay"] if options["delay"] != "auto" else repr(stored.delay)
+    reading = reading_of({**options, "cutoff": cutoff, "delay": delay}, identify=False)
+    source = read_sources(common, base, (log,), reading)[0][0]
     with terminal.progress() as progress:
         progress.stage("replay", "")
         rows = list(rows_of(source, base.model.observer(base.reduction.base)))

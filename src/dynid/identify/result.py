@@ -107,6 +107,7 @@ class StoredResult:
         reduction: how they combine the full ones.
         robot: the robot they belong to, as it was then.
         cutoff: cut-off of the parallel filter [Hz].
+        delay: by how much the torques were late, and were moved back [s].
         log_sha256: hashes of the logs they were made from.
         header: everything else.
         path: the file.
@@ -116,6 +117,7 @@ class StoredResult:
     reduction: Reduction
     robot: Robot
     cutoff: float
+    delay: float
     log_sha256: tuple[str, ...]
     header: dict[str, Any]
     path: Path
@@ -222,6 +224,7 @@ def load(path: Path) -> StoredResult:
             formulas=tuple(h["formulas"]),
         )
         robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
-        return StoredResult(identification, reduction, robot, float(h["cutoff_hz"]), tuple(h["log_sha256"]), h, path)
+        cutoff, delay = float(h["cutoff_hz"]), float(h.get("delay_applied_s") or 0.0)
+        return StoredResult(identification, reduction, robot, cutoff, delay, tuple(h["log_sha256"]), h, path)
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -16,6 +16,7 @@ from dynid.model.prior import prior_parameters
 from dynid.model.regressor import Model
 from dynid.quality.checks import prepare
 from dynid.quality.condition import Segment, choose_filter, condition
+from dynid.quality.delay import without_delay
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Reading:
             derived, after the measured one was compared with it.
         exclude: stretches to leave out [s].
         sort_time: sort shuffled stamps.
+        delay: by how much the torques are late; they are moved back by it [s].
         identify: refuse logs that are too short or too still to identify from.
     """
 
@@ -39,6 +41,7 @@ class Reading:
     velocity: str = ""
     exclude: tuple[tuple[float, float], ...] = ()
     sort_time: bool = False
+    delay: float = 0.0
     identify: bool = True
 
 
@@ -64,10 +67,11 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
     chosen = choose_filter(log, robot, reading.cutoff)
+    aligned = without_delay(log, reading.delay)
     coulomb = robot.coulomb_shape.velocity
     rest = np.array([v if "coulomb" in j.friction else 0.0 for v, j in zip(coulomb, robot.joints, strict=True)])
     measured = reading.velocity == "measured"
-    segments = condition(log, chosen, reading.exclude, measured_velocity=measured, rest_speed=rest)
+    segments = condition(aligned, chosen, reading.exclude, measured_velocity=measured, rest_speed=rest)
     return Source(without_known(segments, model), chosen, path.name), log
 
 

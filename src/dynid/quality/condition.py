@@ -216,7 +216,7 @@ def _block(
     half = (taps - 1) // 2
 
     def column(x: Floats) -> Floats:
-        return x[index[even]] if even is not None else _resampled(log.t[index], x[index], grid)
+        return x[index[even]] if even is not None else resampled(log.t[index], x[index], grid)
 
     q, tau = column(log.q), column(log.tau)
     filtered = decimate(np.ascontiguousarray(q.T), kernels, step)
@@ -255,7 +255,7 @@ def _command(
     return q, qd, qdd
 
 
-def _resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
+def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
     """Interpolate by time stamp with the cubic through the two samples before and the two after (Lagrange).
 
     Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
