@@ -42,7 +42,7 @@ NAMES = ("urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab")
     type=click.Choice(["auto", "physical", "plain"]),
     default="auto",
     show_default=True,
-    help="The physically possible parameters, the plain estimate, or the one in force.",
+    help="Physical parameters, the plain estimate, or auto: physical where bodies are written, else what is in force.",
 )
 @click.option(
     "--allow-infeasible", is_flag=True, help="Write also bodies that cannot exist; simulators may refuse them."
@@ -58,6 +58,9 @@ def command(
     if urdf is not None and "urdf" not in wanted:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
     stored = result.load(parameters_of(run))
+    if which == "auto":
+        bodies = any(exporter.needs_bodies for exporter in wanted.values())
+        which = "physical" if bodies else stored.identification.in_force
     source = source_of(common, stored, which, urdf)
     findings = possible(source, wanted, allow_infeasible)
     common.terminal.findings(findings)
@@ -97,7 +100,6 @@ def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | Non
     from dynid.export import Source, whole_arm
 
     base, found = base_model_of(common, stored), stored.identification
-    which = found.in_force if which == "auto" else which
     theta = found.physical.theta if which == "physical" else found.plain
     hashes = ", ".join(sha[:12] for sha in stored.log_sha256)
     made_from = (

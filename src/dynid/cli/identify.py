@@ -81,13 +81,25 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     metavar="RESULT",
     help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
 )
+@click.option("--report/--no-report", default=False, show_default=True, help="Write report.html as well.")
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
-def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[str, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
+def command(
+    common: Common,
+    robot: str,
+    logs: tuple[Path, ...],
+    fail_if: tuple[str, ...],
+    report: bool,
+    **options: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
     facts = run_identify(common, robot, logs, **options)
     write_run(Path(facts["folder"]), facts["inputs"])
+    if report:
+        from dynid.cli.report import write_report
+
+        write_report(common, Path(facts["folder"]) / "parameters.npz")
     return ExitStatus.LIMIT_NOT_MET if sum(broken(common, facts, *limit) for limit in limits) else ExitStatus.DONE
 
 

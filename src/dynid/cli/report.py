@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dynid.cli.options import Common, dynid_command
+
+if TYPE_CHECKING:
+    from dynid.report.evidence import Evidence
 
 
 @dynid_command(
@@ -21,20 +25,10 @@ from dynid.cli.options import Common, dynid_command
 def command(common: Common, run: Path, show: bool) -> None:
     """Make the report of a result again."""
     from dynid.cli.export import parameters_of
-    from dynid.files.artifact import write_text
-    from dynid.report.evidence import gather
-    from dynid.report.page import page, summary
     from dynid.report.sections.verdict import lights, sentences
 
     parameters = parameters_of(run)
-    with common.terminal.progress() as progress:
-        progress.stage("report", "")
-        evidence = gather(parameters)
-        texts = {"report.html": page(evidence), "summary.md": summary(evidence)}
-    folder = common.out or parameters.parent
-    for name, text in texts.items():
-        write_text(folder / name, text)
-        common.terminal.wrote(folder / name)
+    evidence, wrote = write_report(common, parameters)
     for sentence in sentences(evidence):
         common.terminal.answer(sentence)
     common.terminal.emit_json(
@@ -43,8 +37,25 @@ def command(common: Common, run: Path, show: bool) -> None:
             "robot": evidence.robot.name,
             "verdict": sentences(evidence),
             "lights": {light.name: light.state for light in lights(evidence)},
-            "wrote": [folder / name for name in texts],
+            "wrote": wrote,
         }
     )
     if show:
-        click.launch(str((folder / "report.html").resolve()))
+        click.launch(str(wrote[0].resolve()))
+
+
+def write_report(common: Common, parameters: Path) -> tuple[Evidence, list[Path]]:
+    """Write report.html and summary.md of a result, beside it or where --out says."""
+    from dynid.files.artifact import write_text
+    from dynid.report.evidence import gather
+    from dynid.report.page import page, summary
+
+    with common.terminal.progress() as progress:
+        progress.stage("report", "")
+        evidence = gather(parameters)
+        texts = {"report.html": page(evidence), "summary.md": summary(evidence)}
+    folder = common.out or parameters.parent
+    for name, text in texts.items():
+        write_text(folder / name, text)
+        common.terminal.wrote(folder / name)
+    return evidence, [folder / name for name in texts]
