@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model, hashes, reading_options, reading_part, stack_logs, stack_sources
+from dynid.cli.loop3 import base_model, hashes, reading_of, reading_options, reading_part, stack_logs, stack_sources
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
