@@ -1,5 +1,6 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
-# make test    all tests; those with a ROS master run alone, because they keep time
+# make test    all tests; those with a ROS master run alone, because they keep time,
+#              and up to three times, because a busy machine may not let them
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
@@ -21,7 +22,7 @@ demo: $(VENV)/.ready
 
 test: $(VENV)/.ready-test ros screen
 	$(BIN)/python -m pytest -n 2 -m "not ros"
-	$(BIN)/python -m pytest -m ros
+	$(BIN)/python -m pytest -m ros --reruns 2
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:
