@@ -161,10 +161,17 @@ class TorqueSource:
     Attributes:
         source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
         gain: N m per A of each joint; None where unknown.
+        relative: whether only the ratios of the gains are known; torques are then counted as amperes.
     """
 
     source: str = "joint_sensor"
     gain: tuple[float | None, ...] | None = None
+    relative: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether the gain of every joint is known."""
+        return self.gain is not None and all(value is not None for value in self.gain)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,8 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     "feasible": None,
     "explained": False,
     "payload_from": None,
+    "loaded": None,
+    "load_mass": None,
 }
 
 
@@ -50,6 +52,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
         "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
+        "dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
@@ -80,6 +83,13 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     metavar="RESULT",
     help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
 )
+@click.option(
+    "--loaded",
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="Motor currents with a load of known mass: find the gains of all drives.",
+)
+@click.option("--load-mass", type=click.FloatRange(min=0, min_open=True), metavar="KG", help="Of that load.")
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
 def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[str, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
@@ -109,6 +119,7 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
         given: options, as on the command line.
     """
+    from dynid.cli.drives import in_amperes, with_gains
     from dynid.cli.loads import add_payload, as_unloaded
     from dynid.cli.sensitivity import explain
     from dynid.files.robotfile import load_robot
@@ -122,6 +133,10 @@ def run_identify(
     if unloaded is not None:
         options = as_unloaded(options, unloaded)
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
+    arm, gains = with_gains(common, arm, folder, logs, options)
+    if arm.torque.relative and options["feasible"] is None:
+        # Why: a prior in kg cannot be put beside parameters whose size is unknown.
+        options = {**options, "feasible": False}
     base = base_model(common, arm)
     inputs = needed_inputs(arm, folder, logs, options)
     path = folder / "parameters.npz"
@@ -133,7 +148,7 @@ def run_identify(
         stored = results.load(path)
         found, wrote, header = stored.identification, [], stored.header
     timing = {key: header.get(key) for key in TIMING}
-    facts = {**answer_of(base, found, wrote), **timing, "folder": folder, "inputs": inputs}
+    facts = {**answer_of(base, found, wrote), **timing, **gains, "folder": folder, "inputs": inputs}
     if show:
         show_result(common, base, found)
     if unloaded is not None:
@@ -143,7 +158,7 @@ def run_identify(
             raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
         facts["explain"] = explain(common, base, logs, options, found, header)
     if show and final:
-        common.terminal.emit_json(facts)
+        common.terminal.emit_json(in_amperes(facts, arm))
         common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
     return facts
 
@@ -153,7 +168,8 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     from dynid.files.artifact import read_header
 
     if logs:
-        extra = (Path(options["holdout"]),) if _is_log(options["holdout"]) else ()
+        extra = [Path(options["holdout"])] if _is_log(options["holdout"]) else []
+        extra += [Path(options["loaded"])] if options["loaded"] else []
         made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
         return hashes(robot, (*logs, *extra), made_of)
     path = folder / "fullnumericregressor.npz"
@@ -324,15 +340,17 @@ def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     """Print the table of joints, the list of parameters and how well they are known."""
     terminal = common.terminal
-    units = [joint.torque_unit for joint in base.robot.joints]
+    torque = base.robot.torque
+    units = ["A" if torque.relative else joint.torque_unit for joint in base.robot.joints]
+    sizes = torque.gain if torque.relative and torque.gain else (1.0,) * base.robot.n
     rows = []
-    for quality, unit in zip(found.joints, units, strict=True):
-        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms:.3g} {unit}"
+    for quality, unit, size in zip(found.joints, units, sizes, strict=True):
+        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms / (size or 1.0):.3g} {unit}"
         rows.append(
             [
                 quality.joint,
-                f"{quality.rms:.3g} {unit}",
-                f"{quality.torque_rms:.3g} {unit}",
+                f"{quality.rms / (size or 1.0):.3g} {unit}",
+                f"{quality.torque_rms / (size or 1.0):.3g} {unit}",
                 f"{quality.relative_percent:.1f} %",
                 held,
             ]

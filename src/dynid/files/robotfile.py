@@ -264,14 +264,20 @@ def _torque(value: Value | None, n: int) -> TorqueSource:
         return TorqueSource()
     if not value.is_mapping:
         return TorqueSource(value.choice(TORQUE_SOURCES))
-    keys = value.mapping(("source", "gain"))
+    keys = value.mapping(("source", "gain", "relative"))
+    relative = "relative" in keys and keys["relative"].flag()
     source = keys["source"].choice(TORQUE_SOURCES) if "source" in keys else "joint_sensor"
     if "gain" not in keys or keys["gain"].is_null:
         return TorqueSource(source)
     gain = keys["gain"]
-    if gain.is_list:
-        return TorqueSource(source, tuple(None if item.is_null else item.number() for item in gain.items(n)))
-    return TorqueSource(source, (gain.number(),) * n)
+    entries = gain.items(n) if gain.is_list else [gain] * n
+    gains = tuple(None if item.is_null else item.number() for item in entries)
+    for item, number in zip(entries, gains, strict=True):
+        if number is not None and number <= 0:
+            fix = "reverse a current with `sign:` under `driver:`"
+            text = f"{item.where}: {item.path} = {number:g} must be positive"
+            raise WrongRobotFile(text, where=item.where, fix=fix)
+    return TorqueSource(source, gains, relative)
 
 
 def _driver(value: Value, unit: str, joints: tuple[Joint, ...]) -> DriverSpec:
