@@ -51,7 +51,10 @@ def with_gains(
         {"joint": joint, "gain_nm_per_a": gain, "std_error": error}
         for joint, gain, error in zip(robot.joint_names, found.gain.tolist(), found.std_error.tolist(), strict=True)
     ]
-    return load_robot(path), {"gains": gains, "gains_relative": found.relative}
+    return replace(load_robot(path), prior=robot.prior, known=robot.known), {
+        "gains": gains,
+        "gains_relative": found.relative,
+    }
 
 
 def currents(robot: Robot, log: Path, options: dict[str, Any]) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.beliefs import BELIEF_DEFAULTS, belief_options, believing
 from dynid.cli.loop3 import (
     READING_DEFAULTS,
     base_model,
@@ -38,6 +39,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     "holdout": "20%",
     "drop_weak": False,
     "feasible": None,
+    **BELIEF_DEFAULTS,
     "explained": False,
     "payload_from": None,
     "loaded": None,
@@ -90,6 +92,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     help="Motor currents with a load of known mass: find the gains of all drives.",
 )
 @click.option("--load-mass", type=click.FloatRange(min=0, min_open=True), metavar="KG", help="Of that load.")
+@belief_options
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
 def command(common: Common, robot: str, logs: tuple[Path, ...], fail_if: tuple[str, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
@@ -133,6 +136,7 @@ def run_identify(
     if unloaded is not None:
         options = as_unloaded(options, unloaded)
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
+    arm = believing(arm, options)
     arm, gains = with_gains(common, arm, folder, logs, options)
     if arm.torque.relative and options["feasible"] is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
@@ -169,7 +173,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
 
     if logs:
         extra = [Path(options["holdout"])] if _is_log(options["holdout"]) else []
-        extra += [Path(options["loaded"])] if options["loaded"] else []
+        extra += [Path(options[key]) for key in ("loaded", "prior_file") if options[key]]
         made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
         return hashes(robot, (*logs, *extra), made_of)
     path = folder / "fullnumericregressor.npz"
