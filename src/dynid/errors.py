@@ -542,6 +542,7 @@ WARNINGS: dict[str, str] = {
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
     "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
+    "W410": "A torque sensor after the gear hardly sees rotor inertia and motor friction.",
     "W409": "A body on the last link does not explain what has changed between the two logs.",
     "W501": "Torque sensors were not zeroed in this session.",
     "W604": "There is no display: the preview was saved as pictures instead.",

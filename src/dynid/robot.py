@@ -128,6 +128,21 @@ class Prior:
 
 
 @dataclass(frozen=True)
+class Known:
+    """Bounds that hold for the arm besides what is measured.
+
+    Attributes:
+        total_mass: smallest and largest mass of all identified links [kg].
+        link_mass: the same of single links, with the link's number [kg].
+        com_box: lower and upper corner of the box around a link's centre of mass in its DH frame [m], with its number.
+    """
+
+    total_mass: tuple[float, float] | None = None
+    link_mass: tuple[tuple[int, tuple[float, float]], ...] = ()
+    com_box: tuple[tuple[int, tuple[tuple[float, float, float], tuple[float, float, float]]], ...] = ()
+
+
+@dataclass(frozen=True)
 class JointMap:
     """How another program's joint values become DH values: q_dh = sign * q + offset, tau_dh = sign * tau."""
 
@@ -161,10 +176,17 @@ class TorqueSource:
     Attributes:
         source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
         gain: N m per A of each joint; None where unknown.
+        relative: whether only the ratios of the gains are known; torques are then counted as amperes.
     """
 
     source: str = "joint_sensor"
     gain: tuple[float | None, ...] | None = None
+    relative: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether the gain of every joint is known."""
+        return self.gain is not None and all(value is not None for value in self.gain)
 
 
 @dataclass(frozen=True)
@@ -221,6 +243,7 @@ class Robot:
         base_rpy: roll, pitch, yaw of frame 0 in the world [rad].
         links: numbers of the links to identify, 1-based; the others keep the prior's values.
         path: file it was read from, None when made in code.
+        known: bounds on masses and centres of mass.
         findings: what was noticed while reading.
     """
 
@@ -239,6 +262,7 @@ class Robot:
     coupling: Coupling | None = None
     coulomb: Coulomb | None = None
     effects: tuple[EffectSpec, ...] = ()
+    known: Known = Known()
     path: Path | None = field(default=None, compare=False)
     findings: tuple[Finding, ...] = field(default=(), compare=False)
 

@@ -25,11 +25,13 @@ SHOWN = 12
         "dynid compare out/a out/b out/c                              one table",
         "dynid compare out/now --baseline out/january                 exit 1 when parameters changed significantly",
         "dynid compare out/now --baseline expected --tolerance 1%     exit 1 when a number moved by more: for CI",
+        "dynid compare --methods kuka_lwr4plus run.bag                all estimators on the same log",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
 @click.option("--baseline", type=click.Path(path_type=Path), metavar="RUN", help="What the runs are judged against.")
 @click.option("--tolerance", metavar="SHARE", help="Largest change of any number; without it noise is the measure.")
+@click.option("--methods", is_flag=True, help="Run all estimators on the same logs instead: --methods ROBOT LOG...")
 @click.option("--csv", "csv_file", type=_FILE, metavar="FILE", help="Write one row a run as CSV.")
 @click.option("--latex", "latex_file", type=_FILE, metavar="FILE", help="Write a LaTeX table.")
 @click.option("--junit", "junit_file", type=_FILE, metavar="FILE", help="Write a JUnit XML report.")
@@ -38,6 +40,7 @@ def command(
     runs: tuple[Path, ...],
     baseline: Path | None,
     tolerance: str | None,
+    methods: bool,
     csv_file: Path | None,
     latex_file: Path | None,
     junit_file: Path | None,
@@ -47,6 +50,11 @@ def command(
     from dynid.files.artifact import write_text
     from dynid.report import tables
 
+    if methods:
+        from dynid.cli.methodtable import compare_methods
+
+        common.terminal.emit_json(compare_methods(common, runs))
+        return ExitStatus.DONE
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = None if tolerance is None else percent(tolerance, "--tolerance")

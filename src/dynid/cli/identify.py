@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.beliefs import BELIEF_DEFAULTS, belief_options, believing
 from dynid.cli.loop3 import (
     READING_DEFAULTS,
     base_model,
@@ -39,8 +40,11 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     "holdout": "20%",
     "drop_weak": False,
     "feasible": None,
+    **BELIEF_DEFAULTS,
     "explained": False,
     "payload_from": None,
+    "loaded": None,
+    "load_mass": None,
 }
 
 
@@ -51,6 +55,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
         "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
+        "dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
@@ -82,6 +87,14 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
 )
 @click.option("--report/--no-report", default=False, show_default=True, help="Write report.html as well.")
+@click.option(
+    "--loaded",
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="Motor currents with a load of known mass: find the gains of all drives.",
+)
+@click.option("--load-mass", type=click.FloatRange(min=0, min_open=True), metavar="KG", help="Of that load.")
+@belief_options
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
 def command(
@@ -122,6 +135,7 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
         given: options, as on the command line.
     """
+    from dynid.cli.drives import in_amperes, with_gains
     from dynid.cli.loads import add_payload, as_unloaded
     from dynid.cli.sensitivity import explain
     from dynid.files.robotfile import load_robot
@@ -136,6 +150,11 @@ def run_identify(
     if unloaded is not None:
         options = as_unloaded(options, unloaded)
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
+    arm = believing(arm, options)
+    arm, gains = with_gains(common, arm, folder, logs, options)
+    if arm.torque.relative and options["feasible"] is None:
+        # Why: a prior in kg cannot be put beside parameters whose size is unknown.
+        options = {**options, "feasible": False}
     inputs = needed_inputs(arm, folder, logs, options)
     base = base_model(common, arm)
     path = folder / "parameters.npz"
@@ -147,7 +166,7 @@ def run_identify(
         stored = results.load(path)
         found, wrote, header = stored.identification, [], stored.header
     timing = {key: header.get(key) for key in TIMING}
-    facts = {**answer_of(base, found, wrote), **timing, "folder": folder, "inputs": inputs}
+    facts = {**answer_of(base, found, wrote), **timing, **gains, "folder": folder, "inputs": inputs}
     if show:
         show_result(common, base, found)
     if unloaded is not None:
@@ -157,7 +176,7 @@ def run_identify(
             raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
         facts["explain"] = explain(common, base, logs, options, found, header)
     if show and final:
-        common.terminal.emit_json(facts)
+        common.terminal.emit_json(in_amperes(facts, arm))
         common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
     return facts
 
@@ -168,7 +187,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
 
     if logs:
         made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
-        return hashes(robot, logs, made_of) | hash_of_holdout(options)
+        return hashes(robot, logs, made_of) | hashes_of_files(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
@@ -186,13 +205,15 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
                 fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
             )
     fit = {key: options[key] for key in DEFAULTS if key not in READING_DEFAULTS}
-    return inputs | option_texts(fit) | hash_of_holdout(options)
+    return inputs | option_texts(fit) | hashes_of_files(options)
 
 
-def hash_of_holdout(options: dict[str, Any]) -> dict[str, str]:
-    """Return the hash of the log that is held out, if one is."""
-    text = options["holdout"]
-    return input_hashes({"holdout": Path(text)}) if _is_log(text) and Path(text).exists() else {}
+def hashes_of_files(options: dict[str, Any]) -> dict[str, str]:
+    """Return the hashes of the other files that a result depends on: held-out log, loaded log, prior."""
+    named = {key: Path(options[key]) for key in ("loaded", "prior_file") if options[key]}
+    if _is_log(options["holdout"]):
+        named["holdout"] = Path(options["holdout"])
+    return input_hashes({key: path for key, path in named.items() if path.exists()})
 
 
 def check_words(options: dict[str, Any]) -> None:
@@ -359,15 +380,17 @@ def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     """Print the table of joints, the list of parameters and how well they are known."""
     terminal = common.terminal
-    units = [joint.torque_unit for joint in base.robot.joints]
+    torque = base.robot.torque
+    units = ["A" if torque.relative else joint.torque_unit for joint in base.robot.joints]
+    sizes = torque.gain if torque.relative and torque.gain else (1.0,) * base.robot.n
     rows = []
-    for quality, unit in zip(found.joints, units, strict=True):
-        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms:.3g} {unit}"
+    for quality, unit, size in zip(found.joints, units, sizes, strict=True):
+        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms / (size or 1.0):.3g} {unit}"
         rows.append(
             [
                 quality.joint,
-                f"{quality.rms:.3g} {unit}",
-                f"{quality.torque_rms:.3g} {unit}",
+                f"{quality.rms / (size or 1.0):.3g} {unit}",
+                f"{quality.torque_rms / (size or 1.0):.3g} {unit}",
                 f"{quality.relative_percent:.1f} %",
                 held,
             ]

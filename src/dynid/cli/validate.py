@@ -57,6 +57,7 @@ def command(common: Common, parameters: Path, log: Path, **options: Any) -> Exit
 
 def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> dict[str, Any]:  # noqa: ANN401
     """Replay a log, write and print what comes out, and return the JSON answer."""
+    from dynid.cli.drives import in_amperes
     from dynid.identify import result
     from dynid.identify.stack import rows_of
     from dynid.validate import metrics, predict
@@ -81,7 +82,7 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
     show(common, base, joints, total, what)
     for path in wrote:
         terminal.wrote(path)
-    return {
+    answer = {
         "schema": "dynid/validate/1",
         "robot": base.robot.name,
         "relative_error_percent": total,
@@ -99,6 +100,7 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
         "passed": passed,
         "wrote": wrote,
     }
+    return in_amperes(answer, base.robot)
 
 
 def base_model_of(common: Common, stored: StoredResult) -> BaseModel:

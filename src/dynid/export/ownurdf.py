@@ -21,7 +21,7 @@ from dynid.export.wholearm import smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import frames
 from dynid.model.prior import body_of, moved
-from dynid.robot import Body, JointMap, Robot, rotation_rpy
+from dynid.robot import Body, JointMap, Prior, Robot, rotation_rpy
 
 if TYPE_CHECKING:
     from dynid.export.interface import Source
@@ -55,6 +55,16 @@ class Attached:
         """The moving joints, base to tip."""
         known = {joint.name: joint for joint in self.urdf.joints}
         return tuple(known[name] for name in self.names)
+
+    def prior(self) -> Prior:
+        """Return the file's bodies in the DH frames: each link with all that hangs on it up to the next joint."""
+        bodies = []
+        for joint, to_dh in zip(self.joints, self.to_dh, strict=True):
+            parts = [(joint.child, np.eye(4)), *((o.child, p) for o, p in self.urdf.behind(joint.child, self.names))]
+            there = [moved(body, pose) for link, pose in parts if (body := self.urdf.bodies[link])]
+            whole = body_of(sum((body.parameters() for body in there), np.zeros(10)))
+            bodies.append(moved(whole, np.linalg.inv(to_dh)))
+        return Prior(links=tuple(bodies))
 
 
 def attached(path: Path, robot: Robot) -> Attached:

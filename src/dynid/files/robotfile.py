@@ -31,6 +31,7 @@ from dynid.robot import (
     EffectSpec,
     Joint,
     JointMap,
+    Known,
     Limits,
     Prior,
     Robot,
@@ -49,7 +50,7 @@ DRIVER_KINDS = ("kinova_gen2", "lwr4plus", "generic")
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
 _TOP = (
     "name", "convention", "angle_unit", "gravity", "mount", "base", "joints", "links", "torque", "driver", "simulator",
-    "prior", "tool", "coupling", "coulomb", "effects",
+    "prior", "tool", "coupling", "coulomb", "effects", "known",
 )  # fmt: skip
 _JOINT = ("name", "type", "a", "twist", "d", "theta_offset", "limits", "motor_inertia", "friction")
 
@@ -128,6 +129,7 @@ def _robot(root: Value, path: Path) -> Robot:
         coupling=_coupling(top["coupling"], n) if "coupling" in top and not top["coupling"].is_null else None,
         coulomb=_coulomb(top["coulomb"], unit, joints) if "coulomb" in top else None,
         effects=tuple(_effect(value, joints) for value in top["effects"].items()) if "effects" in top else (),
+        known=_known(top["known"], n) if "known" in top else Known(),
         path=path,
         findings=tuple(findings),
     )
@@ -264,14 +266,20 @@ def _torque(value: Value | None, n: int) -> TorqueSource:
         return TorqueSource()
     if not value.is_mapping:
         return TorqueSource(value.choice(TORQUE_SOURCES))
-    keys = value.mapping(("source", "gain"))
+    keys = value.mapping(("source", "gain", "relative"))
+    relative = "relative" in keys and keys["relative"].flag()
     source = keys["source"].choice(TORQUE_SOURCES) if "source" in keys else "joint_sensor"
     if "gain" not in keys or keys["gain"].is_null:
         return TorqueSource(source)
     gain = keys["gain"]
-    if gain.is_list:
-        return TorqueSource(source, tuple(None if item.is_null else item.number() for item in gain.items(n)))
-    return TorqueSource(source, (gain.number(),) * n)
+    entries = gain.items(n) if gain.is_list else [gain] * n
+    gains = tuple(None if item.is_null else item.number() for item in entries)
+    for item, number in zip(entries, gains, strict=True):
+        if number is not None and number <= 0:
+            fix = "reverse a current with `sign:` under `driver:`"
+            text = f"{item.where}: {item.path} = {number:g} must be positive"
+            raise WrongRobotFile(text, where=item.where, fix=fix)
+    return TorqueSource(source, gains, relative)
 
 
 def _driver(value: Value, unit: str, joints: tuple[Joint, ...]) -> DriverSpec:
@@ -340,6 +348,39 @@ def _prior(value: Value, n: int) -> Prior:
     if ("density" in numbers) == ("mass" in numbers):
         raise WrongRobotFile(f"{value.where}: prior.cylinders needs one of density, mass", where=value.where)
     return Prior(cylinders=Cylinders(**numbers))
+
+
+def read_prior(path: Path, n: int) -> Prior:
+    """Read a prior from a file of its own that holds what stands under `prior:` of a robot file."""
+    return _prior(read_yaml(path), n)
+
+
+def _known(value: Value, n: int) -> Known:
+    """Read bounds on masses and centres of mass, by link number."""
+    keys, numbers = value.mapping(("total_mass", "link_mass", "com_box")), [str(k) for k in range(1, n + 1)]
+
+    def by_link(key: str) -> list[tuple[int, Value]]:
+        return [(int(k), item) for k, item in keys[key].mapping(numbers).items()] if key in keys else []
+
+    return Known(
+        total_mass=_bounds(keys["total_mass"]) if "total_mass" in keys else None,
+        link_mass=tuple((k, _bounds(item)) for k, item in by_link("link_mass")),
+        com_box=tuple((k, _box(item)) for k, item in by_link("com_box")),
+    )
+
+
+def _bounds(value: Value) -> tuple[float, float]:
+    low, high = (item.number() for item in value.items(2))
+    if not 0 <= low < high:
+        raise WrongRobotFile(f"{value.where}: {value.path}: {low:g}, {high:g} is no range of masses", where=value.where)
+    return low, high
+
+
+def _box(value: Value) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    low, high = (_three(item) for item in value.items(2))
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise WrongRobotFile(f"{value.where}: {value.path}: the first corner must be the lower one", where=value.where)
+    return low, high
 
 
 def _coupling(value: Value, n: int) -> Coupling:

@@ -142,6 +142,7 @@ def estimate(
         choice=choice,
         findings=(
             *findings,
+            *_sensor_findings(base),
             *_physics_findings(base, plain, joint_rms(factors, rows, physical.theta), knowledge, feasible),
         ),
     )
@@ -174,6 +175,18 @@ def _excitation_findings(stack: Stack, plain: Estimate, drop_weak: bool) -> tupl
         text = f"condition number {condition:.0f} (good: below 100): {advice}"
         return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
     return ()
+
+
+def _sensor_findings(base: BaseModel) -> list[Finding]:
+    """Say what a torque sensor between gear and link cannot see."""
+    rotors = [name for name in base.reduction.base_names if name.startswith("Im")]
+    if base.robot.torque.source != "joint_sensor" or not rotors:
+        return []
+    text = (
+        f"torques come from joint sensors after the gears: {', '.join(rotors)} and the friction here are what lies "
+        "behind the sensor; rotor inertia and motor friction before it are largely invisible"
+    )
+    return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
 def _physical_wins(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[bool, str]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identify.consistent import ConsistentFit, fit_pooled
+from dynid.identify.consistent import ConsistentFit, complete, fit_pooled
 from dynid.identify.methods import Estimate
-from dynid.identify.physics import make_physics
+from dynid.identify.physics import Physics, make_physics
 from dynid.model.prior import body_of, prior_parameters
 from dynid.model.store import BaseModel
 
@@ -80,19 +80,36 @@ def full_set(base: BaseModel, estimate: Estimate) -> FullSet:
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    names, K = base.reduction.names, base.reduction.K
-    prior = np.zeros(len(names))
-    links = prior_parameters(base.robot).reshape(-1, 10)
-    for k, column in enumerate(base.model.link_columns):
-        link, p = divmod(int(column), 11)
-        prior[k] = links[link, p] if p < 10 else 0.0
-    physics = make_physics(names, prior)
+    names, K, physics = base.reduction.names, base.reduction.K, physics_of(base)
     p = len(estimate.theta)
     A = estimate.whitened[:p, :p]
     inflation = max(1.0, float(np.sum((A @ estimate.covariance) * A)) / max(1, estimate.solution.rank))
     R = A / np.sqrt(inflation)
     fit, _ = fit_pooled(R @ K, R @ estimate.theta, physics)
     return _as_set(names, K, fit, inflation)
+
+
+def physics_of(base: BaseModel) -> Physics:
+    """Return the robot's prior and what is known about it, for all parameters of the model."""
+    names = base.reduction.names
+    prior = np.zeros(len(names))
+    links = prior_parameters(base.robot).reshape(-1, 10)
+    for k, column in enumerate(base.model.link_columns):
+        link, p = divmod(int(column), 11)
+        prior[k] = links[link, p] if p < 10 else 0.0
+    known, identified = base.robot.known, base.robot.identified_links
+    return make_physics(
+        names,
+        prior,
+        total_mass=known.total_mass,
+        link_mass={link: bounds for link, bounds in known.link_mass if link in identified},
+        com_box={link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified},
+    )
+
+
+def reproduced(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
+    """Return whether some possible arm has exactly these base parameters."""
+    return complete(base.reduction.K, theta, covariance, physics_of(base), exact=True).reproduced
 
 
 def _as_set(names: tuple[str, ...], K: Floats, fit: ConsistentFit, inflation: float) -> FullSet:

@@ -156,8 +156,8 @@ def _map(robot: Robot) -> tuple[Floats, Floats]:
 
 
 def _with_gain(log: Log, robot: Robot) -> tuple[Floats, str]:
-    """Return torques where every gain is known, else the currents."""
+    """Return torques where every gain is known, else the currents; with relative gains, currents of one size."""
     gain = robot.torque.gain
     if log.tau_unit != "A" or gain is None or any(value is None for value in gain):
         return log.tau, log.tau_unit
-    return log.tau * np.array(gain, dtype=float), "Nm"
+    return log.tau * np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"

@@ -52,7 +52,7 @@ def test_the_error_bars_of_a_load_hold(base, unloaded):
         payload = find_payload(identified(base, recorded(seed, LOAD)[1]), unloaded)
         found = np.array([payload.body.mass, *payload.body.com, *payload.body.inertia_com])
         inside.append(np.abs(found - truth) <= 3 * payload.std_error)
-    # Why not all: 0.1 % of the load's size is also what filtering the steps of Coulomb friction changes, which is no noise.
+    # Why not all: filtering the steps of Coulomb friction changes 0.1 % of the load too, and that is no noise.
     assert np.mean(inside) >= 0.85
 
 
