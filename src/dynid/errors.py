@@ -542,13 +542,13 @@ WARNINGS: dict[str, str] = {
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W405": "The mass matrix of the plain fit is not positive definite: a sign or offset of the driver map is wrong.",
     "W406": "The log leaves many base parameters open: the plain estimate holds for motions like this one only.",
+    "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
+    "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",
     "W410": "A torque sensor after the gear hardly sees rotor inertia and motor friction.",
-    "W409": "A body on the last link does not explain what has changed between the two logs.",
+    "W411": "A body on the last link does not explain what has changed between the two logs.",
     "W501": "Torque sensors were not zeroed in this session.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
-    "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
-    "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",
 }
 
 

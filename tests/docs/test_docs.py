@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 import pytest
-
 from blocks import ROOT, alike, commands, folder_for, pages, run
+
 from dynid.cli.explain import codes
 from dynid.cli.main import available
 
@@ -68,7 +68,9 @@ def test_every_code_on_a_page_exists():
 def test_every_command_named_in_the_pages_exists():
     known = {*available(), "help", "COMMAND"}
     for page in pages():
-        shown = re.findall(r"`dynid ([a-zA-Z-]+)", page.read_text()) + re.findall(r"^\$ dynid ([a-z-]+)", page.read_text(), re.M)
+        shown = re.findall(r"`dynid ([a-zA-Z-]+)", page.read_text()) + re.findall(
+            r"^\$ dynid ([a-z-]+)", page.read_text(), re.M
+        )
         assert set(shown) <= known, name(page)
 
 

@@ -73,7 +73,7 @@ class Payload:
             f"a body on the last link explains the change badly (chi^2 is {self.misfit:.1f} times its expectation): "
             "is it fixed to the last link, and is everything else as before?"
         )
-        return [Finding("W409", "warning", text, {"misfit": self.misfit})]
+        return [Finding("W411", "warning", text, {"misfit": self.misfit})]
 
 
 def find_payload(loaded: Identification, unloaded: StoredResult) -> Payload:
