@@ -93,7 +93,10 @@ def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first
     taps = kernel.shape[1]
     part = slice(first * step, (last - 1) * step + taps)
     evaluated = [e.copy() for _, e in observer.blocks(segment.q[part], segment.qd[part], segment.qdd[part])]
-    entries = decimate(np.concatenate(evaluated, axis=1), kernel, step)[0]
+    signals = np.concatenate(evaluated, axis=1)
+    if len(observer.course_entries):
+        signals = np.vstack([signals, segment.effects[part].T[observer.course_entries]])
+    entries = decimate(signals, kernel, step)[0]
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
     spoilt = decimate(np.ascontiguousarray((~segment.usable[part]).T.astype(float)), np.ones_like(kernel), step)[0]
     W = np.zeros((last - first, *observer.shape))

@@ -89,6 +89,8 @@ class Segment:
         raw_q: unfiltered position at the same times, (N, n).
         raw_qd: unfiltered velocity: the driver's where there is one, otherwise plain differences, (N, n).
         raw_tau: unfiltered torques, (N, n).
+        effects: entries of the columns of added effects, (N, E).
+        since: time since the log began, (N,) [s].
     """
 
     t: Floats
@@ -100,6 +102,8 @@ class Segment:
     raw_q: Floats
     raw_qd: Floats
     raw_tau: Floats
+    effects: Floats
+    since: Floats
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -190,7 +194,8 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) 
         wanted = slice(first * step, (last - 1) * step + taps)
         pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step, measured))
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
-    return Segment(*joined)
+    nothing = np.zeros((len(joined[0]), 0))
+    return Segment(*joined, effects=nothing, since=joined[0] - log.t[0])
 
 
 def _block(

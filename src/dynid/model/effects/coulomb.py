@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Column, Floats
+from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape, sign_of
 from dynid.robot import Coulomb
 
 
@@ -22,3 +22,22 @@ def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
 def coulomb_column(joint: int, shape: Coulomb, unit: str) -> Column:
     """Return the column of fc for one joint (0-based)."""
     return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)])
+
+
+class CoulombFriction(Effect):
+    """Coulomb friction."""
+
+    name = "coulomb"
+    title = "Coulomb friction"
+    equation = "fc sign(qd)"
+    signature = "a step at each reversal, the same size both ways"
+    separate = "several reversals at different speeds"
+    family = "friction curve"
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"fc": "N m"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return sign_of(course, place[0])[None, None]

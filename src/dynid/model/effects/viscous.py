@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Column
+from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape
 
 
 def viscous_column(joint: int, unit: str) -> Column:
     """Return the column of fv for one joint (0-based). Source: Paper Eq. 7."""
     return Column(f"fv{joint + 1}", unit, (joint,), lambda s: [s.qd[:, joint]])
+
+
+class ViscousFriction(Effect):
+    """Viscous friction."""
+
+    name = "viscous"
+    title = "viscous friction"
+    equation = "fv qd"
+    signature = "in proportion to the joint's own speed"
+    separate = "several speeds, both ways"
+    family = "viscous"
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"fv": "N m s/rad"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return course.qd[:, place[0]][None, None]
