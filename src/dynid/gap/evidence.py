@@ -16,9 +16,9 @@ from dynid.model.effects.catalogue import joined_course
 from dynid.model.effects.interface import Effect, Floats, Place, Shape
 
 #: Share of a candidate's power that the model must leave; below, these logs cannot show it.
-VISIBLE = 0.01
+VISIBLE = 3e-4
 #: Directions of a candidate's own columns weaker than this share count as absorbed.
-ABSORBED = 1e-3
+ABSORBED = 1e-4
 
 
 @dataclass
@@ -73,7 +73,7 @@ def columns_of(board: Board, effect: Effect, place: Place, shapes: Sequence[Shap
     rows = effect.rows(place, n)
     parts = []
     for stretch in board.stretches:
-        raw = [effect.columns(stretch.course, place, shape) for shape in shapes]
+        raw = effect.tried(stretch.course, place, shapes)
         size = [len(x) for x in raw]
         signals = np.concatenate([x.reshape(-1, len(stretch.course)) for x in raw])
         parts.append(stretch.filtered(signals).reshape(len(shapes), size[0], len(rows), -1))
@@ -97,11 +97,11 @@ def make_candidate(board: Board, effect: Effect, place: Place) -> list[Candidate
 def score(board: Board, candidate: Candidate) -> Score:
     """Return the best of a candidate's shapes."""
     G, b = projected(board, candidate.columns, candidate.gram)
-    gains, ranks, shares = zip(*(_gain(G[g], b[g], candidate.gram[g], candidate.effect.positive) for g in range(len(G))), strict=True)
+    gains, ranks, shares = _gains(G, b, candidate.gram, candidate.effect.positive)
     best = int(np.argmax(gains))
     samples = max(sum(len(board.e[j]) for j in candidate.columns), 2)
     price = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(len(candidate.shapes))
-    return Score(gains[best], float(price), best, shares[best])
+    return Score(float(gains[best]), float(price), best, float(shares[best]))
 
 
 def projected(board: Board, columns: dict[int, Floats], gram: Floats) -> tuple[Floats, Floats]:
@@ -117,17 +117,18 @@ def projected(board: Board, columns: dict[int, Floats], gram: Floats) -> tuple[F
     return gram - np.einsum("gkp,glp->gkl", P, P), b.reshape(count, k)
 
 
-def _gain(G: Floats, b: Floats, raw: Floats, positive: bool) -> tuple[float, int, float]:
-    """Return gain, number of directions and visible share."""
-    size = np.sqrt(np.diag(raw))
-    if not np.all(size > 0):
-        return 0.0, len(b), 0.0
-    values, V = np.linalg.eigh(G / np.outer(size, size))
+def _gains(G: Floats, b: Floats, raw: Floats, positive: bool) -> tuple[Floats, Floats, Floats]:
+    """Return gain, number of directions and visible share of each shape, (G,) each."""
+    size = np.sqrt(np.diagonal(raw, axis1=1, axis2=2))
+    there = np.all(size > 0, axis=1)
+    size = np.where(size > 0, size, 1.0)
+    values, V = np.linalg.eigh(G / (size[:, :, None] * size[:, None, :]))
     kept = values > ABSORBED
-    if not kept.any() or values[-1] < VISIBLE or (positive and b[0] <= 0):
-        return 0.0, len(b), float(max(values[-1], 0.0))
-    parts = V[:, kept].T @ (b / size)
-    return float(np.sum(parts**2 / values[kept])), int(kept.sum()), float(values[-1])
+    parts = np.einsum("gkv,gk->gv", V, b / size)
+    gains = np.sum(np.where(kept, parts**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+    shares = np.where(there, np.maximum(values[:, -1], 0.0), 0.0)
+    hopeless = (shares < VISIBLE) | ((b[:, 0] <= 0) if positive else False)
+    return np.where(hopeless, 0.0, gains), np.maximum(kept.sum(axis=1), 1), shares
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ ORDER = 4
 ALIKE = 0.03
 #: Shortest overlap of repeats [s], and shortest period within a log [s].
 OVERLAP, PERIOD = 4.0, 4.0
+#: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
+SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
 #: an undisturbed arm have; a random contact gives 12 and more, a wandering sensor 27 and more.
 BURST, WANDER = 6.0, 14.0
@@ -95,7 +97,8 @@ def _lag(one: Stretch, other: Stretch, least: float) -> float | None:
         return None
     left, middle, right = difference[best - 1 : best + 2]
     bend = left - 2 * middle + right
-    return float(lags[best] + (0.5 * (left - right) / bend if bend > 0 else 0.0))
+    fraction = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(lags[best] + (fraction if abs(fraction) > SAME_GRID else 0.0))
 
 
 def noise_of(stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: Sequence[Pair]) -> Noise:

@@ -9,7 +9,9 @@ import numpy as np
 
 from dynid.gap.board import Board
 from dynid.gap.evidence import Candidate, Proof, Score, columns_of, make_candidate, prove, score
-from dynid.gap.setting import Known, Setting, make_setting
+from dynid.gap.noise import noise_of
+from dynid.gap.picks import Pick, effect_torque, moved, with_picks
+from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns
 from dynid.identify.effects import on_time
 from dynid.identify.stack import Source
 from dynid.model.effects.catalogue import CATALOGUE
@@ -46,32 +48,6 @@ class Options:
     joints: tuple[int, ...] = ()
     false_alarm: float = 0.01
     most: int = 3
-
-
-@dataclass(frozen=True)
-class Pick:
-    """An accepted effect.
-
-    Attributes:
-        effect: the effect.
-        place: where.
-        shape: its non-linear parameters.
-        proof: how sure it is.
-        net: its evidence after the price, the other accepted effects in place.
-        equals: other effects and places that explain as much.
-    """
-
-    effect: Effect
-    place: Place
-    shape: dict[str, float]
-    proof: Proof
-    net: float
-    equals: tuple[tuple[str, Place], ...] = ()
-
-    @property
-    def key(self) -> tuple[str, Place]:
-        """Identifier and place."""
-        return self.effect.name, self.place
 
 
 @dataclass
@@ -122,7 +98,29 @@ def search(
         proof = proof or late
         shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
         setting = make_setting(shifted, base, known)
-    return Search(setting, finder.picks, delay, proof, first_chi, finder.board.chi(), finder.refused, finder.visibility)
+    setting = quieter(setting, finder.board, finder.picks)
+    bare = setting.board(finder.board.theta[: base.reduction.rank])
+    if not delay:
+        first_chi = bare.chi()
+    after = with_picks(bare, finder.picks).chi()
+    return Search(setting, finder.picks, delay, proof, first_chi, after, finder.refused, finder.visibility)
+
+
+def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
+    """Return the setting with the noise measured again, after what was found is taken out of the residual.
+
+    Why: a large effect does not repeat exactly when the motion does not, and would pass for noise.
+    """
+    if not setting.noise.repeats or not picks:
+        return setting
+    residuals = []
+    for s, b in zip(setting.stretches, board.stretches, strict=True):
+        columns = nuisance_columns(s)
+        p = s.W.shape[2]
+        extra = board.theta[p : board.size].reshape(s.course.n, -1)
+        model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.course.n)], axis=1)
+        residuals.append(s.tau - model - effect_torque(b.course, s.filtered, picks, board.theta[board.size :]).T)
+    return replace(setting, noise=noise_of(setting.stretches, residuals, setting.pairs))
 
 
 class _Finder:
@@ -298,11 +296,6 @@ class _Finder:
 
 def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
     return pick.effect.name, pick.place, tuple(sorted(pick.shape.items()))
-
-
-def moved(value: float, kind: str, size: float, share: float) -> float:
-    """Return a shape parameter moved by a share of its first step."""
-    return value + size * share if kind == "plus" else value * size**share
 
 
 def wanted_effects(setting: Setting, options: Options) -> list[tuple[Effect, Place]]:

@@ -5,14 +5,13 @@ Reads a model and values of all its columns; writes nothing.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import Reduction
-from dynid.model.regressor import Model, Observer
+from dynid.model.regressor import Model
+from dynid.model.statics import frames, holding_torque
 
 Floats = NDArray[np.float64]
 
@@ -42,30 +41,24 @@ class Reference:
 
     def weight(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
-        size = float(np.linalg.norm(self._model.robot.gravity))
-        return size * self._static(axis, self._rigid).torque(self._values[self._rigid], q, 0 * q, 0 * q)
+        robot, values = self._model.robot, np.zeros(11 * self._model.robot.n)
+        values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
+        links = values.reshape(robot.n, 11)
+        size = float(np.linalg.norm(robot.gravity))
+        return holding_torque(robot, frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
 
     def pull(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
-        mass = np.array([11 * (self._model.robot.n - 1)])
-        place = np.searchsorted(self._model.link_columns, mass)
-        return self._static(axis, place).torque(np.ones(1), q, 0 * q, 0 * q)
+        robot = self._model.robot
+        mass = np.eye(robot.n)[-1]
+        return holding_torque(robot, frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
 
     def tip(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n)."""
         last = 11 * (self._model.robot.n - 1)
         chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
         return np.ascontiguousarray(self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1))
-
-    def _static(self, axis: int, columns: NDArray[np.intp]) -> Observer:
-        key = f"{axis} {columns.tolist()}"
-        if key not in self._observers:
-            gravity = [0.0, 0.0, 0.0]
-            gravity[axis] = 1.0
-            robot = replace(self._model.robot, gravity=tuple(gravity))
-            self._observers[key] = Model(robot, self._model.rigid).observer(columns)
-        return self._observers[key]
 
 
 def reference_of(model: Model, reduction: Reduction, theta: Floats) -> Reference:

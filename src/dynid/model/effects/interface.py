@@ -8,7 +8,7 @@ whole ``Course``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Protocol
@@ -158,6 +158,10 @@ class Effect(ABC):
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried; one empty shape when it is linear."""
         return [{}]
+
+    def tried(self, course: Course, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes, each (amplitudes, rows, N)."""
+        return [self.columns(course, place, shape) for shape in shapes]
 
     @abstractmethod
     def amplitudes(self, shape: Shape) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
@@ -12,6 +14,8 @@ WAVES = 10.0
 SPACING = 1.6
 #: Fastest wave: harmonic drives have up to some 200 teeth [1/rad].
 HIGHEST = 230.0
+#: More shapes than this come from the grid, whose waves are evenly spaced.
+MANY = 8
 #: A joint that travels less does not move [rad].
 STILL = 0.1
 
@@ -33,6 +37,19 @@ class TorqueRipple(Effect):
         if travel < STILL:
             return []
         return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
+
+    def tried(self, course: Course, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes; of evenly spaced waves each turns the one before by the same angles."""
+        k = np.array([shape["k"] for shape in shapes])
+        if len(k) < MANY:
+            return super().tried(course, place, shapes)
+        q = course.q[:, place[0]]
+        wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
+        found = []
+        for _ in k:
+            found.append(np.stack([wave.real, wave.imag])[:, None])
+            wave = wave * turn
+        return found
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
