@@ -245,7 +245,8 @@ def disturbance(case, t, rng):
 
 def scale_of(case, arm):
     """Size of one unit of ``case.size`` (visible rms near the noise's) for effects that are not plain torques."""
-    return {"encoder_offset": 0.03, "joint_elasticity": 3e-4, "torque_delay": 0.004, "base_tilt": 0.003, "payload": 0.02}.get(case.effect, 1.0)
+    soft = 1.4e-4 if case.joint <= 1 else 5e-4 if case.joint == 2 else 1.4e-3
+    return {"encoder_offset": 0.03, "joint_elasticity": soft, "torque_delay": 0.004, "base_tilt": 0.003, "payload": 0.02}.get(case.effect, 1.0)
 
 
 def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed=None, start_at=0.0):

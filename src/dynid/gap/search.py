@@ -75,7 +75,13 @@ class Search:
 
 
 def search(
-    sources: Sequence[Source], base: BaseModel, known: Known | None, options: Options, progress: Progress = SILENT
+    sources: Sequence[Source],
+    base: BaseModel,
+    known: Known | None,
+    options: Options,
+    progress: Progress = SILENT,
+    *,
+    first: Setting | None = None,
 ) -> Search:
     """Search logs for what the model lacks.
 
@@ -85,9 +91,10 @@ def search(
         known: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
         progress: told how far the work is.
+        first: the setting of these logs, when it is there already.
     """
     delay, proof = 0.0, None
-    setting = make_setting(sources, base, known)
+    setting = first or make_setting(sources, base, known)
     first_chi = setting.board().chi()
     for _ in range(DELAYS + 1):
         finder = _Finder(setting, options, progress, delay_allowed=abs(delay) < 0.5)
@@ -185,8 +192,7 @@ class _Finder:
 
     def _simpler(self, pick: Pick, others: Sequence[Pick]) -> Pick:
         for other in others:
-            nested = pick.effect.name in SIMPLER.get(other.effect.name, ()) and pick.place == other.place
-            if nested and other.net > pick.net - EQUAL and not self._fails(other):
+            if contains(pick, other) and other.net > pick.net - EQUAL and not self._fails(other):
                 return other
         return pick
 
@@ -290,12 +296,17 @@ class _Finder:
             own = next((self._refined(board, f, c) for f, c in ranked if c.key == pick.key), pick)
             near = [(f, c) for f, c in ranked if c.key != pick.key and f.net > 0.8 * own.net][:RIVALS]
             rivals = [self._refined(board, found, c) for found, c in near]
-            equal = tuple(r.key for r in rivals if r.net > own.net - EQUAL)
+            equal = tuple(r.key for r in rivals if r.net > own.net - EQUAL and not contains(r, own))
             self.picks[k] = replace(own, equals=equal)
 
 
 def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
     return pick.effect.name, pick.place, tuple(sorted(pick.shape.items()))
+
+
+def contains(wide: Pick, narrow: Pick) -> bool:
+    """Return whether one effect holds the other as a special case at the same place, and so always fits as well."""
+    return wide.place == narrow.place and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
 
 
 def wanted_effects(setting: Setting, options: Options) -> list[tuple[Effect, Place]]:

@@ -63,7 +63,7 @@ def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequen
         word = "ambiguous"
     elif named:
         word = "named"
-    elif closest or remainder:
+    elif closest or remainder or found.setting.noise.unrepeatable:
         word = "unexplained"
     else:
         word = "nothing_missing"
