@@ -10,8 +10,10 @@ import numpy as np
 
 from dynid.errors import Finding
 from dynid.files.logs import read_log
+from dynid.identify.effects import on_time, with_effects
 from dynid.identify.stack import Source
 from dynid.log import Log
+from dynid.model.effects.catalogue import delay_of
 from dynid.model.prior import prior_parameters
 from dynid.model.regressor import Model
 from dynid.quality.checks import prepare
@@ -72,7 +74,8 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     rest = np.array([v if "coulomb" in j.friction else 0.0 for v, j in zip(coulomb, robot.joints, strict=True)])
     measured = reading.velocity == "measured"
     segments = condition(aligned, chosen, reading.exclude, measured_velocity=measured, rest_speed=rest)
-    return Source(without_known(segments, model), chosen, path.name), log
+    source = Source([on_time(s, delay_of(robot)) for s in without_known(segments, model)], chosen, path.name)
+    return with_effects(source, model), log
 
 
 def common_cutoff(sources: Sequence[Source]) -> float:

@@ -95,17 +95,24 @@ def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first
         usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
     command = segment.command
     return Rows(
-        W=_columns(segment.q[part], segment.qd[part], segment.qdd[part], observer, kernel, step),
+        W=_columns((segment.q[part], segment.qd[part], segment.qdd[part]), segment.effects[part], observer, kernel, step),
         tau=np.ascontiguousarray(tau.T),
-        Z=None if command is None else _columns(*(x[part] for x in command), observer, kernel, step),
+        Z=None
+        if command is None
+        else _columns(tuple(x[part] for x in command), segment.effects[part], observer, kernel, step),
         usable=usable,
         t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first],
     )
 
 
-def _columns(q: Floats, qd: Floats, qdd: Floats, observer: Observer, kernel: Floats, step: int) -> Floats:
-    """Return the base regressor after the parallel filter, (M, n, p)."""
+def _columns(
+    motion: tuple[Floats, ...], effects: Floats, observer: Observer, kernel: Floats, step: int
+) -> Floats:
+    """Return the base regressor after the parallel filter, (M, n, p); added effects come with the segment."""
+    q, qd, qdd = motion
     entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
+    if len(observer.course_entries):
+        entries = np.vstack([entries, effects.T[observer.course_entries]])
     filtered = decimate(entries, kernel, step)[0]
     W = np.zeros((filtered.shape[1], *observer.shape))
     W[:, observer.rows, observer.cols] = filtered.T

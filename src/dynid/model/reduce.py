@@ -6,7 +6,7 @@ is one question, what a log excites is another. Columns are normalised first; wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,23 +96,24 @@ def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float 
 
     Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
     """
-    samples = max(samples, -(-2 * model.size // model.robot.n))
-    W = model.regressor(*random_states(model.robot, samples, seed)).reshape(-1, model.size)
+    size = model.plain_size
+    samples = max(samples, -(-2 * size // model.robot.n))
+    W = model.regressor(*random_states(model.robot, samples, seed)).reshape(-1, size)
     norms = np.linalg.norm(W, axis=0)
     present = norms > ZERO_COLUMN * norms.max()
     scale = np.where(present, norms, 1.0)
     W = np.where(present, W / scale, 0.0)
     values, Vt = np.linalg.svd(W, full_matrices=False)[1:]
     rank = int(np.sum(values > tolerance * values[0]))
-    gap = float(values[rank - 1] / values[rank]) if rank < model.size and values[rank] > 0 else np.inf
+    gap = float(values[rank - 1] / values[rank]) if rank < size and values[rank] > 0 else np.inf
     base, K = _regroup(W, present, tolerance)
     K = K * scale / scale[base][:, None]
     K[np.abs(K) < ZERO_COEFFICIENT * np.abs(K).max(axis=1, keepdims=True)] = 0.0
     mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
     names = model.parameter_names
-    pick = [(names[k], bool(present[k]), bool(mixed[k])) for k in range(model.size)]
-    return Reduction(
-        names=names,
+    pick = [(names[k], bool(present[k]), bool(mixed[k])) for k in range(size)]
+    plain = Reduction(
+        names=names[:size],
         base=base,
         K=K,
         alone=tuple(name for name, there, mix in pick if there and not mix),
@@ -122,6 +123,23 @@ def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float 
         gap=gap,
         method="svd",
     )
+    return with_added(plain, model)
+
+
+def with_added(plain: Reduction, model: Model) -> Reduction:
+    """Return the base parameters of a model with those of added effects, each of which stands alone.
+
+    Why not found like the others: they depend on the order of the samples, which random states do not have.
+    """
+    size, total = model.plain_size, model.size
+    if total == size:
+        return plain
+    K = np.zeros((plain.rank + total - size, total))
+    K[: plain.rank, :size] = plain.K
+    K[plain.rank :, size:] = np.eye(total - size)
+    names = model.parameter_names
+    added = np.arange(size, total, dtype=np.intp)
+    return replace(plain, names=names, base=np.append(plain.base, added), K=K, alone=plain.alone + names[size:])
 
 
 def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[Ints, Floats]:

@@ -1,6 +1,7 @@
 """The model of one arm: the rigid-body program and the friction columns as one regressor (Paper Eq. 8).
 
-Columns are the 11 parameters of every identified link in the order of Table 5, then the friction columns.
+Columns are the 11 parameters of every identified link in the order of Table 5, then the friction columns, then those of
+effects that were added to the robot file. The last ones depend on the order of the samples and are made by ``course``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from dynid.model.dynamics import derive, parameter_names
 from dynid.model.effects import Column, State, coupled_motor_columns, joint_columns
+from dynid.model.effects.catalogue import Added, added_effects
+from dynid.model.effects.interface import Course
 from dynid.model.kernels import Kernel
 from dynid.model.program import Program
 from dynid.robot import LINK_PARAMETERS, Robot
@@ -41,6 +44,11 @@ class Model:
         return (*joint_columns(self.robot), *coupled_motor_columns(self.robot))
 
     @cached_property
+    def added(self) -> tuple[Added, ...]:
+        """Effects that the robot file lists."""
+        return added_effects(self.robot)
+
+    @cached_property
     def link_columns(self) -> NDArray[np.intp]:
         """Which of the 11 n rigid-body columns belong to this model: identified links, wanted rotor inertias."""
         kept = [
@@ -55,30 +63,37 @@ class Model:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all columns."""
         names = parameter_names(self.robot.n)
-        return tuple(names[k] for k in self.link_columns) + tuple(column.name for column in self.extra)
+        added = tuple(column.name for effect in self.added for column in effect.columns)
+        return tuple(names[k] for k in self.link_columns) + tuple(column.name for column in self.extra) + added
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each parameter by name."""
-        units = {}
+        units: dict[str, str] = {}
         for name in self.parameter_names[: len(self.link_columns)]:
             kind = name.rstrip("0123456789")
             units[name] = _UNIT["m" if kind == "m" else "mc" if kind.startswith("mc") else "I"]
             if kind == "Im" and not self.robot.joints[int(name[2:]) - 1].revolute:
                 units[name] = "kg"
-        return units | {column.name: column.unit for column in self.extra}
+        units |= {column.name: column.unit for column in self.extra}
+        return units | {column.name: column.unit for effect in self.added for column in effect.columns}
 
     @property
     def size(self) -> int:
         """Number of columns."""
         return len(self.parameter_names)
 
+    @property
+    def plain_size(self) -> int:
+        """Number of columns without those of added effects: what one sample is enough for."""
+        return len(self.link_columns) + len(self.extra)
+
     def observer(self, columns: NDArray[np.intp] | None = None) -> Observer:
         """Return an evaluator of the given columns (all when None), in that order."""
         return Observer(self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp))
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Evaluate the full regressor P on samples (Paper Eq. 8).
+        """Evaluate the full regressor P on samples (Paper Eq. 8), without added effects.
 
         Args:
             q: positions, (N, n) [rad or m].
@@ -88,7 +103,12 @@ class Model:
         Returns:
             P with tau = P gamma, (N, n, c).
         """
-        return self.observer().dense(q, qd, qdd)
+        return self.observer(np.arange(self.plain_size)).dense(q, qd, qdd)
+
+    def course(self, course: Course) -> Floats:
+        """Return the entries of the added effects' columns over a whole stretch, (E, N)."""
+        parts = [effect.evaluate(course) for effect in self.added]
+        return np.concatenate(parts) if parts else np.zeros((0, len(course)))
 
 
 class Observer:
@@ -98,25 +118,36 @@ class Observer:
         rows: joint of each non-zero entry, (E,).
         cols: column of each entry among the chosen ones, (E,).
         shape: joints and chosen columns.
+        course_entries: which entries of ``Model.course`` follow those of ``blocks``.
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
         links = model.link_columns
-        rigid = columns < len(links)
+        rigid, plain = columns < len(links), columns < model.plain_size
         self._kernel = Kernel(model.rigid.restricted(links[columns[rigid]]), model.robot)
-        self._extra = [model.extra[k - len(links)] for k in columns[~rigid]]
+        self._extra = [model.extra[k - len(links)] for k in columns[plain & ~rigid]]
         place = np.flatnonzero(rigid)
-        rows = [self._kernel.rows, *(np.array(column.rows) for column in self._extra)]
-        cols = [
-            place[self._kernel.cols],
-            *(np.full(len(c.rows), k) for c, k in zip(self._extra, np.flatnonzero(~rigid), strict=True)),
-        ]
+        extra = [(column.rows, k) for column, k in zip(self._extra, np.flatnonzero(plain & ~rigid), strict=True)]
+        entries, added = self._added_entries(model, columns)
+        rows = [self._kernel.rows, *(np.array(rows) for rows, _ in extra), added[0]]
+        cols = [place[self._kernel.cols], *(np.full(len(rows), k) for rows, k in extra), added[1]]
         self.rows = np.concatenate(rows).astype(np.intp)
         self.cols = np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))
+        self.course_entries = entries
+
+    @staticmethod
+    def _added_entries(model: Model, columns: NDArray[np.intp]) -> tuple[NDArray[np.intp], tuple[Floats, Floats]]:
+        """Return which entries of ``Model.course`` are wanted, with their rows and columns."""
+        layout = [column.rows for effect in model.added for column in effect.columns]
+        edges = np.cumsum([0, *(len(rows) for rows in layout)])
+        wanted = [(k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size]
+        entries = np.concatenate([[], *(np.arange(edges[c], edges[c + 1]) for _, c in wanted)]).astype(np.intp)
+        rows = np.concatenate([[], *(np.array(layout[c]) for _, c in wanted)])
+        return entries, (rows, np.concatenate([[], *(np.full(len(layout[c]), k) for k, c in wanted)]))
 
     def blocks(self, q: Floats, qd: Floats, qdd: Floats) -> Iterator[tuple[slice, Floats]]:
-        """Yield (samples, entries (E, B)) block by block."""
+        """Yield (samples, entries (E, B)) block by block; entries of added effects are not among them."""
         for part, entries in self._kernel.blocks(q, qd, qdd):
             if self._extra:
                 state = State(q[part], qd[part], qdd[part])
@@ -124,14 +155,14 @@ class Observer:
             yield part, entries
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the chosen columns as one array, (N, n, p)."""
+        """Return the chosen columns as one array, those of added effects zero, (N, n, p)."""
         full = np.zeros((len(q), *self.shape))
         for part, entries in self.blocks(q, qd, qdd):
-            full[part, self.rows, self.cols] = entries.T
+            full[part, self.rows[: len(entries)], self.cols[: len(entries)]] = entries.T
         return full
 
     def torque(self, theta: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the torques of given parameters without storing the regressor.
+        """Return the torques of given parameters without storing the regressor, and without added effects.
 
         Args:
             theta: values of the chosen columns, (p,).
@@ -142,8 +173,9 @@ class Observer:
         Returns:
             tau, (N, n) [N m or N].
         """
-        spread = np.zeros((self.shape[0], len(self.rows)))
-        spread[self.rows, np.arange(len(self.rows))] = theta[self.cols]
+        count = len(self.rows) - len(self.course_entries)
+        spread = np.zeros((self.shape[0], count))
+        spread[self.rows[:count], np.arange(count)] = theta[self.cols[:count]]
         tau = np.empty((len(q), self.shape[0]))
         for part, entries in self.blocks(q, qd, qdd):
             tau[part] = (spread @ entries).T

@@ -95,6 +95,8 @@ class Segment:
         command_q: commanded positions under the same filter, (N, n); empty where the log has none.
         command_qd: commanded velocities, (N, n).
         command_qdd: commanded accelerations, (N, n).
+        effects: entries of the columns of added effects, (N, E).
+        since: time since the log began, (N,) [s].
     """
 
     t: Floats
@@ -109,6 +111,8 @@ class Segment:
     command_q: Floats
     command_qd: Floats
     command_qdd: Floats
+    effects: Floats
+    since: Floats
 
     @property
     def command(self) -> tuple[Floats, Floats, Floats] | None:
@@ -131,8 +135,9 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     if cutoff is None:
         cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * bandwidth(log, robot))
     cutoff = min(cutoff, 0.45 * log.rate)
-    first = max(1, int(log.rate / (EVALUATED_PER_CUTOFF * cutoff)))
-    second = max(1, int(log.rate / first / (KEPT_PER_CUTOFF * cutoff)))
+    # Why the addend: stamps in seconds since 1970 give rates such as 199.99999, and logs must not differ by that.
+    first = max(1, int(log.rate / (EVALUATED_PER_CUTOFF * cutoff) + 1e-3))
+    second = max(1, int(log.rate / first / (KEPT_PER_CUTOFF * cutoff) + 1e-3))
     return Filter(log.rate, cutoff, first, second)
 
 
@@ -206,7 +211,8 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) 
         wanted = slice(first * step, (last - 1) * step + taps)
         pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step, measured))
     joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
-    return Segment(*joined)
+    nothing = np.zeros((len(joined[0]), 0))
+    return Segment(*joined, effects=nothing, since=joined[0] - log.t[0])
 
 
 def _block(

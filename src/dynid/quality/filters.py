@@ -8,6 +8,7 @@ regressor (parallel filtering), so what it removes, it removes on both sides of 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ KAISER_TAPS = 3.6
 _TOGETHER = 16
 
 
+@lru_cache(maxsize=32)
 def lowpass_kernel(cutoff: float, rate: float) -> Floats:
     """Return a symmetric low-pass kernel with sum 1, half of the amplitude at the cut-off, (odd,).
 
@@ -33,7 +35,9 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
     half = max(1, math.ceil(0.5 * KAISER_TAPS * rate / cutoff))
     k = np.arange(-half, half + 1)
     kernel = np.sinc(2 * cutoff / rate * k) * np.kaiser(2 * half + 1, KAISER_BETA)
-    return kernel / kernel.sum()
+    kernel /= kernel.sum()
+    kernel.setflags(write=False)
+    return kernel
 
 
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:

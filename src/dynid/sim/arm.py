@@ -5,8 +5,10 @@ Nothing here uses dynid's own equations of motion. Bullet's damping is off and i
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -63,6 +65,7 @@ class Arm:
         friction: true friction; none when None.
         rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg]; none when None.
         dt: step of the physics [s].
+        extra: further torque that the drives need, of time, positions and velocities: (float, (n,), (n,)) -> (n,).
     """
 
     def __init__(
@@ -72,11 +75,12 @@ class Arm:
         friction: Friction | None = None,
         rotor_inertia: Sequence[float] | None = None,
         dt: float = 5e-4,
+        extra: Callable[[float, Floats, Floats], Floats] | None = None,
     ) -> None:
         self.robot = robot
         self.friction = friction or Friction.none(robot.n)
         self.rotor_inertia = np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
-        self.dt = dt
+        self.dt, self.time, self.extra = dt, 0.0, extra
         self._bullet = _bullet()
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._body, self._joints = self._load(bodies)
@@ -116,7 +120,7 @@ class Arm:
         return body, joints
 
     def reset(self, q: Floats, qd: Floats | None = None) -> None:
-        """Put the arm at a state, at rest when ``qd`` is None."""
+        """Put the arm at a state, at rest when ``qd`` is None; time goes on."""
         speeds = np.zeros(self.robot.n) if qd is None else qd
         for joint, position, speed in zip(self._joints, q, speeds, strict=True):
             self._bullet.resetJointState(self._body, joint, float(position), float(speed), physicsClientId=self._client)
@@ -153,6 +157,9 @@ class Arm:
         bias = self.inverse_dynamics(q, qd, np.zeros_like(q))
         slope = self.dt * self.friction.slope(qd)
         drive = tau - self.friction.torque(qd)
+        if self.extra is not None:
+            drive = drive - self.extra(self.time, q, qd)
+        self.time += self.dt
         qdd = np.linalg.solve(self.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
         left = drive - (self.rotor_inertia + slope) * qdd
         bullet = self._bullet
@@ -167,9 +174,19 @@ def _without_stops(robot: Robot) -> Robot:
 
 
 def _bullet() -> Any:  # noqa: ANN401 - the module has no types
+    if "pybullet" in sys.modules:
+        return sys.modules["pybullet"]
+    # Why: the module prints its build time on standard output when it is loaded, where answers of --json go.
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
     try:
         import pybullet
     except ImportError as error:
         fix = "pip install pybullet, with Python 3.11 or older"
         raise PackageMissing("pybullet is not installed", fix=fix) from error
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
     return pybullet

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Column, Floats, State
+from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape, State, sign_of
 from dynid.robot import Coulomb
 
 
@@ -33,3 +33,22 @@ def coulomb_column(joint: int, shape: Coulomb, unit: str) -> Column:
         gradient.qd[:, joint] += weights[0] * coulomb_slope(state.qd[:, joint], shape, joint)
 
     return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)], pull=pull)
+
+
+class CoulombFriction(Effect):
+    """Coulomb friction."""
+
+    name = "coulomb"
+    title = "Coulomb friction"
+    equation = "fc sign(qd)"
+    signature = "a step at each reversal, the same size both ways"
+    separate = "several reversals at different speeds"
+    family = "friction curve"
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"fc": "N m"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return sign_of(course, place[0])[None, None]

@@ -1,16 +1,28 @@
-"""What a torque effect gives to the regressor: columns, each with a name, a unit and the joints it acts on."""
+"""What a torque effect is: columns of the regressor, and an equation with a name, a signature and a search for its shape.
+
+Two kinds of columns. Those that follow from one sample (friction of the robot file) are ``Column``: evaluated block by
+block. Those that need the order of the samples, the time or the model's own torque are an ``Effect``: evaluated on a
+whole ``Course``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.field import FieldState, Residues
+from dynid.robot import Coulomb
 
 Floats = NDArray[np.float64]
+#: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
+Place = tuple[int, ...]
+Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -49,3 +61,126 @@ class Column:
     evaluate: Callable[[State], list[Floats]]
     exact: Callable[[FieldState], list[Residues]] | None = None
     pull: Callable[[State, list[Floats], State], None] | None = None
+
+
+class Physics(Protocol):
+    """The current model of the arm, for effects that scale with its torques."""
+
+    def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return rigid-body torques, (N, n) [N m or N]."""
+
+    def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return rigid-body and friction torques, (N, n) [N m or N]."""
+
+    def weight(self, q: Floats, axis: int) -> Floats:
+        """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
+
+    def pull(self, q: Floats, axis: int) -> Floats:
+        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
+
+    def tip(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the columns of the ten parameters of the last link, (10, N, n)."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A stretch of motion in order of time, and the current model.
+
+    Attributes:
+        t: time since the recording began, (N,) [s].
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n).
+        qdd: accelerations, (N, n).
+        sign: shape of the Coulomb sign.
+        physics: the current model.
+        smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
+    """
+
+    t: Floats
+    q: Floats
+    qd: Floats
+    qdd: Floats
+    sign: Coulomb
+    physics: Physics
+    smooth: Callable[[Floats], Floats]
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @cached_property
+    def rigid(self) -> Floats:
+        """Rigid-body torques of the current model, (N, n)."""
+        return self.physics.rigid(self.q, self.qd, self.qdd)
+
+    @cached_property
+    def total(self) -> Floats:
+        """Rigid-body and friction torques of the current model, (N, n)."""
+        return self.physics.total(self.q, self.qd, self.qdd)
+
+
+class Effect(ABC):
+    """One effect of the catalogue.
+
+    Attributes:
+        name: identifier, the contract of files and JSON.
+        title: name for people.
+        equation: torque that it adds at joint j.
+        signature: how it shows in the residual, for people.
+        separate: the motion that tells it from what looks like it.
+        family: effects that describe the same physics on one joint.
+        scope: ``"joint"``, ``"pair"`` (joint and the other one it depends on) or ``"arm"``.
+        uses: ``"refit"`` when no re-identification can absorb it, ``"frozen"`` when it can be a change of the arm.
+        positive: whether its only amplitude must be positive.
+        needs_model: whether its columns change with the model.
+        steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    equation: ClassVar[str]
+    signature: ClassVar[str]
+    separate: ClassVar[str]
+    family: ClassVar[str] = ""
+    scope: ClassVar[str] = "joint"
+    uses: ClassVar[tuple[str, ...]] = ("refit", "frozen")
+    positive: ClassVar[bool] = False
+    needs_model: ClassVar[bool] = False
+    shape_units: ClassVar[dict[str, str]] = {}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {}
+
+    def places(self, n: int) -> list[Place]:
+        """Return where it may sit on an arm of n joints."""
+        return [(j,) for j in range(n)] if self.scope == "joint" else [()]
+
+    def rows(self, place: Place, n: int) -> tuple[int, ...]:
+        """Return the joints whose torque it changes."""
+        return place[:1] if place else tuple(range(n))
+
+    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried; one empty shape when it is linear."""
+        return [{}]
+
+    def tried(self, course: Course, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes, each (amplitudes, rows, N)."""
+        return [self.columns(course, place, shape) for shape in shapes]
+
+    @abstractmethod
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+
+    @abstractmethod
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+
+
+def sign_of(course: Course, joint: int) -> Floats:
+    """Return the Coulomb sign of one joint, (N,)."""
+    from dynid.model.effects.coulomb import coulomb_sign
+
+    return coulomb_sign(course.qd[:, joint], course.sign, joint)

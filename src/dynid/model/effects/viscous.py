@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Column, Floats, State
+from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape, State
 
 
 def viscous_column(joint: int, unit: str) -> Column:
@@ -14,3 +14,22 @@ def viscous_column(joint: int, unit: str) -> Column:
     return Column(
         f"fv{joint + 1}", unit, (joint,), lambda s: [s.qd[:, joint]], exact=lambda s: [s.qd[:, joint]], pull=pull
     )
+
+
+class ViscousFriction(Effect):
+    """Viscous friction."""
+
+    name = "viscous"
+    title = "viscous friction"
+    equation = "fv qd"
+    signature = "in proportion to the joint's own speed"
+    separate = "several speeds, both ways"
+    family = "viscous"
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"fv": "N m s/rad"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return course.qd[:, place[0]][None, None]

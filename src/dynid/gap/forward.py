@@ -1,0 +1,70 @@
+"""The gap in the forward simulation: held-out torques replayed through the model, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dynid.gap.picks import Pick
+from dynid.gap.setting import Setting
+from dynid.identify.effects import course_of
+from dynid.model.effects.interface import Floats
+from dynid.model.reference import reference_of
+from dynid.model.store import BaseModel
+from dynid.sim.replay import Replay, replay
+
+#: Smallest inertia that a joint is given in the replay [kg m^2]: what is not identified must not make it run away.
+LEAST_INERTIA = 1e-3
+
+
+def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: Floats) -> Replay | None:
+    """Replay the longest held-out stretch through a model.
+
+    Args:
+        setting: the search's setting.
+        theta: base parameters, (p,).
+        picks: effects beside them.
+        amplitudes: of the effects.
+    """
+    held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
+    count, k = max(held)
+    if count < 2 * setting.stretches[k].rate:
+        return None
+    stretch = setting.stretches[k]
+    segment = stretch.source.segments[0]
+    first, last = stretch.t[setting.held[k]][[0, -1]]
+    part = slice(*np.searchsorted(segment.since, [first, last]).tolist())
+    whole = course_of(segment, stretch.source.chosen, setting.base.model, reference_of(setting.base.model, setting.base.reduction, theta))
+    steady = np.zeros((len(whole), whole.n))
+    at = 0
+    for pick in picks:
+        # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
+        columns = pick.effect.columns(whole, pick.place, pick.shape)
+        steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1).T
+        at += len(columns)
+    tau = segment.tau[part] - steady[part]
+    model = acceleration_of(setting.base, theta)
+    return replay(setting.base.robot, model, segment.since[part], segment.q[part], segment.qd[part], tau)
+
+
+def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
+    """Return the forward dynamics of base parameters: times, positions, velocities, torques -> accelerations, (B, n).
+
+    Args:
+        base: model and base parameters.
+        theta: values of the base parameters, (p,).
+    """
+    physics, n = reference_of(base.model, base.reduction, theta), base.robot.n
+    unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
+
+    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+        count = len(q)
+        state = (np.repeat(x, n + 1, axis=0) for x in (q, qd))
+        torque = physics.total(*state, np.tile(unit, (count, 1))).reshape(count, n + 1, n)
+        bias, M = torque[:, 0], torque[:, 1:] - torque[:, :1]
+        values, V = np.linalg.eigh(0.5 * (M + M.transpose(0, 2, 1)))
+        right = np.einsum("bij,bi->bj", V, tau - bias)
+        return np.asarray(np.einsum("bij,bj->bi", V, right / np.maximum(values, LEAST_INERTIA)))
+
+    return acceleration

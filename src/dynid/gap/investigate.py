@@ -1,0 +1,101 @@
+"""One investigation from conditioned logs to a verdict: where, what, how sure, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dynid.errors import PackageMissing
+from dynid.gap.final import Fitted, Shrink, fit_picks, shrink
+from dynid.gap.forward import forward
+from dynid.gap.search import Options, Search, search
+from dynid.gap.setting import Known, Setting, make_setting
+from dynid.gap.verdict import Verdict, judge
+from dynid.gap.where import JointGap, where
+from dynid.identify.stack import Source
+from dynid.model.effects.interface import Floats
+from dynid.model.store import BaseModel
+from dynid.progress import SILENT, Progress
+
+#: Visible share below which these logs cannot show an effect, so that its absence means nothing.
+HIDDEN = 0.01
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """All that ``dynid gap`` says.
+
+    Attributes:
+        first: the setting before anything was found.
+        found: the search.
+        fitted: accepted effects with numbers, named or not.
+        where: the disagreement of each joint before.
+        proof: the held-out torque gap before and after.
+        simulation: position error of the forward simulation before and after, (n,) each; None where it cannot be run.
+        verdict: the verdict.
+        unseen: effects and joints that these logs cannot show.
+    """
+
+    first: Setting
+    found: Search
+    fitted: tuple[Fitted, ...]
+    where: tuple[JointGap, ...]
+    proof: Shrink
+    simulation: tuple[Floats, Floats] | None
+    verdict: Verdict
+    unseen: dict[str, list[int]]
+
+
+def investigate(
+    sources: Sequence[Source],
+    base: BaseModel,
+    known: Known | None,
+    options: Options,
+    progress: Progress = SILENT,
+    *,
+    simulate: bool = True,
+) -> Investigation:
+    """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
+
+    Args:
+        sources: conditioned logs, all with the same filter.
+        base: model and base parameters.
+        known: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
+        options: what is searched.
+        progress: told how far the work is.
+        simulate: whether the forward simulation is run too.
+    """
+    sources = on_one_clock(sources)
+    first = make_setting(sources, base, known)
+    found = search(sources, base, known, options, progress, first=first)
+    fitted, board = fit_picks(found)
+    proof = shrink(first, found, fitted)
+    verdict = judge(found, fitted, proof, base.robot.joint_names)
+    regions = where(replace(first, noise=found.setting.noise).board())
+    simulation = None
+    if simulate:
+        p = base.reduction.rank
+        bare = first.board(nuisance=False)
+        picks = [f.pick for f in fitted if f.pick.effect.name != "torque_delay"]
+        try:
+            before = forward(first, bare.theta[:p], [], board.theta[:0])
+            after = forward(found.setting, board.theta[:p], picks, board.theta[board.size :]) if fitted else before
+        except PackageMissing:
+            before = after = None
+        simulation = (before.rms, after.rms) if before is not None and after is not None else None
+    unseen: dict[str, list[int]] = {}
+    for (name, place), share in found.visibility.items():
+        if share < HIDDEN:
+            unseen.setdefault(name, []).extend(place[:1])
+    return Investigation(first, found, tuple(fitted), tuple(regions), proof, simulation, verdict, unseen)
+
+
+def on_one_clock(sources: Sequence[Source]) -> list[Source]:
+    """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
+    begin = [s.segments[0].t[0] - s.segments[0].since[0] for s in sources]
+    ends = [s.segments[-1].t[-1] for s in sources]
+    if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
+        return list(sources)
+    return [
+        replace(s, segments=[replace(x, since=x.t - begin[0]) for x in s.segments]) for s in sources
+    ]

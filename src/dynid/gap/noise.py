@@ -1,0 +1,220 @@
+"""The noise floor: from repeats of the same motion, or from the residual's high frequencies, which bound it from below.
+
+The difference of two residuals of the same motion holds everything that does not repeat and nothing that does. Its
+autoregressive model whitens the rows; without that, tests on robot residuals find effects in every clean log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.gap.stretches import Mask, Stretch
+from dynid.model.effects.interface import Floats
+
+#: Order of the autoregressive model: the parallel filter and a slow coloured part.
+ORDER = 4
+#: Two stretches are repeats when their positions differ by less than this share of their spread.
+ALIKE = 0.03
+#: Shortest overlap of repeats [s], and shortest period within a log [s].
+OVERLAP, PERIOD = 4.0, 4.0
+#: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
+SAME_GRID = 0.1
+#: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
+#: an undisturbed arm have; a random contact gives 12 and more, a wandering sensor 27 and more.
+BURST, WANDER = 6.0, 14.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of every joint after the parallel filter.
+
+    Attributes:
+        ar: coefficients of the autoregressive model, (n, ORDER).
+        sigma: standard deviation of what it does not predict, (n,) [N m].
+        floor: rms of the noise itself, (n,) [N m].
+        repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
+        burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
+        wander: power at low over high frequency, (n,); 0 without repeats.
+    """
+
+    ar: Floats
+    sigma: Floats
+    floor: Floats
+    repeats: float
+    burst: Floats
+    wander: Floats
+
+    @property
+    def unrepeatable(self) -> list[int]:
+        """Joints with disturbances that do not repeat."""
+        return np.flatnonzero((self.burst > BURST) | (self.wander > WANDER)).tolist()
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two stretches of the same motion: row k of the first is row k + lag of the second."""
+
+    first: int
+    second: int
+    lag: float
+
+
+def find_repeats(stretches: Sequence[Stretch]) -> list[Pair]:
+    """Find stretches, and periods within a stretch, that hold the same motion."""
+    pairs = []
+    for a, one in enumerate(stretches):
+        for b in range(a, len(stretches)):
+            lag = _lag(one, stretches[b], PERIOD if a == b else 0.0)
+            if lag is not None:
+                pairs.append(Pair(a, b, lag))
+    return pairs
+
+
+def _lag(one: Stretch, other: Stretch, least: float) -> float | None:
+    """Return the lag at which two motions agree, in rows; None when they do not."""
+    scale = one.q.std(axis=0)
+    moves = scale > 1e-3
+    if not moves.any():
+        return None
+    centre = one.q.mean(axis=0)
+    x, y = ((s.q - centre)[:, moves] / scale[moves] for s in (one, other))
+    size = 1 << (len(x) + len(y)).bit_length()
+    spectrum = np.conj(np.fft.rfft(x, size, axis=0)) * np.fft.rfft(y, size, axis=0)
+    cross = np.fft.irfft(spectrum.sum(axis=1), size)
+    lags = np.arange(-len(x) + 1, len(y))
+    product = cross[lags]
+    px, py = (np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))]) for z in (x, y))
+    start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
+    overlap = end - start
+    difference = (px[end] - px[start]) + (py[end + lags] - py[start + lags]) - 2 * product
+    wrong = (overlap < OVERLAP * one.rate) | (lags < least * one.rate if least else False)
+    mean = np.where(wrong, np.inf, difference / np.maximum(overlap, 1) / moves.sum())
+    best = int(np.argmin(mean))
+    if mean[best] > ALIKE**2 or not 0 < best < len(lags) - 1:
+        return None
+    left, middle, right = difference[best - 1 : best + 2]
+    bend = left - 2 * middle + right
+    fraction = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(lags[best] + (fraction if abs(fraction) > SAME_GRID else 0.0))
+
+
+def noise_of(stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: Sequence[Pair]) -> Noise:
+    """Measure the noise.
+
+    Args:
+        stretches: rows.
+        residuals: what the baseline model leaves, one (M, n) a stretch.
+        pairs: repeats among them.
+    """
+    parts = [_difference(stretches, residuals, pair) for pair in pairs]
+    seconds = sum(len(e) for e, _ in parts) / stretches[0].rate
+    if seconds >= OVERLAP:
+        return _from_repeats(parts, stretches[0].rate, seconds)
+    return _from_spectrum(stretches, residuals)
+
+
+def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair: Pair) -> tuple[Floats, Mask]:
+    """Return half the difference of two repeats, slow trends and friction changes taken off, and the rows that count."""
+    one, other = stretches[pair.first], stretches[pair.second]
+    whole = int(np.floor(pair.lag))
+    start, end = max(0, -whole), min(len(one), len(other) - whole - 1)
+    part = slice(start, end)
+    moved = _shifted(residuals[pair.second], pair.lag - whole)[start + whole : end + whole]
+    e = (residuals[pair.first][part] - moved) / np.sqrt(2)
+    use = one.use[part] & other.use[start + whole : end + whole]
+    use[:8], use[-8:] = False, False
+    for j in range(e.shape[1]):
+        if use[:, j].sum() > 20:
+            qd = one.qd[part, j]
+            A = np.column_stack([np.ones(len(e)), np.linspace(-1, 1, len(e)), np.tanh(qd / 0.01), qd])
+            e[:, j] -= A @ np.linalg.lstsq(A[use[:, j]], e[use[:, j], j], rcond=None)[0]
+    return e, use
+
+
+def _shifted(x: Floats, fraction: float) -> Floats:
+    """Return x(k + fraction) by a windowed sinc, (M, n)."""
+    if abs(fraction) < 1e-3:
+        return x
+    k = np.arange(-8, 9)
+    kernel = np.sinc(k - fraction) * np.kaiser(17, 5.0)
+    kernel /= kernel.sum()
+    return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
+
+
+def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> Noise:
+    n = parts[0][0].shape[1]
+    ar, sigma, floor, burst, wander = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
+    for j in range(n):
+        covariance = np.zeros(ORDER + 1)
+        for e, use in parts:
+            x = np.where(use[:, j], e[:, j], 0.0)
+            covariance += [float(x[lag:] @ x[: len(x) - lag]) for lag in range(ORDER + 1)]
+        ar[j] = yule_walker(covariance)
+        white = [whitened(e[:, j], ar[j])[use[ORDER:, j]] for e, use in parts]
+        count = max(1, sum(len(w) for w in white))
+        sigma[j] = np.sqrt(sum(float(w @ w) for w in white) / count)
+        floor[j] = np.sqrt(covariance[0] / max(1, sum(int(use[:, j].sum()) for _, use in parts)))
+        burst[j] = _burst([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
+        wander[j] = _wander([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
+    return Noise(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander)
+
+
+def _burst(parts: Sequence[Floats], rate: float) -> float:
+    size = max(1, round(rate))
+    powers = [np.mean(x[k : k + size] ** 2) for x in parts for k in range(0, len(x) - size + 1, size)]
+    powers = [p for p in powers if p > 0]
+    return float(max(powers) / np.median(powers)) if powers else 0.0
+
+
+def _wander(parts: Sequence[Floats], rate: float) -> float:
+    low = high = 0.0
+    for x in parts:
+        f = np.fft.rfftfreq(len(x), 1 / rate)
+        power = np.abs(np.fft.rfft(x * np.hanning(len(x)))) ** 2
+        low += float(np.mean(power[f < 0.8]))
+        high += float(np.mean(power[(f > 4.0) & (f < 8.0)])) if (f > 8.0).any() else float(np.mean(power[f > 0.5 * f[-1]]))
+    return low / high if high else 0.0
+
+
+def _from_spectrum(stretches: Sequence[Stretch], residuals: Sequence[Floats]) -> Noise:
+    """Take the noise as white before the filter, its level from the upper part of the pass band of the residual."""
+    chosen = stretches[0].source.chosen
+    kernel, step = chosen.second_kernel[0], chosen.second_step
+    shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
+    covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
+    ar = yule_walker(covariance)
+    n = residuals[0].shape[1]
+    level = np.zeros(n)
+    for j in range(n):
+        powers = []
+        for r in residuals:
+            f = np.fft.rfftfreq(len(r) - ORDER, 1 / chosen.kept_rate)
+            white = whitened(r[:, j], ar)
+            power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (0.375 * len(white))
+            powers.append(power[(f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)])
+        # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
+        level[j] = np.sqrt(np.median(np.concatenate(powers)) / np.log(2))
+    scale = np.sqrt(covariance[0] / max(1e-30, covariance[0] - ar @ covariance[1:]))
+    nothing = np.zeros(n)
+    sigma = np.maximum(level, 1e-9)
+    return Noise(np.tile(ar, (n, 1)), sigma, sigma * scale, 0.0, nothing, nothing)
+
+
+def yule_walker(covariance: Floats) -> Floats:
+    """Return autoregressive coefficients from autocovariances at lags 0 to ORDER."""
+    if covariance[0] <= 0:
+        return np.zeros(ORDER)
+    index = np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))
+    matrix = covariance[index] + 1e-6 * covariance[0] * np.eye(ORDER)
+    return np.linalg.solve(matrix, covariance[1:])
+
+
+def whitened(x: Floats, ar: Floats) -> Floats:
+    """Return what the autoregressive model does not predict, along the last axis, (..., M) -> (..., M - ORDER)."""
+    out = x[..., ORDER:].copy()
+    for lag, weight in enumerate(ar, start=1):
+        out -= weight * x[..., ORDER - lag : x.shape[-1] - lag]
+    return out

@@ -1,0 +1,340 @@
+"""The search: add the candidate with the most evidence, look whether another explains it better, until nothing passes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynid.gap.board import Board
+from dynid.gap.evidence import Candidate, Proof, Score, columns_of, make_candidate, prove, score
+from dynid.gap.noise import noise_of
+from dynid.gap.picks import Pick, effect_torque, moved, with_picks
+from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns
+from dynid.identify.effects import on_time
+from dynid.identify.stack import Source
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Effect, Floats, Place
+from dynid.model.store import BaseModel
+from dynid.progress import SILENT, Progress
+
+#: Smallest visible size in units of the noise.
+SMALLEST = 0.2
+#: The chance of a false name is divided over so many more looks for a wave: its frequency is free.
+RIPPLE_LOOKS = 60.0
+#: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred.
+EQUAL = 12.0
+#: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
+SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
+#: Rivals that are refined before they are compared.
+RIVALS = 4
+#: Times a delay is refined: each shift makes the next one exact to second order.
+DELAYS = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is searched.
+
+    Attributes:
+        effects: identifiers; all when empty.
+        joints: 0-based joints; all when empty.
+        false_alarm: chance of naming something on logs that hold nothing.
+        most: largest number of effects that are added.
+    """
+
+    effects: tuple[str, ...] = ()
+    joints: tuple[int, ...] = ()
+    false_alarm: float = 0.01
+    most: int = 3
+
+
+@dataclass
+class Search:
+    """A finished search.
+
+    Attributes:
+        setting: what was searched, delays taken out.
+        picks: accepted effects.
+        delay: how late the torques were found to be [s].
+        before: chi of each joint without the effects, (n,).
+        after: and with them, (n,).
+        refused: candidates that came close and why they were not accepted.
+        visibility: largest visible share of each candidate.
+    """
+
+    setting: Setting
+    picks: list[Pick]
+    delay: float
+    delay_proof: Proof | None
+    before: Floats
+    after: Floats
+    refused: list[tuple[str, Place, str]] = field(default_factory=list)
+    visibility: dict[tuple[str, Place], float] = field(default_factory=dict)
+
+
+def search(
+    sources: Sequence[Source],
+    base: BaseModel,
+    known: Known | None,
+    options: Options,
+    progress: Progress = SILENT,
+    *,
+    first: Setting | None = None,
+) -> Search:
+    """Search logs for what the model lacks.
+
+    Args:
+        sources: conditioned logs, all with the same filter.
+        base: model and base parameters.
+        known: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
+        options: what is searched.
+        progress: told how far the work is.
+        first: the setting of these logs, when it is there already.
+    """
+    delay, proof = 0.0, None
+    setting = first or make_setting(sources, base, known)
+    first_chi = setting.board().chi()
+    for _ in range(DELAYS + 1):
+        finder = _Finder(setting, options, progress, delay_allowed=abs(delay) < 0.5)
+        late = finder.run()
+        if late is None:
+            break
+        delay += float(late.beta[0])
+        proof = proof or late
+        shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
+        setting = make_setting(shifted, base, known)
+    setting = quieter(setting, finder.board, finder.picks)
+    bare = setting.board(finder.board.theta[: base.reduction.rank])
+    if not delay:
+        first_chi = bare.chi()
+    after = with_picks(bare, finder.picks).chi()
+    return Search(setting, finder.picks, delay, proof, first_chi, after, finder.refused, finder.visibility)
+
+
+def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
+    """Return the setting with the noise measured again, after what was found is taken out of the residual.
+
+    Why: a large effect does not repeat exactly when the motion does not, and would pass for noise.
+    """
+    if not setting.noise.repeats or not picks:
+        return setting
+    residuals = []
+    for s, b in zip(setting.stretches, board.stretches, strict=True):
+        columns = nuisance_columns(s)
+        p = s.W.shape[2]
+        extra = board.theta[p : board.size].reshape(s.course.n, -1)
+        model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.course.n)], axis=1)
+        residuals.append(s.tau - model - effect_torque(b.course, s.filtered, picks, board.theta[board.size :]).T)
+    return replace(setting, noise=noise_of(setting.stretches, residuals, setting.pairs))
+
+
+class _Finder:
+    """Greedy addition with swaps and backward elimination on one setting."""
+
+    def __init__(self, setting: Setting, options: Options, progress: Progress, *, delay_allowed: bool) -> None:
+        self.setting, self.options, self.progress = setting, options, progress
+        self.delay_allowed = delay_allowed
+        self.picks: list[Pick] = []
+        self.barred: set[tuple[str, Place]] = set()
+        self.refused: list[tuple[str, Place, str]] = []
+        self.visibility: dict[tuple[str, Place], float] = {}
+        self.board = setting.board()
+        self.candidates = self._candidates()
+
+    def _candidates(self, old: Sequence[Candidate] = ()) -> list[Candidate]:
+        """Make all candidates; those that do not depend on the model are taken from the old ones."""
+        kept = [c for c in old if not c.effect.needs_model]
+        made = list(kept)
+        done = {c.key for c in kept}
+        wanted = wanted_effects(self.setting, self.options)
+        for k, (effect, place) in enumerate(wanted):
+            if (effect.name, place) not in done and (effect.name != "torque_delay" or self.delay_allowed):
+                made += make_candidate(self.board, effect, place)
+            self.progress.advance(k + 1, len(wanted), f"{effect.name}")
+        return made
+
+    def run(self) -> Proof | None:
+        """Search until nothing passes; returns the proof of a delay, which has to be taken out first."""
+        while len(self.picks) < self.options.most:
+            pick = self._best()
+            if pick is None:
+                break
+            if pick.effect.name == "torque_delay":
+                return pick.proof
+            self._accept(pick)
+            self._swap()
+            self._eliminate()
+            self._relinearise()
+        self._equals()
+        return None
+
+    def _scores(self, board: Board, skip: Sequence[tuple[str, Place]] = ()) -> list[tuple[Score, Candidate]]:
+        found = [(score(board, c), c) for c in self.candidates if c.key not in self.barred and c.key not in skip]
+        return sorted(found, key=lambda pair: -pair[0].net)
+
+    def _best(self) -> Pick | None:
+        """Return the strongest candidate that passes the tests."""
+        ranked = self._scores(self.board, [p.key for p in self.picks])
+        if not self.visibility:
+            for found, c in ranked:
+                self.visibility[c.key] = max(found.visibility, self.visibility.get(c.key, 0.0))
+        leading = [self._refined(self.board, found, c) for found, c in ranked[:RIVALS] if found.net > 0]
+        for pick in sorted(leading, key=lambda p: -p.net):
+            why = self._fails(pick)
+            if not why:
+                return self._simpler(pick, leading)
+            self.refused.append((pick.effect.name, pick.place, why))
+            if pick.proof.visible_rms >= SMALLEST:
+                return None
+        return None
+
+    def _simpler(self, pick: Pick, others: Sequence[Pick]) -> Pick:
+        for other in others:
+            if contains(pick, other) and other.net > pick.net - EQUAL and not self._fails(other):
+                return other
+        return pick
+
+    def _fails(self, pick: Pick) -> str:
+        """Return why a pick is not accepted, or nothing."""
+        looks = max(150, len({c.key for c in self.candidates})) * (RIPPLE_LOOKS if pick.effect.name == "torque_ripple" else 1.0)
+        if pick.net <= 0:
+            return "explains less than its freedom costs"
+        if pick.proof.visible_rms < SMALLEST:
+            return f"too small: {pick.proof.visible_rms:.2f} of the noise"
+        if pick.proof.p_value * looks >= self.options.false_alarm:
+            return f"not sure: chance {min(1.0, pick.proof.p_value * looks):.2g}"
+        return ""
+
+    def _refined(self, board: Board, found: Score, candidate: Candidate) -> Pick:
+        """Return the candidate at its best shape, refined off the grid."""
+        shape = dict(candidate.shapes[found.index])
+        columns = {j: C[found.index] for j, C in candidate.columns.items()}
+        gain = found.gain
+        for factor in (1.0, 0.5, 0.25) if candidate.effect.steps else ():
+            tried = [shape | {name: moved(shape[name], kind, size, sign * factor)} for name, (kind, size) in candidate.effect.steps.items()
+                     for sign in (-1, 1)]  # fmt: skip
+            stack = columns_of(board, candidate.effect, candidate.place, tried)
+            gram = np.asarray(sum(np.einsum("gkm,glm->gkl", C, C) for C in stack.values()))
+            better = score(board, Candidate(candidate.effect, candidate.place, tried, stack, gram))
+            if better.gain > gain:
+                gain, shape = better.gain, tried[better.index]
+                columns = {j: C[better.index] for j, C in stack.items()}
+        proof = prove(board, columns)
+        pick = Pick(candidate.effect, candidate.place, shape, proof, gain - found.price)
+        self._columns = getattr(self, "_columns", {}) | {_identity(pick): columns}
+        return pick
+
+    def _columns_of(self, pick: Pick) -> dict[int, Floats]:
+        key = _identity(pick)
+        if key not in self._columns:
+            stack = columns_of(self.board, pick.effect, pick.place, [pick.shape])
+            self._columns[key] = {j: C[0] for j, C in stack.items()}
+        return self._columns[key]
+
+    def _with(self, picks: Sequence[Pick]) -> Board:
+        board = replace(self.board, added=[self._columns_of(p) for p in picks])
+        board.solve()
+        return board
+
+    def _accept(self, pick: Pick) -> None:
+        self.picks.append(pick)
+        self.board = self._with(self.picks)
+
+    def _swap(self) -> None:
+        """Replace an accepted effect when another one explains more in its place."""
+        for k, pick in enumerate(list(self.picks)):
+            if len(self.picks) == 1:
+                return
+            rest = [p for p in self.picks if p is not pick]
+            board = self._with(rest)
+            ranked = [r for r in self._scores(board, [p.key for p in rest]) if r[1].effect.name != "torque_delay"]
+            leading = [self._refined(board, found, c) for found, c in ranked[:RIVALS]]
+            best = max(leading, key=lambda p: p.net)
+            own = next((p for p in leading if p.key == pick.key), None)
+            if own is None or best.net > own.net + EQUAL:
+                self.barred.add(pick.key)
+                pick = best
+            else:
+                pick = own
+            self.picks = [*rest[:k], pick, *rest[k:]]
+            self.board = self._with(self.picks)
+
+    def _eliminate(self) -> None:
+        """Drop what is no longer needed; a dropped name is barred, otherwise the search need not end."""
+        while len(self.picks) > 1:
+            checked = []
+            for pick in self.picks:
+                rest = [p for p in self.picks if p is not pick]
+                proof = prove(self._with(rest), self._columns_of(pick))
+                checked.append(replace(pick, proof=proof))
+            failing = [p for p in checked if self._fails(p)]
+            self.picks = checked
+            if not failing:
+                return
+            worst = min(failing, key=lambda p: p.proof.visible_rms)
+            self.barred.add(worst.key)
+            self.refused.append((worst.effect.name, worst.place, "not needed beside the others"))
+            self.picks = [p for p in self.picks if p is not worst]
+            self.board = self._with(self.picks)
+
+    def _relinearise(self) -> None:
+        """Scale model-based candidates with the new parameters."""
+        theta = self.board.theta[: self.setting.base.reduction.rank]
+        self.board = self.setting.board(theta)
+        self._columns = {}
+        self.candidates = self._candidates(self.candidates)
+        self.board = self._with(self.picks)
+
+    def _equals(self) -> None:
+        """Note for each accepted effect what would explain as much in its place."""
+        for k, pick in enumerate(self.picks):
+            rest = [p for p in self.picks if p is not pick]
+            board = self._with(rest)
+            ranked = self._scores(board, [p.key for p in rest])
+            own = next((self._refined(board, f, c) for f, c in ranked if c.key == pick.key), pick)
+            near = [(f, c) for f, c in ranked if c.key != pick.key and f.net > 0.8 * own.net][:RIVALS]
+            rivals = [self._refined(board, found, c) for found, c in near]
+            equal = tuple(r.key for r in rivals if r.net > own.net - EQUAL and not contains(r, own))
+            self.picks[k] = replace(own, equals=equal)
+
+
+def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
+    return pick.effect.name, pick.place, tuple(sorted(pick.shape.items()))
+
+
+def contains(wide: Pick, narrow: Pick) -> bool:
+    """Return whether one effect holds the other as a special case at the same place, and so always fits as well."""
+    return wide.place == narrow.place and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
+
+
+def wanted_effects(setting: Setting, options: Options) -> list[tuple[Effect, Place]]:
+    """Return every effect and place that is worth a look."""
+    use = "refit" if setting.known is None else "frozen"
+    joints = setting.base.robot.joints
+    found = []
+    moves = np.sum([s.use.sum(axis=0) for s in setting.stretches], axis=0) > 0
+    for effect in CATALOGUE.values():
+        if use not in effect.uses or (options.effects and effect.name not in options.effects):
+            continue
+        for place in effect.places(len(joints)):
+            if options.joints and place and place[0] not in options.joints:
+                continue
+            if place and not moves[place[0]]:
+                continue
+            if not _in_model(effect, place, setting):
+                found.append((effect, place))
+    return found
+
+
+def _in_model(effect: Effect, place: Place, setting: Setting) -> bool:
+    """Return whether the baseline has it already, or has not what should have changed."""
+    if not place:
+        return False
+    joint = setting.base.robot.joints[place[0]]
+    refit = setting.known is None
+    has = {"torque_offset": refit and "offset" in joint.friction, "viscous": "viscous" in joint.friction,
+           "coulomb": "coulomb" in joint.friction, "motor_inertia": refit and joint.motor_inertia,
+           "coulomb_change": "coulomb" not in joint.friction, "viscous_change": "viscous" not in joint.friction}  # fmt: skip
+    return has.get(effect.name, False)

@@ -1,0 +1,185 @@
+"""The scene of one search: what is trained on, what is held out, the noise, and the baseline that is kept or refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.gap.board import Board, build_board
+from dynid.gap.noise import Noise, Pair, find_repeats, noise_of
+from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
+from dynid.identify.stack import Source
+from dynid.model.effects.coulomb import coulomb_sign
+from dynid.model.effects.interface import Floats
+from dynid.model.reference import reference_of
+from dynid.model.store import BaseModel
+
+#: Share of each log that is held out where there are fewer than three motions.
+HELD_OUT = 0.2
+#: Rows between training and held-out part that belong to neither [s].
+BETWEEN = 1.0
+#: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
+#: narrow one [rad/s] and one so many times wider than the model's, at least ``WIDE``.
+NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
+#: Errors of an earlier identification are taken this much larger, for what its own model lacked.
+TRUST = 1.5
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model that is kept: what an earlier identification found.
+
+    Attributes:
+        theta: base parameters, (p,).
+        covariance: of them, (p, p).
+    """
+
+    theta: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One search.
+
+    Attributes:
+        base: model and base parameters.
+        known: the kept model; None when the baseline is refitted.
+        stretches: all rows.
+        train: rows that are searched, one mask a stretch.
+        held: rows that prove, one mask a stretch.
+        held_text: what is held out, for people.
+        pairs: repeats.
+        noise: the noise floor.
+        theta: base parameters that effects are scaled with, (p,).
+    """
+
+    base: BaseModel
+    known: Known | None
+    stretches: list[Stretch]
+    train: list[Mask]
+    held: list[Mask]
+    held_text: str
+    pairs: list[Pair]
+    noise: Noise
+    theta: Floats
+
+    def board(self, theta: Floats | None = None, *, nuisance: bool = True, held: bool = False) -> Board:
+        """Return the whitened training rows, effects scaled with given base parameters.
+
+        Args:
+            theta: base parameters, those of the setting when None.
+            nuisance: whether shapes of reversals are left unjudged.
+            held: the held-out rows instead.
+        """
+        physics = reference_of(self.base.model, self.base.reduction, self.theta if theta is None else theta)
+        stretches = cut(with_physics(self.stretches, physics), self.held if held else self.train)
+        columns = [nuisance_columns(s) if nuisance else [np.zeros((0, len(s)))] * s.course.n for s in stretches]
+        return build_board(stretches, self.noise, columns, prior_rows(self.known))
+
+
+def nuisance_columns(stretch: Stretch) -> list[Floats]:
+    """Return the columns that are not judged, (2, M) a joint."""
+    course = stretch.course
+    found = []
+    for j in range(course.n):
+        qd, sign = course.qd[:, j], coulomb_sign(course.qd[:, j], course.sign, j)
+        wide = max(WIDE, WIDER * course.sign.velocity[j])
+        found.append(stretch.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
+    return found
+
+
+def prior_rows(known: Known | None) -> Floats | None:
+    """Return rows [L^T, L^T theta0] that hold parameters where they were, (p, p + 1)."""
+    if known is None:
+        return None
+    size = np.sqrt(np.maximum(np.diag(known.covariance), 1e-18))
+    values, V = np.linalg.eigh(known.covariance / np.outer(size, size))
+    root = (V / np.sqrt(np.maximum(values, 1e-8))).T / size / TRUST
+    return np.column_stack([root, root @ known.theta])
+
+
+def make_setting(sources: Sequence[Source], base: BaseModel, known: Known | None) -> Setting:
+    """Arrange a search over conditioned logs.
+
+    Args:
+        sources: conditioned logs, all with the same filter.
+        base: model and base parameters.
+        known: the model that is kept, None to refit it.
+    """
+    p = base.reduction.rank
+    start = np.zeros(p) if known is None else known.theta
+    stretches = stretches_of(sources, base, reference_of(base.model, base.reduction, start))
+    pairs = find_repeats(stretches)
+    train, held, text = split(stretches, pairs)
+    theta, residuals = plain_fit(stretches, train, known)
+    noise = noise_of(stretches, residuals, pairs)
+    return Setting(base, known, stretches, train, held, text, pairs, noise, theta)
+
+
+def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mask], list[Mask], str]:
+    """Hold out the last of three or more motions with its repeats, or else the last fifth of each log."""
+    motion = list(range(len(stretches)))
+    for pair in pairs:
+        motion[pair.second] = min(motion[pair.second], motion[pair.first])
+    logs = {s.log: motion[k] for k, s in reversed(list(enumerate(stretches)))}
+    kinds = list(dict.fromkeys(logs[log] for log in sorted(logs)))
+    if len(kinds) >= 3:
+        out = [logs[s.log] == kinds[-1] for s in stretches]
+        masks = [np.full(len(s), value) for s, value in zip(stretches, out, strict=True)]
+        names = {s.source.name for s, value in zip(stretches, out, strict=True) if value}
+        return [~m for m in masks], masks, ", ".join(sorted(names))
+    last = {log: max(s.t[-1] for s in stretches if s.log == log) for log in logs}
+    first = {log: min(s.t[0] for s in stretches if s.log == log) for log in logs}
+    border = {log: last[log] - HELD_OUT * (last[log] - first[log]) for log in logs}
+    train = [s.t < border[s.log] - BETWEEN for s in stretches]
+    held = [s.t >= border[s.log] for s in stretches]
+    return train, held, f"last {100 * HELD_OUT:.0f} % of each log"
+
+
+def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known | None) -> tuple[Floats, list[Floats]]:
+    """Fit the baseline without whitening, weighted by joint; returns base parameters and residuals (M, n) a stretch."""
+    n, p = stretches[0].W.shape[1:]
+    columns = [nuisance_columns(s) for s in stretches]
+    weights = np.ones(n)
+    theta, gamma = np.zeros(p), np.zeros((n, 2))
+    for _ in range(2):
+        board = [
+            _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n) for j in range(n)
+        ]
+        gram = sum(w * A.T @ A for w, (A, _) in zip(weights, board, strict=True))
+        right = sum(w * A.T @ y for w, (A, y) in zip(weights, board, strict=True))
+        if known is not None:
+            rows = prior_rows(known)
+            assert rows is not None
+            gram[:p, :p] += rows[:, :-1].T @ rows[:, :-1]
+            right[:p] += rows[:, :-1].T @ rows[:, -1]
+        solution = solve_gram(np.asarray(gram), np.asarray(right))
+        theta, gamma = solution[:p], solution[p:].reshape(n, 2)
+        weights = np.array([1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board])
+    residuals = [
+        s.tau - s.W @ theta - np.stack([gamma[j] @ c[j] for j in range(n)], axis=1) for s, c in zip(stretches, columns, strict=True)
+    ]
+    return theta, residuals
+
+
+def _rows(
+    stretches: Sequence[Stretch], columns: Sequence[Sequence[Floats]], use: Sequence[Mask], joint: int, n: int
+) -> tuple[Floats, Floats]:
+    parts = []
+    for s, c, rows in zip(stretches, columns, use, strict=True):
+        wide = np.zeros((int(rows.sum()), 2 * n))
+        wide[:, 2 * joint : 2 * joint + 2] = c[joint][:, rows].T
+        parts.append(np.hstack([s.W[rows, joint], wide]))
+    return np.concatenate(parts), np.concatenate([s.tau[rows, joint] for s, rows in zip(stretches, use, strict=True)])
+
+
+def solve_gram(gram: Floats, right: Floats) -> Floats:
+    """Solve normal equations in normalised columns, weak directions left at zero."""
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0, size, 1.0)
+    values, V = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > 1e-9 * values[-1]
+    return np.asarray(V[:, kept] @ ((V[:, kept].T @ (right / size)) / values[kept]) / size)

@@ -1,0 +1,127 @@
+"""The verdict: named, nothing missing, unexplained or ambiguous, and the advice that follows from each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.gap.final import Fitted, Shrink
+from dynid.gap.search import Search
+from dynid.model.effects.catalogue import CATALOGUE
+
+#: Mean square of the whitened residual up to which nothing is missing.
+NOTHING = 1.25
+#: Share of a joint's excess that one, two, three or more names on it must explain; or this much may remain.
+SHARES, REMAINS = (0.70, 0.85, 0.92), 0.10
+#: Chance below which an effect differs between logs and is no constant property of the arm.
+SAME = 1e-3
+#: A smaller companion of the same family on the same joint is the larger one's shape, not a second effect.
+COMPANION = 0.25
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said in the end.
+
+    Attributes:
+        word: ``named``, ``nothing_missing``, ``unexplained`` or ``ambiguous``.
+        named: effects that are named.
+        closest: effects that explain part of the gap, with the reason why they are no name.
+        remainder: joints with more left than noise.
+        alternatives: groups of identifiers that explain as much.
+        advice: what to do next.
+    """
+
+    word: str
+    named: tuple[Fitted, ...]
+    closest: tuple[tuple[Fitted, str], ...]
+    remainder: tuple[int, ...]
+    alternatives: tuple[tuple[str, ...], ...]
+    advice: str
+
+
+def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequence[str]) -> Verdict:
+    """Judge a finished search.
+
+    Args:
+        found: the search.
+        fitted: what it found, with numbers.
+        proof: the held-out gap before and after.
+        joints: joint names.
+    """
+    reasons = [(one, refusal(found, fitted, one, proof)) for one in fitted]
+    named = tuple(one for one, why in reasons if not why)
+    closest = tuple((one, why) for one, why in reasons if why)
+    remainder = tuple(np.flatnonzero(found.after > NOTHING).tolist())
+    equals = tuple(
+        tuple(dict.fromkeys([one.pick.effect.name, *(name for name, _ in one.pick.equals)])) for one in named if one.pick.equals
+    )
+    different = tuple(group for group in equals if len(group) > 1)
+    if different or equals:
+        word = "ambiguous"
+    elif named:
+        word = "named"
+    elif closest or remainder or found.setting.noise.unrepeatable:
+        word = "unexplained"
+    else:
+        word = "nothing_missing"
+    advice = advice_of(word, found, named, closest, remainder, joints)
+    return Verdict(word, named, closest, remainder, different or equals, advice)
+
+
+def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink) -> str:
+    """Return why an accepted effect is not called by its name, or nothing."""
+    pick = one.pick
+    n = len(found.before)
+    if pick.effect.name == "torque_delay":
+        return ""
+    rows = pick.effect.rows(pick.place, n)
+    if found.setting.noise.unrepeatable and pick.proof.joint in found.setting.noise.unrepeatable:
+        return "the disturbance of this joint does not repeat"
+    if pick.proof.agreement < SAME:
+        return "it is not the same in all logs"
+    same = [f for f in fitted if f is not one and pick.effect.family and f.pick.effect.family == pick.effect.family and f.pick.place[:1] == pick.place[:1]]
+    if any(pick.proof.visible_rms < COMPANION * f.pick.proof.visible_rms for f in same):
+        return "it is the shape of a larger effect of the same kind"
+    j = pick.proof.joint
+    on_joint = [f for f in fitted if j in f.pick.effect.rows(f.pick.place, n) and f.pick.effect.name != "torque_delay"]
+    left, excess = found.after[j] - 1, found.before[j] - 1
+    share = 1 - left / excess if excess > 0 else 1.0
+    needed = SHARES[min(len(on_joint), len(SHARES)) - 1]
+    if share < needed and left > REMAINS:
+        return f"it explains {100 * max(share, 0):.0f} % of the gap of this joint"
+    if proof.ratio[j, 1] >= 1.0 and len(rows) == 1:
+        return "the gap on unseen data did not shrink"
+    return ""
+
+
+def advice_of(
+    word: str,
+    found: Search,
+    named: Sequence[Fitted],
+    closest: Sequence[tuple[Fitted, str]],
+    remainder: Sequence[int],
+    joints: Sequence[str],
+) -> str:
+    """Return what to do next."""
+    noise = found.setting.noise
+    repeat = "" if noise.repeats else " Record each motion twice: without repeats the noise floor is only a lower bound."
+    if noise.unrepeatable:
+        names = ", ".join(joints[j] for j in noise.unrepeatable)
+        return f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
+    if word == "ambiguous":
+        one = next(f for f in named if f.pick.equals)
+        other = CATALOGUE[one.pick.equals[0][0]]
+        return f"To separate {one.pick.effect.name} from {other.name}: {one.pick.effect.separate}; {other.separate}."
+    if word == "named":
+        left = f" More is left on {', '.join(joints[j] for j in remainder)}." if remainder else ""
+        return f"Add it with --apply and check on a new log with dynid validate.{left}{repeat}"
+    if word == "unexplained":
+        near = ""
+        if closest:
+            one, why = closest[0]
+            near = f" The closest candidate is {one.pick.effect.name}, but {why}."
+        return f"No effect of the catalogue explains it.{near} Look at the pictures of where it is, and at what the joints share.{repeat}"
+    return f"The model is as good as the noise lets anyone see.{repeat}"

@@ -1,0 +1,94 @@
+"""Added effects in loop 3: their columns over conditioned logs, and the model that some of them scale with.
+
+Effects such as load-dependent friction need the torques of the model that is being identified. Their columns are made
+with the last estimate and the fit is repeated until it settles; the stored result is then its own reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identify.stack import Source
+from dynid.model.effects.interface import Course, Physics
+from dynid.model.reference import believed, reference_of
+from dynid.model.regressor import Model
+from dynid.model.store import BaseModel
+from dynid.quality.condition import Filter, Segment
+from dynid.quality.filters import decimate
+
+Floats = NDArray[np.float64]
+
+#: Fits until columns that scale with the model have settled; each changes them by the effect's share of the torque.
+ROUNDS = 3
+
+
+def course_of(segment: Segment, chosen: Filter, model: Model, physics: Physics) -> Course:
+    """Return a conditioned stretch as effects want it."""
+    kernel = chosen.second_kernel
+
+    def smooth(x: Floats) -> Floats:
+        half = (kernel.shape[1] - 1) // 2
+        return np.asarray(decimate(np.pad(x, half, mode="edge")[None], kernel, 1)[0, 0])
+
+    return Course(segment.since, segment.q, segment.qd, segment.qdd, model.robot.coulomb_shape, physics, smooth)
+
+
+def with_effects(source: Source, model: Model, physics: Physics | None = None) -> Source:
+    """Return a log with the columns of the effects that the robot file lists.
+
+    Args:
+        source: the conditioned log.
+        model: the model.
+        physics: torques that effects scale with; those believed before measuring when None.
+    """
+    if not model.added:
+        return source
+    physics = physics or believed(model)
+    courses = [course_of(segment, source.chosen, model, physics) for segment in source.segments]
+    segments = [replace(s, effects=model.course(c).T) for s, c in zip(source.segments, courses, strict=True)]
+    return replace(source, segments=segments)
+
+
+def on_time(segment: Segment, delay: float) -> Segment:
+    """Return a stretch whose torques, which came late, belong to its positions again; the end counts no more.
+
+    Args:
+        segment: the stretch.
+        delay: how late the torques are [s].
+    """
+    if not delay:
+        return segment
+    from scipy.interpolate import CubicSpline
+
+    t = segment.t + delay
+    inside = (t >= segment.t[0]) & (t <= segment.t[-1])
+    wanted = np.clip(t, segment.t[0], segment.t[-1])
+    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
+    return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
+
+
+def settled(
+    sources: Sequence[Source], base: BaseModel, fit: Callable[[Sequence[Source]], Floats], first: Floats | None = None
+) -> list[Source]:
+    """Return logs whose model-based columns fit the parameters that are identified from them.
+
+    Args:
+        sources: conditioned logs.
+        base: model and base parameters.
+        fit: returns the base parameters of given logs, (p,).
+        first: base parameters to begin with; a first fit when None.
+    """
+    found = list(sources)
+    if not any(added.effect.needs_model for added in base.model.added):
+        return found
+    theta = first
+    for _ in range(ROUNDS):
+        theta = fit(found) if theta is None else theta
+        physics = reference_of(base.model, base.reduction, theta)
+        found = [with_effects(source, base.model, physics) for source in found]
+        theta = None
+    return found

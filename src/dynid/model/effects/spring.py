@@ -1,0 +1,32 @@
+"""Spring or cable torque: k1 q (+ k2 q^2 + k3 q^3) + c."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+
+
+class Spring(Effect):
+    """Spring or cable torque."""
+
+    name = "spring"
+    title = "spring or cable torque"
+    equation = "k1 q (+ k2 q^2 + k3 q^3) + c"
+    signature = "rises over the joint's travel: one sign at one end, the other at the other end"
+    separate = "dwell at both ends of the travel"
+    family = "position torque"
+    shape_units = {"order": ""}
+
+    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried."""
+        return [{"order": 1.0}, {"order": 3.0}]
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {**{f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in range(1, round(shape["order"]) + 1)}, "c": "N m"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        q = course.q[:, place[0]]
+        return np.array([*(q**i for i in range(1, round(shape["order"]) + 1)), np.ones_like(q)])[:, None]

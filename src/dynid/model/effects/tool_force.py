@@ -1,0 +1,27 @@
+"""Constant force on the tool (a hose, a cable): -J^T f, f constant in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+
+
+class ToolForce(Effect):
+    """Constant force on the tool (a hose, a cable)."""
+
+    name = "tool_force"
+    title = "constant force on the tool (a hose, a cable)"
+    equation = "-J^T f, f constant in the world"
+    signature = "wrist and elbow together, with the pattern of a force at the tip"
+    separate = "turn the wrist in many directions at each pose"
+    scope = "arm"
+    family = "statics"
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"x": "N", "y": "N", "z": "N"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return np.array([course.physics.pull(course.q, axis).T for axis in range(3)])

@@ -1,0 +1,33 @@
+"""Friction that falls while the drive warms up: exp(-t / tw) (a1 sign(qd) + a2 qd)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+
+
+class WarmupFriction(Effect):
+    """Friction that falls while the drive warms up."""
+
+    name = "warmup_friction"
+    title = "friction that falls while the drive warms up"
+    equation = "exp(-t / tw) (a1 sign(qd) + a2 qd)"
+    signature = "friction is larger in the first minutes than later"
+    separate = "repeat the same motion cold and warm"
+    family = "time"
+    shape_units = {"tw": "s"}
+    steps = {"tw": ("times", 1.4)}
+
+    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried."""
+        return [{"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0)]
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return {"a1": "N m", "a2": "N m s/rad"}
+
+    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        cold = np.exp(-course.t / shape["tw"])
+        return np.array([cold * sign_of(course, place[0]), cold * course.qd[:, place[0]]])[:, None]

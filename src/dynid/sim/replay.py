@@ -1,0 +1,79 @@
+"""Replay an identified model in PyBullet: measured torques in, positions out, in short windows from measured states.
+
+Bullet carries the state and integrates it; the arm that it carries is the identified one, whose base parameters need
+not belong to any set of bodies that Bullet would accept. So Bullet's own arm gets, at each step, the torques that make
+it accelerate as the identified model does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.robot import Robot
+from dynid.sim.arm import Arm
+
+Floats = NDArray[np.float64]
+
+#: Length of a window [s]: long enough for an effect to move the arm, short enough that errors stay in the linear range.
+WINDOW = 0.5
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What came out.
+
+    Attributes:
+        rms: position error at each joint over all windows, (n,) [rad or m].
+        windows: root mean square of each window, (W, n).
+    """
+
+    rms: Floats
+    windows: Floats
+
+
+def replay(
+    robot: Robot,
+    acceleration: Callable[[Floats, Floats, Floats, Floats], Floats],
+    t: Floats,
+    q: Floats,
+    qd: Floats,
+    tau: Floats,
+    *,
+    windows: int = 24,
+) -> Replay:
+    """Replay measured torques through a model.
+
+    Args:
+        robot: the arm, for Bullet.
+        acceleration: the model: times (B,), positions, velocities and torques (B, n) -> accelerations (B, n).
+        t: times, evenly spaced, (N,) [s].
+        q: measured positions, (N, n).
+        qd: measured velocities, (N, n).
+        tau: measured torques, (N, n).
+        windows: number of windows, spread evenly.
+    """
+    dt = float(t[1] - t[0])
+    length = max(2, round(WINDOW / dt))
+    starts = np.linspace(0, len(t) - length - 1, max(1, min(windows, (len(t) - 1) // length))).astype(int)
+    x, v = q[starts].copy(), qd[starts].copy()
+    errors = np.zeros((len(starts), robot.n))
+    arms = [Arm(robot, dt=dt) for _ in starts]
+    try:
+        for arm, position, speed in zip(arms, x, v, strict=True):
+            arm.reset(position, speed)
+        for k in range(length):
+            at = starts + k
+            a = acceleration(t[at], x, v, 0.5 * (tau[at] + tau[at + 1]))
+            for w, arm in enumerate(arms):
+                arm.step(arm.inverse_dynamics(x[w], v[w], a[w]))
+                x[w], v[w] = arm.state()
+            errors += (x - q[at + 1]) ** 2
+    finally:
+        for arm in arms:
+            arm.close()
+    each = np.sqrt(errors / length)
+    return Replay(np.sqrt(np.mean(each**2, axis=0)), each)
