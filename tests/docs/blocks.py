@@ -1,7 +1,7 @@
 """Command blocks of README and docs: found, run, compared; ``python tests/docs/blocks.py PAGE`` writes the output anew.
 
-A fence ``console`` holds lines ``$ command`` with their output. All commands of a page run in one folder, in order, in a
-shell, where ``robots`` and ``trajectories`` are those of the project. A line ``...`` stands for output that is left out.
+A fence ``console`` holds lines ``$ command`` with their output. All commands of a page run in one folder, in order, in
+a shell, where ``robots`` and ``trajectories`` are those of the project. A line ``...`` stands for left out output.
 Blocks with any other fence (``text``) are not run: they need an arm, ROS or a display, or they are a file.
 """
 

@@ -25,6 +25,8 @@ from dynid import __version__
 from dynid.errors import CannotWrite, NewerSchema, NotAnArtifact
 
 HEADER = "header"
+#: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
+COMPRESSED_BYTES = 4 << 20
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,9 @@ def write_artifact(path: Path, artifact: Artifact) -> None:
         for name, array in {HEADER: text, **artifact.arrays}.items():
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), buffer.getvalue(), zipfile.ZIP_DEFLATED, 1)
+            content = buffer.getbuffer()
+            how = zipfile.ZIP_DEFLATED if len(content) < COMPRESSED_BYTES else zipfile.ZIP_STORED
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content, how, 1)
 
 
 def read_artifact(path: Path, schema: str | None = None) -> Artifact:

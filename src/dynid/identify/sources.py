@@ -59,10 +59,10 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
         The conditioned log and the prepared one, whose findings are worth showing.
     """
     robot = model.robot
-    raw = read_log(path, robot=robot, topic=reading.topic, rate=reading.rate)
+    log = read_log(path, robot=robot, topic=reading.topic, rate=reading.rate)
     if reading.velocity == "derived":
-        raw = replace(raw, qd=None)
-    log = prepare(raw, robot, exclude=reading.exclude, sort_time=reading.sort_time, identify=reading.identify)
+        log = replace(log, qd=None)
+    log = prepare(log, robot, exclude=reading.exclude, sort_time=reading.sort_time, identify=reading.identify)
     if reading.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
     if reading.velocity == "measured" and log.qd is None:

@@ -210,9 +210,11 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) 
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
         pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step, measured))
-    joined = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
-    nothing = np.zeros((len(joined[0]), 0))
-    return Segment(*joined, effects=nothing, since=joined[0] - log.t[0])
+    columns = [list(parts) for parts in zip(*pieces, strict=True)]
+    pieces.clear()
+    # Why one after the other: of a long log, pieces and joined arrays would not fit into memory together.
+    joined = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
+    return Segment(*joined, effects=np.zeros((len(joined[0]), 0)), since=joined[0] - log.t[0])
 
 
 def _block(
@@ -233,7 +235,7 @@ def _block(
     clipped = log.extra.get("clipped")
     usable = np.ones(tau.shape, dtype=bool)[centres]
     if clipped is not None:
-        spoilt = column(clipped.astype(float))
+        spoilt = column(clipped).astype(float)
         usable = decimate(np.ascontiguousarray(spoilt.T), np.ones((1, taps)), step)[0].T < 0.5
     raw_qd = column(log.qd) if log.qd is not None else np.gradient(q, grid, axis=0)
     return (
@@ -241,9 +243,10 @@ def _block(
         *(np.ascontiguousarray(x.T) for x in filtered),
         np.ascontiguousarray(smooth_tau.T),
         usable,
-        q[centres],
-        raw_qd[centres],
-        tau[centres],
+        # Why copies: views would keep the whole block.
+        q[centres].copy(),
+        raw_qd[centres].copy(),
+        tau[centres].copy(),
         *_command(log, column, kernels, step, len(grid[centres])),
     )
 
