@@ -16,7 +16,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.robot import Coulomb
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
@@ -84,7 +84,7 @@ class Course:
         q: positions, (N, n) [rad or m].
         qd: velocities, (N, n).
         qdd: accelerations, (N, n).
-        sign: shape of the Coulomb sign.
+        robot: the arm.
         physics: the current model.
         smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
     """
@@ -93,7 +93,7 @@ class Course:
     q: Floats
     qd: Floats
     qdd: Floats
-    sign: Coulomb
+    robot: Robot
     physics: Physics
     smooth: Callable[[Floats], Floats]
 
@@ -176,4 +176,4 @@ def sign_of(course: Course, joint: int) -> Floats:
     """Return the Coulomb sign of one joint, (N,)."""
     from dynid.model.effects.coulomb import coulomb_sign
 
-    return coulomb_sign(course.qd[:, joint], course.sign, joint)
+    return coulomb_sign(course.qd[:, joint], course.robot.coulomb_shape, joint)
