@@ -28,6 +28,7 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
 from dynid.quality.condition import choose_filter, condition
+from dynid.robot import Coulomb
 
 CUTOFF = 10.0
 #: Where each effect can be seen: joints (0-based) that carry it well on these arms.
@@ -39,7 +40,8 @@ def model_of(name):
     if name not in _MODELS:
         robot = load_robot(hidden.ROBOT[name])
         bare = tuple(replace(j, friction=("viscous", "coulomb"), motor_inertia=False) for j in robot.joints)
-        model = build_model(replace(robot, joints=bare))
+        # Why: the truth is tanh(v / 0.003); 0.005 leaves a difference that the search must not take for an effect.
+        model = build_model(replace(robot, joints=bare, coulomb=Coulomb("smooth", (0.005,) * robot.n)))
         _MODELS[name] = BaseModel(model, reduce(model))
     return _MODELS[name]
 
@@ -130,7 +132,7 @@ def run(set_name, k):
     proof = shrink(first, found, fitted)
     verdict = judge(found, fitted, proof, base.robot.joint_names)
     seconds = time.process_time() - start
-    visible = np.sqrt(np.maximum(proof.before**2 - proof.floor**2, 0)) / proof.floor
+    visible = np.sqrt(np.maximum(found.before - 1, 0))
     joint = int(np.argmax(visible))
     return {
         "set": set_name, "k": k, "arm": arm, "size": size, "truth": truth_of(cases, base.robot.n),
@@ -139,6 +141,8 @@ def run(set_name, k):
         "closest": [[f.pick.effect.name, list(f.pick.place), why] for f, why in verdict.closest],
         "alternatives": [list(group) for group in verdict.alternatives],
         "visible": float(visible.max()), "closed": float(proof.closed[joint]), "seconds": seconds,
+        "unrepeatable": [found.setting.noise.burst.max(), found.setting.noise.wander.max()],
+        "held": [proof.before.round(4).tolist(), proof.after.round(4).tolist(), proof.floor.round(4).tolist()],
         "chi": [found.before.round(2).tolist(), found.after.round(2).tolist()],
     }  # fmt: skip
 

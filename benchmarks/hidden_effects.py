@@ -39,6 +39,7 @@ class Arm:
     upper: np.ndarray
     speed: np.ndarray
     data: object = field(default=None)
+    loaded: bool = False
 
     @property
     def n(self):
@@ -53,6 +54,13 @@ class Arm:
         tau = np.array([rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
         self.model.gravity.linear = old
         return tau
+
+    def load(self, mass):
+        """Fix a small ball to the last link, 4 cm beyond its frame and off the axis."""
+        frame = self.model.frames[self.model.getFrameId("tip")]
+        ball = pin.Inertia(mass, np.array([0.01, 0.02, 0.04]), 1e-4 * mass * np.eye(3))
+        self.model.appendBodyToJoint(frame.parentJoint, ball, frame.placement)
+        self.data, self.loaded = self.model.createData(), True
 
     def tip_force(self, q, force):
         """-J^T f of a constant force in the world at the last frame, (N, n)."""
@@ -275,6 +283,8 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
             if case.effect == "base_tilt":
                 tilt = s["phase"] if tilt is None else tilt
                 gravity = gravity + 9.81 * size * np.array([np.cos(tilt), np.sin(tilt), 0])
+            if case.effect == "payload" and size and not arm.loaded:
+                arm.load(10 * size)
             rigid = arm.torque(q, qd, qdd, gravity)
             shown = q.copy()
             moving_qd = qd
@@ -286,9 +296,6 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
             if case.effect == "encoder_offset":
                 shown[:, case.joint] += size
             tau = rigid + arm.viscous * moving_qd + arm.coulomb * sharp(moving_qd)
-            if case.effect == "payload" and size:
-                mass = 10 * size
-                tau += arm.tip_force(q, mass * gravity)
             extra = added_torque(arm, case, s, clock + t, q, qd, qdd, rigid, (q.min(0), q.max(0)) if scale is None else s["span"])
             if scale is None:
                 s["span"] = (q.min(0), q.max(0))

@@ -209,6 +209,8 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
                               "ambiguous": f"two names fit equally well: {'; '.join(' or '.join(g) for g in verdict.alternatives)}"}
                   [verdict.word])  # fmt: skip
     shrink_table(common, robot, seen)
+    if seen.simulation is None:
+        terminal.stage("simulated", "no: the identified mass matrix is not positive definite, or too little is held out")
     if seen.unseen:
         hidden = ", ".join(f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in seen.unseen.items())
         terminal.detail("cannot say", f"these logs cannot show: {hidden}")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.gap.board import Board
+from dynid.gap.board import Board, Ints
 from dynid.model.effects.catalogue import joined_course
 from dynid.model.effects.interface import Effect, Floats, Place, Shape
 
@@ -139,7 +139,7 @@ class Proof:
         beta: its amplitudes, (k,).
         covariance: of them, from leaving out blocks, (k, k).
         p_value: chance of such amplitudes when there is no effect.
-        agreement: chance of such differences between logs when the effect is the same in all.
+        agreement: chance of such differences between halves of logs when the effect is the same in all.
         visible_rms: root mean square of what it explains on the joint that shows it most, in units of the noise.
         joint: that joint.
     """
@@ -171,7 +171,7 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
         C = columns.get(j, np.zeros((k, len(rows.y)))) - (board.Q[j] @ np.asarray(P).T).T
         products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), -1), (C * board.e[j]).T], axis=1)
         pieces[j] = C
-        for ids, found in ((rows.block, blocks), (rows.log, logs)):
+        for ids, found in ((rows.block, blocks), (_halves(rows.log), logs)):
             if len(ids) == 0:
                 continue
             starts = np.flatnonzero(np.diff(ids, prepend=ids[0] - 1))
@@ -197,15 +197,22 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
     return Proof(amplitude, covariance / np.outer(scale, scale), p_value, agreement, shares[joint], joint)
 
 
+def _halves(log: Ints) -> Ints:
+    """Return numbers of the first and second half of each log, (M,)."""
+    edges = np.searchsorted(log, np.arange(log[-1] + 2)) if len(log) else np.zeros(1, dtype=int)
+    middle = (edges[:-1] + edges[1:]) // 2
+    return 2 * log + (np.arange(len(log)) >= middle[log]) if len(log) else log
+
+
 def _split(sums: Sequence[Floats], k: int) -> tuple[Floats, Floats]:
     stacked = np.array(sums)
     return stacked[:, : k * k].reshape(-1, k, k), stacked[:, k * k :]
 
 
 def _agreement(sums: Sequence[Floats], k: int, scale: Floats, beta: Floats, covariance: Floats, total: Floats) -> float:
-    """Return the chance of such differences between logs (Chow's test on the projected columns).
+    """Return the chance of such differences between parts (Chow's test on the projected columns).
 
-    The covariance of a log's own estimate is the common one, widened as its rows tell less about each amplitude.
+    The covariance of a part's own estimate is the common one, widened as its rows tell less about each amplitude.
     """
     from scipy import special
 

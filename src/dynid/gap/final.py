@@ -122,7 +122,7 @@ def _numbers(board: Board, picks: Sequence[Pick], k: int) -> Fitted:
     start = board.size + sum(len(p.effect.amplitudes(p.shape)) for p in picks[:k])
     beta = board.theta[start : start + len(units)]
     values = dict(zip(units, beta.tolist(), strict=True)) | dict(pick.shape)
-    slopes = [name for name in pick.effect.steps if name != "order"]
+    slopes = list(pick.effect.steps)
     columns = dict(base)
     for name in slopes:
         step = STEP * max(abs(pick.shape[name]), 1e-3)

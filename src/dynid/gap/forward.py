@@ -14,8 +14,11 @@ from dynid.model.reference import reference_of
 from dynid.model.store import BaseModel
 from dynid.sim.replay import Replay, replay
 
-#: Smallest inertia that a joint is given in the replay [kg m^2]: what is not identified must not make it run away.
-LEAST_INERTIA = 1e-3
+#: Smallest inertia that the identified arm must have in all directions to be replayed [kg m^2]. Below, it is not known
+#: well enough: small errors of torque become hundreds of rad/s^2.
+LEAST_INERTIA = 2e-3
+#: States along the motion at which that is checked.
+CHECKED = 200
 
 
 def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: Floats) -> Replay | None:
@@ -26,6 +29,9 @@ def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: 
         theta: base parameters, (p,).
         picks: effects beside them.
         amplitudes: of the effects.
+
+    Returns:
+        The replay; None when little is held out, or when the identified mass matrix is not clearly positive definite.
     """
     held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
     count, k = max(held)
@@ -44,8 +50,17 @@ def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: 
         steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1).T
         at += len(columns)
     tau = segment.tau[part] - steady[part]
+    some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
+    if least_inertia(setting.base, theta, segment.q[some]) < LEAST_INERTIA:
+        return None
     model = acceleration_of(setting.base, theta)
     return replay(setting.base.robot, model, segment.since[part], segment.q[part], segment.qd[part], tau)
+
+
+def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:
+    """Return the smallest eigenvalue of the identified mass matrix over positions, [kg m^2]."""
+    still = np.zeros_like(q)
+    return float(np.linalg.eigvalsh(_dynamics(base, theta)(q, still)[1]).min())
 
 
 def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
@@ -55,16 +70,24 @@ def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats,
         base: model and base parameters.
         theta: values of the base parameters, (p,).
     """
+    dynamics = _dynamics(base, theta)
+
+    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+        bias, M = dynamics(q, qd)
+        return np.asarray(np.linalg.solve(M, (tau - bias)[..., None])[..., 0])
+
+    return acceleration
+
+
+def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
+    """Return a function from states to torques at no acceleration, (B, n), and mass matrices, (B, n, n)."""
     physics, n = reference_of(base.model, base.reduction, theta), base.robot.n
     unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
 
-    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
-        count = len(q)
+    def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
         state = (np.repeat(x, n + 1, axis=0) for x in (q, qd))
-        torque = physics.total(*state, np.tile(unit, (count, 1))).reshape(count, n + 1, n)
-        bias, M = torque[:, 0], torque[:, 1:] - torque[:, :1]
-        values, V = np.linalg.eigh(0.5 * (M + M.transpose(0, 2, 1)))
-        right = np.einsum("bij,bi->bj", V, tau - bias)
-        return np.asarray(np.einsum("bij,bj->bi", V, right / np.maximum(values, LEAST_INERTIA)))
+        torque = physics.total(*state, np.tile(unit, (len(q), 1))).reshape(len(q), n + 1, n)
+        M = torque[:, 1:] - torque[:, :1]
+        return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))
 
-    return acceleration
+    return dynamics

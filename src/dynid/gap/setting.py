@@ -85,8 +85,9 @@ def nuisance_columns(stretch: Stretch) -> list[Floats]:
     course = stretch.course
     found = []
     for j in range(course.n):
-        qd, sign = course.qd[:, j], coulomb_sign(course.qd[:, j], course.sign, j)
-        wide = max(WIDE, WIDER * course.sign.velocity[j])
+        shape = course.robot.coulomb_shape
+        qd, sign = course.qd[:, j], coulomb_sign(course.qd[:, j], shape, j)
+        wide = max(WIDE, WIDER * shape.velocity[j])
         found.append(stretch.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
     return found
 

@@ -13,12 +13,19 @@ from dynid.model.effects.catalogue import CATALOGUE
 
 #: Mean square of the whitened residual up to which nothing is missing.
 NOTHING = 1.25
+#: The same when the noise floor is only a lower bound: logs without repeats and without effects reach 1.7.
+NOTHING_UNSURE = 2.0
+#: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.
+SAMPLING = 0.3
 #: Share of a joint's excess that one, two, three or more names on it must explain; or this much may remain.
 SHARES, REMAINS = (0.70, 0.85, 0.92), 0.10
+#: On a joint with disturbances that do not repeat, an effect is named when it is larger than they are.
+CLEAR = 1.0
 #: Chance below which an effect differs between logs and is no constant property of the arm.
 SAME = 1e-3
 #: A smaller companion of the same family on the same joint is the larger one's shape, not a second effect.
 COMPANION = 0.25
+SMALL_DELAY = "it is less than the sampling leaves open"
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,8 @@ def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequen
     reasons = [(one, refusal(found, fitted, one, proof)) for one in fitted]
     named = tuple(one for one, why in reasons if not why)
     closest = tuple((one, why) for one, why in reasons if why)
-    remainder = tuple(np.flatnonzero(found.after > NOTHING).tolist())
+    limit = NOTHING if found.setting.noise.repeats else NOTHING_UNSURE
+    remainder = tuple(np.flatnonzero(found.after > limit).tolist())
     equals = tuple(
         tuple(dict.fromkeys([one.pick.effect.name, *(name for name, _ in one.pick.equals)])) for one in named if one.pick.equals
     )
@@ -63,7 +71,7 @@ def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequen
         word = "ambiguous"
     elif named:
         word = "named"
-    elif closest or remainder or found.setting.noise.unrepeatable:
+    elif [why for _, why in closest if why != SMALL_DELAY] or remainder or found.setting.noise.unrepeatable:
         word = "unexplained"
     else:
         word = "nothing_missing"
@@ -76,12 +84,12 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
     pick = one.pick
     n = len(found.before)
     if pick.effect.name == "torque_delay":
-        return ""
-    rows = pick.effect.rows(pick.place, n)
-    if found.setting.noise.unrepeatable and pick.proof.joint in found.setting.noise.unrepeatable:
+        rate = found.setting.stretches[0].source.chosen.rate
+        return SMALL_DELAY if abs(found.delay) < SAMPLING / rate else ""
+    if pick.proof.joint in found.setting.noise.unrepeatable and pick.proof.visible_rms < CLEAR:
         return "the disturbance of this joint does not repeat"
     if pick.proof.agreement < SAME:
-        return "it is not the same in all logs"
+        return "it is not the same in all parts of the logs"
     same = [f for f in fitted if f is not one and pick.effect.family and f.pick.effect.family == pick.effect.family and f.pick.place[:1] == pick.place[:1]]
     if any(pick.proof.visible_rms < COMPANION * f.pick.proof.visible_rms for f in same):
         return "it is the shape of a larger effect of the same kind"
@@ -92,7 +100,7 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
     needed = SHARES[min(len(on_joint), len(SHARES)) - 1]
     if share < needed and left > REMAINS:
         return f"it explains {100 * max(share, 0):.0f} % of the gap of this joint"
-    if proof.ratio[j, 1] >= 1.0 and len(rows) == 1:
+    if proof.ratio[j, 1] >= 1.0:
         return "the gap on unseen data did not shrink"
     return ""
 
@@ -108,7 +116,7 @@ def advice_of(
     """Return what to do next."""
     noise = found.setting.noise
     repeat = "" if noise.repeats else " Record each motion twice: without repeats the noise floor is only a lower bound."
-    if noise.unrepeatable:
+    if noise.unrepeatable and not named:
         names = ", ".join(joints[j] for j in noise.unrepeatable)
         return f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
     if word == "ambiguous":

@@ -176,17 +176,18 @@ def _without_stops(robot: Robot) -> Robot:
 def _bullet() -> Any:  # noqa: ANN401 - the module has no types
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
-    # Why: the module prints its build time on standard output when it is loaded, where answers of --json go.
-    sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
+    # Why: the module prints its build time when it is loaded, on streams where answers and messages go.
+    kept, nowhere = [os.dup(k) for k in (1, 2)], os.open(os.devnull, os.O_WRONLY)
+    for k in (1, 2):
+        os.dup2(nowhere, k)
     try:
         import pybullet
     except ImportError as error:
         fix = "pip install pybullet, with Python 3.11 or older"
         raise PackageMissing("pybullet is not installed", fix=fix) from error
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        for k, stream in zip((1, 2), kept, strict=True):
+            os.dup2(stream, k)
+            os.close(stream)
         os.close(nowhere)
     return pybullet

@@ -88,7 +88,7 @@ def _course(
     count = len(steps)
     times, path = np.array([step[0] for step in steps]), np.array([step[1] for step in steps])
     speed = np.tile(qd, (count, 1))
-    return Course(times, path, speed, np.zeros((count, robot.n)), robot.coulomb_shape, physics, lambda x: x)
+    return Course(times, path, speed, np.zeros((count, robot.n)), robot, physics, lambda x: x)
 
 
 def _torque(added: Added, course: Course) -> Floats:

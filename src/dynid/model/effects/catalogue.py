@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.errors import WrongRobotFile
 from dynid.model.effects.asymmetric_viscous import AsymmetricViscous
 from dynid.model.effects.base_tilt import BaseTilt
 from dynid.model.effects.coulomb import CoulombFriction
@@ -86,7 +88,7 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
     """Return the effects of a robot file, place by place; a torque delay has no column (``delay_of``)."""
     found = []
     for spec in robot.effects:
-        effect = CATALOGUE[spec.effect]
+        effect = checked(spec, robot)
         if effect.name == "torque_delay":
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
@@ -101,6 +103,27 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
     return tuple(found)
 
 
+def checked(spec: EffectSpec, robot: Robot) -> Effect:
+    """Return the effect that an entry of the robot file names.
+
+    Raises:
+        WrongRobotFile: there is no such effect, or a number that gives it its shape is missing.
+    """
+    where = str(robot.path or robot.name)
+    effect = CATALOGUE.get(spec.effect)
+    if effect is None:
+        near = difflib.get_close_matches(spec.effect, CATALOGUE, 1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise WrongRobotFile(f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"one of {', '.join(CATALOGUE)}")
+    needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
+    missing = [name for name in needed if name not in spec.parameters]
+    if missing:
+        raise WrongRobotFile(f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where)
+    if effect.scope == "pair" and len(spec.joints) != 2:
+        raise WrongRobotFile(f"effects: {spec.effect} needs two joints: the one it acts on and the other", where=where)
+    return effect
+
+
 def places_of(spec: EffectSpec, robot: Robot) -> list[Place]:
     """Return where a listed effect sits: one place a joint, the pair, or the whole arm."""
     index = [robot.joint_names.index(name) for name in spec.joints]
@@ -110,7 +133,7 @@ def places_of(spec: EffectSpec, robot: Robot) -> list[Place]:
 
 def delay_of(robot: Robot) -> float:
     """Return how late the torques of a robot's logs are [s]."""
-    return float(sum(spec.parameters["delay"] for spec in robot.effects if spec.effect == "torque_delay"))
+    return float(sum(spec.parameters["delay"] for spec in robot.effects if checked(spec, robot).name == "torque_delay"))
 
 
 def joined_course(courses: list[Course]) -> Course:
@@ -118,4 +141,4 @@ def joined_course(courses: list[Course]) -> Course:
     if len(courses) == 1:
         return courses[0]
     parts = {key: np.concatenate([getattr(course, key) for course in courses]) for key in ("t", "q", "qd", "qdd")}
-    return Course(**parts, sign=courses[0].sign, physics=courses[0].physics, smooth=courses[0].smooth)
+    return Course(**parts, robot=courses[0].robot, physics=courses[0].physics, smooth=courses[0].smooth)

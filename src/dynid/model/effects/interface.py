@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.field import FieldState, Residues
-from dynid.robot import Coulomb
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
@@ -91,7 +91,7 @@ class Course:
         q: positions, (N, n) [rad or m].
         qd: velocities, (N, n).
         qdd: accelerations, (N, n).
-        sign: shape of the Coulomb sign.
+        robot: the arm.
         physics: the current model.
         smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
     """
@@ -100,7 +100,7 @@ class Course:
     q: Floats
     qd: Floats
     qdd: Floats
-    sign: Coulomb
+    robot: Robot
     physics: Physics
     smooth: Callable[[Floats], Floats]
 
@@ -183,4 +183,4 @@ def sign_of(course: Course, joint: int) -> Floats:
     """Return the Coulomb sign of one joint, (N,)."""
     from dynid.model.effects.coulomb import coulomb_sign
 
-    return coulomb_sign(course.qd[:, joint], course.sign, joint)
+    return coulomb_sign(course.qd[:, joint], course.robot.coulomb_shape, joint)

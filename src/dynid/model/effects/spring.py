@@ -16,17 +16,21 @@ class Spring(Effect):
     signature = "rises over the joint's travel: one sign at one end, the other at the other end"
     separate = "dwell at both ends of the travel"
     family = "position torque"
-    shape_units = {"order": ""}
+    shape_units = {"order": "", "constant": ""}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
-        """Return the shapes that are tried."""
-        return [{"order": 1.0}, {"order": 3.0}]
+        """Return the shapes that are tried; the constant only where the joint has no offset of its own."""
+        constant = 0.0 if "offset" in course.robot.joints[place[0]].friction else 1.0
+        return [{"order": 1.0, "constant": constant}, {"order": 3.0, "constant": constant}]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
-        return {**{f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in range(1, round(shape["order"]) + 1)}, "c": "N m"}
+        powers = range(1, round(shape["order"]) + 1)
+        found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
+        return found | ({"c": "N m"} if shape["constant"] else {})
 
     def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         q = course.q[:, place[0]]
-        return np.array([*(q**i for i in range(1, round(shape["order"]) + 1)), np.ones_like(q)])[:, None]
+        powers = [q**i for i in range(1, round(shape["order"]) + 1)]
+        return np.array([*powers, *([np.ones_like(q)] if shape["constant"] else [])])[:, None]
