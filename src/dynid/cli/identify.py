@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from dynid.errors import ExitStatus, LogNotFound, WrongUsage
 
 if TYPE_CHECKING:
     from dynid.identify.estimate import HoldOut
-    from dynid.identify.result import Identification
+    from dynid.identify.result import Identification, StoredResult
     from dynid.identify.stack import Stack
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
@@ -43,6 +43,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     **BELIEF_DEFAULTS,
     "explained": False,
     "payload_from": None,
+    "update": None,
     "loaded": None,
     "load_mass": None,
 }
@@ -55,6 +56,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
         "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
+        "dynid identify kuka_lwr4plus new.bag --update out/kuka_lwr4plus/parameters.npz",
         "dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
@@ -94,6 +96,12 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     help="Motor currents with a load of known mass: find the gains of all drives.",
 )
 @click.option("--load-mass", type=click.FloatRange(min=0, min_open=True), metavar="KG", help="Of that load.")
+@click.option(
+    "--update",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="RESULT",
+    help="Add the LOG to this parameters.npz, whose own logs are not needed; it may be overwritten.",
+)
 @belief_options
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 @reading_options
@@ -136,21 +144,25 @@ def run_identify(
         given: options, as on the command line.
     """
     from dynid.cli.drives import in_amperes, with_gains
-    from dynid.cli.loads import add_payload, as_unloaded
+    from dynid.cli.loads import add_payload, as_before
     from dynid.cli.sensitivity import explain
     from dynid.files.robotfile import load_robot
     from dynid.identify import result as results
 
     options = DEFAULTS | given
+<<<<<<< HEAD
     check_words(options)
     arm = load_robot(robot)
+=======
+    unloaded, earlier = (results.load(options[key]) if options[key] else None for key in ("payload_from", "update"))
+    if before := unloaded or earlier:
+        options = as_before(options, before)
+    arm = believing(load_robot(robot), options)
+>>>>>>> drives
     common.terminal.findings(arm.findings)
-    unloaded = results.load(options["payload_from"]) if options["payload_from"] else None
     folder = common.folder(arm.slug)
     if unloaded is not None:
-        options = as_unloaded(options, unloaded)
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
-    arm = believing(arm, options)
     arm, gains = with_gains(common, arm, folder, logs, options)
     if arm.torque.relative and options["feasible"] is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
@@ -158,13 +170,7 @@ def run_identify(
     inputs = needed_inputs(arm, folder, logs, options)
     base = base_model(common, arm)
     path = folder / "parameters.npz"
-    if may_write(common, path, inputs):
-        stack, header = obtain_stack(common, base, folder, logs, options, inputs)
-        found = fitted(common, base, stack, {**options, "delay": repr(header.get("delay_applied_s") or 0.0)})
-        wrote = write_results(common, folder, base, stack, found, {**common.header(inputs), **header})
-    else:
-        stored = results.load(path)
-        found, wrote, header = stored.identification, [], stored.header
+    found, wrote, header = obtain_result(common, base, folder, logs, options, inputs, earlier)
     timing = {key: header.get(key) for key in TIMING}
     facts = {**answer_of(base, found, wrote), **timing, **gains, "folder": folder, "inputs": inputs}
     if show:
@@ -181,13 +187,62 @@ def run_identify(
     return facts
 
 
+def obtain_result(
+    common: Common,
+    base: BaseModel,
+    folder: Path,
+    logs: tuple[Path, ...],
+    options: dict[str, Any],
+    inputs: dict[str, str],
+    earlier: StoredResult | None,
+) -> tuple[Identification, list[Path], dict[str, Any]]:
+    """Return the result with what was written and its header: a new one, or the one that is there from equal inputs."""
+    from dynid.identify import result as results
+
+    path = folder / "parameters.npz"
+    overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
+    if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
+        stored = results.load(path)
+        return stored.identification, [], stored.header
+    stack, header = obtain_stack(common, base, folder, logs, options, inputs)
+    if earlier is not None:
+        stack, header = updated(stack, header, earlier, options)
+    found = fitted(common, base, stack, {**options, "delay": repr(header.get("delay_applied_s") or 0.0)})
+    return found, write_results(common, folder, base, stack, found, {**common.header(inputs), **header}), header
+
+
+def updated(
+    stack: Stack, header: dict[str, Any], earlier: StoredResult, options: dict[str, Any]
+) -> tuple[Stack, dict[str, Any]]:
+    """Return the new logs' stack and header with what an earlier result was made from."""
+    from dynid.identify.recursive import UPDATABLE, with_earlier
+
+    if options["method"] not in ("auto", *UPDATABLE):
+        raise WrongUsage(
+            f"--method {options['method']} needs the single rows of the earlier log, which a result does not keep",
+            fix=f"one of {', '.join(UPDATABLE)}; or identify from all logs at once",
+        )
+    again = set(header["log_sha256"]) & set(earlier.log_sha256)
+    if again:
+        raise WrongUsage(f"{earlier.path} was made from this log already", fix="give a log that it does not hold yet")
+    both = {key: [*earlier.header[key], *header[key]] for key in ("log_sha256", "logs")}
+    return with_earlier(stack, earlier), {**header, **both}
+
+
 def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, str]:
     """Return the hashes that the result depends on; without logs, those of the stack that is there."""
     from dynid.files.artifact import read_header
 
     if logs:
+<<<<<<< HEAD
         made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
         return hashes(robot, logs, made_of) | hashes_of_files(options)
+=======
+        extra = [Path(options["holdout"])] if _is_log(options["holdout"]) else []
+        extra += [Path(options[key]) for key in ("loaded", "prior_file", "update") if options[key]]
+        made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from", "update")}
+        return hashes(robot, (*logs, *extra), made_of)
+>>>>>>> drives
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:

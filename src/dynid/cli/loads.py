@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from dynid.identify.result import Identification, StoredResult
 
 
-def as_unloaded(options: dict[str, Any], unloaded: StoredResult) -> dict[str, Any]:
-    """Return the options with the signals treated as in the unloaded result, where nothing else was asked for."""
-    same = {"cutoff": repr(unloaded.cutoff), "delay": repr(unloaded.delay)}
+def as_before(options: dict[str, Any], before: StoredResult) -> dict[str, Any]:
+    """Return the options with the signals treated as in an earlier result, where nothing else was asked for."""
+    same = {"cutoff": repr(before.cutoff), "delay": repr(before.delay)}
     return {**options, **{key: value for key, value in same.items() if options[key] == "auto"}}
 
 

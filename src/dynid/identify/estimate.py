@@ -60,6 +60,9 @@ def last_share(stack: Stack, share: float) -> HoldOut:
     train, judged = np.zeros(stack.blocks, dtype=bool), np.zeros(stack.blocks, dtype=bool)
     for log in np.unique(stack.logs):
         blocks = np.flatnonzero(stack.logs == log)
+        if log < 0:
+            train[blocks] = True
+            continue
         cut = len(blocks) - max(1, round(share * len(blocks)))
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
@@ -140,6 +143,8 @@ def estimate(
         physical=physical,
         in_force="physical" if feasible else "plain",
         choice=choice,
+        factors=factors,
+        counts=rows,
         findings=(
             *findings,
             *_sensor_findings(base),

@@ -29,7 +29,13 @@ class HonestCovariance:
 
 
 def hac_covariance(
-    segments: Iterable[Rows], theta: Floats, noise: Floats, lags: int | None = None, *, robust: bool = False
+    segments: Iterable[Rows],
+    theta: Floats,
+    noise: Floats,
+    lags: int | None = None,
+    *,
+    robust: bool = False,
+    bread: Floats | None = None,
 ) -> HonestCovariance:
     """Return the covariance of an estimate whose residuals are coloured and correlated between joints.
 
@@ -39,6 +45,7 @@ def hac_covariance(
         noise: standard deviation of each joint that the estimator divided by, (n,) [N m].
         lags: memory of the residuals in samples; None to find it from the scores.
         robust: whether the estimate had Huber weights.
+        bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
 
     Returns:
         The covariance and the lags used.
@@ -59,5 +66,6 @@ def hac_covariance(
     series = [np.concatenate(pieces) for pieces in pulls]
     lags = automatic_lags(series) if lags is None else lags
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
-    bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
+    if bread is None:
+        bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
     return HonestCovariance(sandwich(bread, long_run_variance(series, lags), rows, lags / sum(map(len, series))), lags)

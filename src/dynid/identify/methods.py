@@ -15,7 +15,7 @@ from dynid.identify.instrumental import instrumental
 from dynid.identify.least_squares import Solution, joint_rms, merge, ordinary, ridge, solve, weighted
 from dynid.identify.robust import huber, look_for_spikes
 from dynid.identify.rows import Rows
-from dynid.identify.stack import Stack
+from dynid.identify.stack import Earlier, Stack
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -133,6 +133,8 @@ def choose(part: Part) -> tuple[str, str]:
     Returns:
         Its name, and why.
     """
+    if part.stack.earlier is not None:
+        return "wls", "an earlier result is updated, which keeps triangular factors and no single rows"
     if part.commanded:
         return "iv", "the log holds the commanded motion, whose instruments are free of encoder noise"
     spikes = look_for_spikes(part, weighted(*part.factors).theta)
@@ -156,6 +158,16 @@ def _estimate(
     solution = solve(whitened)
     if covariance is None and solution.rank < len(theta):
         covariance = solution.inverse
+    if covariance is None and part.stack.earlier is not None:
+        covariance = _with_earlier(part, part.stack.earlier, theta, noise, solution.inverse)
     if covariance is None:
         covariance = hac_covariance(part, theta, noise, robust=robust).covariance
     return Estimate(method, theta, noise, joint_rms(factors, rows, theta), covariance, whitened, solution)
+
+
+def _with_earlier(part: Part, earlier: Earlier, theta: Floats, noise: Floats, bread: Floats) -> Floats:
+    """Return the covariance of an updated estimate: the scores of old and new logs vary independently."""
+    old = merge(earlier.factors, 1.0 / earlier.noise)[:-1, :-1]
+    pulled = bread @ old.T @ old
+    new = hac_covariance(part, theta, noise, bread=bread).covariance
+    return np.asarray(pulled @ earlier.covariance @ pulled.T + new)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from dynid.robot import Robot
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/identification/1"
-ARRAYS = ("theta", "plain", "covariance", "std_error", "prior", "noise")
+ARRAYS = ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts")
 FULL_ARRAYS = ("x", "std_error", "data_share", "theta")
 
 
@@ -70,6 +70,8 @@ class Identification:
         in_force: whether ``theta`` is that of the ``"physical"`` set or the ``"plain"`` estimate.
         choice: why.
         heldout_by_set: held-out relative error of both, where rows were held out.
+        factors: one triangular factor of [W tau] a joint, for ``--update``, (n, p + 1, p + 1).
+        counts: number of rows in each, (n,).
         findings: what is worth a warning.
     """
 
@@ -95,6 +97,8 @@ class Identification:
     in_force: str
     choice: str
     heldout_by_set: dict[str, float]
+    factors: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     findings: tuple[Finding, ...] = ()
 
 
@@ -210,7 +214,7 @@ def load(path: Path) -> StoredResult:
         facts |= {key: tuple(facts[key]) for key in ("names", "knowledge")}
         full = {key: tuple(value) if isinstance(value, list) else value for key, value in facts["physical"].items()}
         facts["physical"] = FullSet(**full, **{key: a[f"full_{key}"] for key in FULL_ARRAYS})
-        identification = Identification(**facts, **{key: a[key] for key in ARRAYS})
+        identification = Identification(**facts, **{key: a[key] for key in ARRAYS if key in a})
         reduction = Reduction(
             names=tuple(h["all_parameters"]),
             base=a["base"].astype(np.intp),

@@ -120,6 +120,21 @@ def _columns(
 
 
 @dataclass(frozen=True)
+class Earlier:
+    """What an earlier result keeps of its logs.
+
+    Attributes:
+        factors: one factor a joint, (n, p + 1, p + 1).
+        noise: standard deviation of each joint then, (n,).
+        covariance: honest covariance of its estimate, (p, p).
+    """
+
+    factors: Floats
+    noise: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True)
 class Stack:
     """The observation matrix of one or several logs as triangular factors.
 
@@ -133,6 +148,7 @@ class Stack:
         sources: the logs, for methods that look at single rows.
         observer: the columns.
         kept: the single rows, when they are few enough to be kept.
+        earlier: the result that was updated, None otherwise; its rows are block 0, of log -1.
     """
 
     names: tuple[str, ...]
@@ -144,6 +160,7 @@ class Stack:
     sources: tuple[Source, ...] = field(default=(), repr=False, compare=False)
     observer: Observer | None = field(default=None, repr=False, compare=False)
     kept: tuple[tuple[Rows, ...], ...] | None = field(default=None, repr=False, compare=False)
+    earlier: Earlier | None = field(default=None, repr=False, compare=False)
 
     def rows_of_log(self, number: int) -> Iterator[Rows]:
         """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""

@@ -24,7 +24,7 @@ def test_every_estimator_is_in_the_table(dynid):
 
 
 def test_encoder_noise_raises_the_bias_alarm(dynid):
-    answer = table(dynid, 0.004)
+    answer = table(dynid, 0.0015)
     assert answer["bias_alarm"]
     assert answer["biased_parameters"]
 
