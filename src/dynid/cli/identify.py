@@ -150,15 +150,11 @@ def run_identify(
     from dynid.identify import result as results
 
     options = DEFAULTS | given
-<<<<<<< HEAD
     check_words(options)
-    arm = load_robot(robot)
-=======
     unloaded, earlier = (results.load(options[key]) if options[key] else None for key in ("payload_from", "update"))
     if before := unloaded or earlier:
         options = as_before(options, before)
     arm = believing(load_robot(robot), options)
->>>>>>> drives
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
     if unloaded is not None:
@@ -234,15 +230,8 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     from dynid.files.artifact import read_header
 
     if logs:
-<<<<<<< HEAD
-        made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from")}
-        return hashes(robot, logs, made_of) | hashes_of_files(options)
-=======
-        extra = [Path(options["holdout"])] if _is_log(options["holdout"]) else []
-        extra += [Path(options[key]) for key in ("loaded", "prior_file", "update") if options[key]]
         made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from", "update")}
-        return hashes(robot, (*logs, *extra), made_of)
->>>>>>> drives
+        return hashes(robot, logs, made_of) | hashes_of_files(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
@@ -265,7 +254,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
 
 def hashes_of_files(options: dict[str, Any]) -> dict[str, str]:
     """Return the hashes of the other files that a result depends on: held-out log, loaded log, prior."""
-    named = {key: Path(options[key]) for key in ("loaded", "prior_file") if options[key]}
+    named = {key: Path(options[key]) for key in ("loaded", "prior_file", "update") if options[key]}
     if _is_log(options["holdout"]):
         named["holdout"] = Path(options["holdout"])
     return input_hashes({key: path for key, path in named.items() if path.exists()})
