@@ -91,7 +91,7 @@ def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, hea
 
     numeric.save(folder / "fullnumericregressor.npz", stack, header)
     prior = np.nan_to_num(prior_base(base))
-    motions = [predict.predict(source, list(stack.rows_of_log(k)), prior) for k, source in enumerate(stack.sources)]
+    motions = [predict.predict(source, stack.rows_of_log(k), prior) for k, source in enumerate(stack.sources)]
     estimated = {
         **header,
         "joints": list(stack.joints),

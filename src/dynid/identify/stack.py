@@ -8,9 +8,10 @@ methods that look at single rows walk over them again.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ BLOCK_SECONDS = 1.0
 MOST_BLOCKS = 64
 #: Samples evaluated at once.
 _EVALUATED = 4096
-#: Rows of short logs are kept so that covariance and prediction need not evaluate them again [bytes].
+#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; beyond it in single
+#: precision, and beyond twice of it not at all [bytes].
 KEPT_BYTES = 64 << 20
 
 
@@ -49,6 +51,51 @@ class Source:
     name: str
 
 
+@dataclass(frozen=True)
+class Packed:
+    """Filtered rows of one stretch of time, only the entries that are not zero by structure.
+
+    Attributes:
+        entries: of the base regressor, (E, M).
+        command: the same on the commanded motion, None where the log has none.
+        tau: torques, (M, n).
+        usable: rows that count, (M, n).
+        follows: whether the rows before it end where it begins.
+        t: time, (M,) [s].
+        block: number of the block of time.
+    """
+
+    entries: NDArray[Any]
+    command: NDArray[Any] | None
+    tau: Floats
+    usable: NDArray[np.bool_]
+    follows: bool
+    t: Floats
+    block: int
+
+    def rows(self, observer: Observer) -> Rows:
+        """Return the rows with their zeros."""
+        Z = None if self.command is None else _dense(self.command, observer)
+        return Rows(_dense(self.entries, observer), self.tau, Z, self.usable, self.follows, self.t, self.block)
+
+    def part(self, start: int, end: int, *, follows: bool, block: int) -> Packed:
+        """Return some of the rows, copied so that they keep nothing else alive."""
+        command = None if self.command is None else self.command[:, start:end].copy()
+        entries, tau = self.entries[:, start:end].copy(), self.tau[start:end]
+        return Packed(entries, command, tau, self.usable[start:end], follows, self.t[start:end], block)
+
+    def single(self) -> Packed:
+        """Return the rows in single precision: enough to look at residuals once more, half the memory."""
+        command = None if self.command is None else self.command.astype(np.float32)
+        return replace(self, entries=self.entries.astype(np.float32), command=command)
+
+
+def _dense(entries: NDArray[Any], observer: Observer) -> Floats:
+    W = np.zeros((entries.shape[1], *observer.shape))
+    W[:, observer.rows, observer.cols] = entries.T
+    return W
+
+
 def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
     """Yield the filtered rows of one log, block of time by block of time.
 
@@ -56,6 +103,11 @@ def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
         source: the conditioned log.
         observer: the columns to evaluate.
     """
+    for packed in _packed(source, observer):
+        yield packed.rows(observer)
+
+
+def _packed(source: Source, observer: Observer) -> Iterator[Packed]:
     chosen = source.chosen
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
@@ -68,55 +120,41 @@ def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
         edges = np.linspace(0, count, blocks + 1).astype(int)
         for first in range(0, count, together):
             last = min(first + together, count)
-            rows = _rows(segment, observer, kernel, step, first, last)
+            packed = _evaluated(segment, observer, kernel, step, first, last)
             inside = edges[(edges > first) & (edges < last)]
             cuts = np.concatenate([[first], inside, [last]])
             for start, end in pairwise(cuts.tolist()):
-                part = slice(start - first, end - first)
                 number = block + int(np.searchsorted(edges, start, side="right")) - 1
-                yield Rows(
-                    W=rows.W[part],
-                    tau=rows.tau[part],
-                    Z=None if rows.Z is None else rows.Z[part],
-                    usable=rows.mask[part],
-                    follows=start > 0,
-                    t=rows.t[part],
-                    block=number,
-                )
+                yield packed.part(start - first, end - first, follows=start > 0, block=number)
         block += blocks
 
 
-def _rows(segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int) -> Rows:
+def _evaluated(segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int) -> Packed:
     part = slice(first * step, (last - 1) * step + kernel.shape[1])
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
     usable = np.ones((last - first, observer.shape[0]), dtype=bool)
     if not segment.usable[part].all():
         spoilt = (~segment.usable[part]).T.astype(float)
         usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
-    command = segment.command
-    return Rows(
-        W=_columns((segment.q[part], segment.qd[part], segment.qdd[part]), segment.effects[part], observer, kernel, step),
+    command, effects = segment.command, segment.effects[part]
+    return Packed(
+        entries=_entries((segment.q[part], segment.qd[part], segment.qdd[part]), effects, observer, kernel, step),
+        command=None if command is None else _entries(tuple(x[part] for x in command), effects, observer, kernel, step),
         tau=np.ascontiguousarray(tau.T),
-        Z=None
-        if command is None
-        else _columns(tuple(x[part] for x in command), segment.effects[part], observer, kernel, step),
         usable=usable,
-        t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first],
+        follows=first > 0,
+        t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
+        block=0,
     )
 
 
-def _columns(
-    motion: tuple[Floats, ...], effects: Floats, observer: Observer, kernel: Floats, step: int
-) -> Floats:
-    """Return the base regressor after the parallel filter, (M, n, p); added effects come with the segment."""
+def _entries(motion: tuple[Floats, ...], effects: Floats, observer: Observer, kernel: Floats, step: int) -> Floats:
+    """Return the base regressor's entries after the parallel filter, (E, M); added effects come with the segment."""
     q, qd, qdd = motion
     entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
     if len(observer.course_entries):
         entries = np.vstack([entries, effects.T[observer.course_entries]])
-    filtered = decimate(entries, kernel, step)[0]
-    W = np.zeros((filtered.shape[1], *observer.shape))
-    W[:, observer.rows, observer.cols] = filtered.T
-    return W
+    return decimate(entries, kernel, step)[0]
 
 
 @dataclass(frozen=True)
@@ -159,15 +197,16 @@ class Stack:
     start: Floats
     sources: tuple[Source, ...] = field(default=(), repr=False, compare=False)
     observer: Observer | None = field(default=None, repr=False, compare=False)
-    kept: tuple[tuple[Rows, ...], ...] | None = field(default=None, repr=False, compare=False)
+    kept: tuple[tuple[Packed, ...], ...] | None = field(default=None, repr=False, compare=False)
     earlier: Earlier | None = field(default=None, repr=False, compare=False)
 
     def rows_of_log(self, number: int) -> Iterator[Rows]:
         """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
-        if self.kept is not None:
-            yield from self.kept[number]
-        elif self.observer is not None:
-            yield from rows_of(self.sources[number], self.observer)
+        if self.observer is None:
+            return
+        packed = _packed(self.sources[number], self.observer) if self.kept is None else self.kept[number]
+        for rows in packed:
+            yield rows.rows(self.observer)
 
     def __iter__(self) -> Iterator[Rows]:
         """Walk over the rows of all logs in order of time; may be done many times."""
@@ -216,16 +255,18 @@ def stack(
     logs: list[int] = []
     start: list[float] = []
     expected_rows = sum(len(s) // source.chosen.second_step for source in sources for s in source.segments)
-    keep = expected_rows * n * len(names) * 8 <= KEPT_BYTES
-    kept: list[list[Rows]] = [[] for _ in sources]
+    single = 8 * expected_rows * len(observer.rows) > KEPT_BYTES
+    keep = 4 * expected_rows * len(observer.rows) <= 2 * KEPT_BYTES
+    kept: list[list[Packed]] = [[] for _ in sources]
     active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
     for number, source in enumerate(sources):
         first = len(factors)
         expected = sum(len(s) for s in source.segments)
         done = 0
-        for rows in rows_of(source, observer):
+        for packed in _packed(source, observer):
             if keep:
-                kept[number].append(rows)
+                kept[number].append(packed.single() if single else packed)
+            rows = packed.rows(observer)
             if rows.block + first == len(factors):
                 factors.append(np.zeros((n, size, size)))
                 counts.append(np.zeros(n, dtype=np.int64))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.identify.rows import Rows
 from dynid.identify.stack import Source
+from dynid.quality.condition import Filter, Segment
 from dynid.quality.filters import decimate
 
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/estimatedmotion/1"
+#: Kept instants that are filtered together.
+PIECE = 4096
 
 
 @dataclass(frozen=True)
@@ -49,41 +52,35 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-def predict(source: Source, rows: Sequence[Rows], theta: Floats) -> EstimatedMotion:
+def predict(source: Source, rows: Iterable[Rows], theta: Floats) -> EstimatedMotion:
     """Predict the torques of one log.
 
     Args:
         source: the conditioned log.
-        rows: its rows, from ``rows_of`` or a stack.
+        rows: its rows, from ``rows_of`` or a stack; walked once.
         theta: base parameters, (p,).
     """
-    kernel, step = source.chosen.second_kernel, source.chosen.second_step
-    half = (kernel.shape[1] - 1) // 2
-    motion: dict[str, list[Floats]] = {key: [] for key in ("q", "qd", "qdd", "raw_q", "raw_qd", "raw_qdd")}
-    for segment in source.segments:
-        count = (len(segment) - kernel.shape[1]) // step + 1
-        if count <= 0:
-            continue
-        centres = slice(half, half + (count - 1) * step + 1, step)
-        for key in ("q", "qd", "qdd"):
-            motion[key].append(decimate(np.ascontiguousarray(getattr(segment, key).T), kernel, step)[0].T)
-        motion["raw_q"].append(segment.raw_q[centres])
-        motion["raw_qd"].append(segment.raw_qd[centres])
-        raw_qdd = np.gradient(np.gradient(segment.raw_q, segment.t, axis=0), segment.t, axis=0)
-        motion["raw_qdd"].append(raw_qdd[centres])
-    joined = {key: np.concatenate(parts) for key, parts in motion.items()}
-    return EstimatedMotion(
-        t=np.concatenate([r.t for r in rows]),
-        q_measured=joined["raw_q"],
-        q_estimated=joined["q"],
-        qd_measured=joined["raw_qd"],
-        qd_estimated=joined["qd"],
-        qdd_measured=joined["raw_qdd"],
-        qdd_estimated=joined["qdd"],
-        tau_measured=np.concatenate([r.tau for r in rows]),
-        tau_estimated=np.concatenate([r.W @ theta for r in rows]),
-        usable=np.concatenate([r.mask for r in rows]),
-    )
+    torques = [(part.t, part.tau, part.W @ theta, part.mask) for part in rows]
+    t, measured, estimated, usable = (np.concatenate(column) for column in zip(*torques, strict=True))
+    pieces = [piece for segment in source.segments for piece in _pieces(segment, source.chosen)]
+    q, qd, qdd, raw_q, raw_qd, raw_qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
+
+
+def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
+    """Yield filtered q, qd, qdd and raw q, qd, qdd at the kept instants, a piece at a time."""
+    kernel, step = chosen.second_kernel, chosen.second_step
+    taps = kernel.shape[1]
+    count = max(0, (len(segment) - taps) // step + 1)
+    for first in range(0, count, PIECE):
+        last = min(first + PIECE, count)
+        part = slice(first * step, (last - 1) * step + taps)
+        centres = slice((taps - 1) // 2, (taps - 1) // 2 + (last - first - 1) * step + 1, step)
+        motion = (segment.q, segment.qd, segment.qdd)
+        filtered = (decimate(np.ascontiguousarray(x[part].T), kernel, step)[0].T for x in motion)
+        raw_q, t = segment.raw_q[part], segment.t[part]
+        raw_qdd = np.gradient(np.gradient(raw_q, t, axis=0), t, axis=0) if len(t) > 1 else np.zeros_like(raw_q)
+        yield (*filtered, raw_q[centres], segment.raw_qd[part][centres], raw_qdd[centres])
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
