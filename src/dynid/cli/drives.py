@@ -134,11 +134,11 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
     """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
     if not robot.torque.relative or robot.torque.gain is None:
         return facts
-    scale = dict(zip(robot.joint_names, robot.torque.gain, strict=True))
+    scale = {joint: gain or 1.0 for joint, gain in zip(robot.joint_names, robot.torque.gain, strict=True)}
 
     def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
         if isinstance(value, dict):
-            own = scale.get(value.get("joint"), gain) if isinstance(value.get("joint"), str) else gain
+            own = scale.get(str(value.get("joint")), gain)
             if isinstance(value.get("unit"), str) and "std_error" in value:
                 unit = value["unit"]
                 value = {**value, "unit": unit.replace("N m", "A") if "N m" in unit else f"{unit} A/(N m)"}
