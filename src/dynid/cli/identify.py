@@ -47,6 +47,8 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
     "loaded": None,
     "load_mass": None,
 }
+#: Options that do not change the parameters, or that count through the file they name.
+BESIDE = ("explained", "payload_from", "update")
 
 
 @dynid_command(
@@ -230,7 +232,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     from dynid.files.artifact import read_header
 
     if logs:
-        made_of = {key: value for key, value in options.items() if key not in ("explained", "payload_from", "update")}
+        made_of = {key: value for key, value in options.items() if key not in BESIDE}
         return hashes(robot, logs, made_of) | hashes_of_files(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
@@ -248,7 +250,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
                 why="without logs, the stack that dynid parameters wrote is used as it is",
                 fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
             )
-    fit = {key: options[key] for key in DEFAULTS if key not in READING_DEFAULTS}
+    fit = {key: options[key] for key in DEFAULTS if key not in (*READING_DEFAULTS, *BESIDE)}
     return inputs | option_texts(fit) | hashes_of_files(options)
 
 
