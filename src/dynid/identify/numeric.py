@@ -26,7 +26,14 @@ _ARRAYS = tuple(field.name for field in fields(Segment))
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, source in enumerate(stack.sources) for segment in source.segments]
-    arrays = {name: np.concatenate([getattr(segment, name) for _, segment in segments]) for name in _ARRAYS}
+    # Why not always joined: a long log is mostly one stretch, and a copy of it would double the memory.
+    stretches = [segment for _, segment in segments]
+    arrays = {
+        name: getattr(stretches[0], name)
+        if len(stretches) == 1
+        else np.concatenate([getattr(stretch, name) for stretch in stretches])
+        for name in _ARRAYS
+    }
     factors, rows = stack.whole
     arrays |= {"R": factors, "rows": rows}
     facts = {
