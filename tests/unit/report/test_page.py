@@ -58,7 +58,7 @@ def evidence(tmp_path_factory):
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("run")
     header = {"command": f"dynid identify {NASTY}", "logs": [NASTY], "log_findings": [], "dynid": "0.1.0"}
-    stored = StoredResult(found, reduction, robot, 5.0, ("ab" * 32,), header, folder / "parameters.npz")
+    stored = StoredResult(found, reduction, robot, 5.0, 0.0, ("ab" * 32,), header, folder / "parameters.npz")
     other = Unseen(NASTY, unseen, *relative_percent(unseen))
     return Evidence(stored, seen, (other,), np.logspace(0, -2, p), None)
 
