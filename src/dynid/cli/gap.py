@@ -1,4 +1,4 @@
-"""``dynid gap PARAMETERS LOG...``: where model and measurement disagree, which effect is missing, and the gap without it."""
+"""``dynid gap PARAMETERS LOG...``: where model and measurement disagree, and which effect is missing."""
 
 from __future__ import annotations
 
@@ -40,13 +40,23 @@ CUTOFF = 10.0
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @click.option("--mode", type=click.Choice(["refit", "frozen"]), default="refit", show_default=True,
               help="refit: what can no identification absorb? frozen: what has changed since?")  # fmt: skip
-@click.option("--effects", metavar="all|LIST", default="all", show_default=True, help="Effects that are tried, by identifier.")
+@click.option(
+    "--effects", metavar="all|LIST", default="all", show_default=True, help="Effects that are tried, by identifier."
+)
 @click.option("--joints", metavar="LIST", help="Joints that are searched, by name or number.")
-@click.option("--false-alarm", metavar="SHARE", default="1%", show_default=True, help="Chance of a name where nothing is missing.")
-@click.option("--max-effects", type=click.IntRange(min=1), default=3, show_default=True, help="Most effects that are added.")
-@click.option("--apply", "apply_", is_flag=False, flag_value="best", metavar="NAME[@JOINTS]|best", help="Add it without asking.")
+@click.option(
+    "--false-alarm", metavar="SHARE", default="1%", show_default=True, help="Chance of a name where nothing is missing."
+)
+@click.option(
+    "--max-effects", type=click.IntRange(min=1), default=3, show_default=True, help="Most effects that are added."
+)
+@click.option(
+    "--apply", "apply_", is_flag=False, flag_value="best", metavar="NAME[@JOINTS]|best", help="Add it without asking."
+)
 @click.option("--no-apply", is_flag=True, help="Only report.")
-@click.option("--new-name", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="The copy of the robot file.")
+@click.option(
+    "--new-name", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="The copy of the robot file."
+)
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
 @click.option("--self-test", is_flag=True, help="Hide effects, and none, in simulated logs and print what is named.")
 @reading_options
@@ -101,7 +111,9 @@ def options_of(robot: Robot, options: dict[str, Any]) -> Options:
         effects = tuple(word.strip() for word in options["effects"].split(",") if word.strip())
     for word in effects:
         if word not in CATALOGUE:
-            raise WrongUsage(f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}")
+            raise WrongUsage(
+                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}"
+            )
     joints = joints_of(robot, options["joints"], "--joints")
     return Options(effects, joints, percent(options["false_alarm"], "--false-alarm"), options["max_effects"])
 
@@ -120,7 +132,9 @@ def joints_of(robot: Robot, text: str | None, option: str) -> tuple[int, ...]:
         elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= robot.n:
             found += range(int(span[1]) - 1, int(span[2] or span[1]))
         else:
-            raise WrongUsage(f"{option}: no joint '{word}'{closest(word, robot.joint_names)}", fix=f"1 to {robot.n}, or a name")
+            raise WrongUsage(
+                f"{option}: no joint '{word}'{closest(word, robot.joint_names)}", fix=f"1 to {robot.n}, or a name"
+            )
     return tuple(dict.fromkeys(found))
 
 
@@ -136,6 +150,7 @@ def conditioned(
 # ---------------------------------------------------------------- the answer
 def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -> dict[str, Any]:
     """Return the JSON answer."""
+    from dynid.gap.verdict import unrepeatable
     from dynid.model.effects.catalogue import CATALOGUE
 
     verdict, proof, noise = seen.verdict, seen.proof, seen.found.setting.noise
@@ -145,7 +160,9 @@ def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -
         "robot": robot.name,
         "mode": mode,
         "verdict": verdict.word,
-        "where": [{"joint": robot.joint_names[g.joint], "share": g.share, "region": g.text, "chi": g.chi} for g in seen.where],
+        "where": [
+            {"joint": robot.joint_names[g.joint], "share": g.share, "region": g.text, "chi": g.chi} for g in seen.where
+        ],
         "named": [named_answer(robot, one, seen) for one in verdict.named],
         "alternatives": [list(group) for group in verdict.alternatives],
         "closest": [{**named_answer(robot, one, seen), "why_not": why} for one, why in verdict.closest],
@@ -160,8 +177,10 @@ def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -
             "heldout": seen.first.held_text,
             "noise_from": "repeats" if noise.repeats else "high frequencies (a lower bound)",
         },
-        "not_repeatable": [robot.joint_names[j] for j in noise.unrepeatable],
-        "cannot_judge": {name: [robot.joint_names[j] for j in joints] for name, joints in seen.unseen.items() if name in CATALOGUE},
+        "not_repeatable": [robot.joint_names[j] for j in unrepeatable(seen.found)],
+        "cannot_judge": {
+            name: [robot.joint_names[j] for j in joints] for name, joints in seen.unseen.items() if name in CATALOGUE
+        },
         "advice": verdict.advice,
         "wrote": wrote,
     }
@@ -179,7 +198,8 @@ def named_answer(robot: Robot, one: Fitted, seen: Investigation) -> dict[str, An
         "effect": one.pick.effect.name,
         "joints": joints_text(robot, one),
         "parameters": {
-            name: {"value": value, "unit": one.units.get(name, ""), "std_error": one.errors.get(name)} for name, value in one.values.items()
+            name: {"value": value, "unit": one.units.get(name, ""), "std_error": one.errors.get(name)}
+            for name, value in one.values.items()
         },
         "p_value": one.pick.proof.p_value,
         "heldout_rms_before_nm": seen.proof.before[j],
@@ -191,30 +211,47 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
     terminal, verdict = common.terminal, seen.verdict
     noise = seen.found.setting.noise
-    floor = f"from {noise.repeats:.0f} s of repeats" if noise.repeats else "from high frequencies: a lower bound, no motion is repeated"
+    floor = (
+        f"from {noise.repeats:.0f} s of repeats"
+        if noise.repeats
+        else "from high frequencies: a lower bound, no motion is repeated"
+    )
     terminal.stage("noise", f"{floor}; held out: {seen.first.held_text}")
     loud = sorted((g for g in seen.where if g.share > 0.1), key=lambda g: -g.share)
     text = "; ".join(f"{robot.joint_names[g.joint]} ({100 * g.share:.0f} % of the disagreement) {g.text}" for g in loud)
     terminal.fact("where", text or "nowhere above the noise")
     if seen.fitted:
-        rows = [effect_row(robot, one, seen, why) for one, why in [*((f, "named") for f in verdict.named), *verdict.closest]]
+        rows = [
+            effect_row(robot, one, seen, why) for one, why in [*((f, "named") for f in verdict.named), *verdict.closest]
+        ]
         terminal.table(["candidate", "joints", "held-out error", "chance", "said"], rows, numbers=False)
     for one in verdict.named:
         terminal.fact("named", f"{one.pick.effect.title} on {place_text(robot, one)}: {one.pick.effect.signature}")
-        numbers = (f"{k} = {v:.4g}{' +- ' + format(one.errors[k], '.2g') if k in one.errors else ''} {one.units.get(k, '')}".strip()
-                   for k, v in one.values.items())  # fmt: skip
-        terminal.fact("", ", ".join(numbers))
-    terminal.fact("verdict", {"named": "named", "nothing_missing": "nothing is missing",
-                              "unexplained": "something is missing that no effect of the catalogue explains",
-                              "ambiguous": f"two names fit equally well: {'; '.join(' or '.join(g) for g in verdict.alternatives)}"}
-                  [verdict.word])  # fmt: skip
+        terminal.fact("", ", ".join(number_text(one, name) for name in one.values))
+    words = {
+        "named": "named",
+        "nothing_missing": "nothing is missing",
+        "unexplained": "something is missing that no effect of the catalogue explains",
+        "ambiguous": f"fit equally well: {'; '.join(' or '.join(group) for group in verdict.alternatives)}",
+    }
+    terminal.fact("verdict", words[verdict.word])
     shrink_table(common, robot, seen)
     if seen.simulation is None:
-        terminal.stage("simulated", "no: the identified mass matrix is not positive definite, or too little is held out")
+        terminal.stage(
+            "simulated", "no: the identified mass matrix is not positive definite, or too little is held out"
+        )
     if seen.unseen:
-        hidden = ", ".join(f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in seen.unseen.items())
+        hidden = ", ".join(
+            f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in seen.unseen.items()
+        )
         terminal.detail("cannot say", f"these logs cannot show: {hidden}")
     terminal.fact("advice", verdict.advice)
+
+
+def number_text(one: Fitted, name: str) -> str:
+    """Return one parameter with its error and unit."""
+    error = f" +- {one.errors[name]:.2g}" if name in one.errors else ""
+    return f"{name} = {one.values[name]:.4g}{error} {one.units.get(name, '')}".strip()
 
 
 def place_text(robot: Robot, one: Fitted) -> str:
@@ -227,9 +264,19 @@ def effect_row(robot: Robot, one: Fitted, seen: Investigation, said: str) -> lis
     """Return one line of the table of candidates."""
     j = one.pick.proof.joint
     before, after = seen.proof.before[j], seen.proof.after[j]
-    change = f"{before:.3g} -> {after:.3g} {robot.joints[j].torque_unit}  {100 * (after / before - 1):+.0f} %" if before else "-"
+    change = (
+        f"{before:.3g} -> {after:.3g} {robot.joints[j].torque_unit}  {100 * (after / before - 1):+.0f} %"
+        if before
+        else "-"
+    )
     chance = one.pick.proof.p_value
-    return [one.pick.effect.name, place_text(robot, one), change, "<0.1 %" if chance < 1e-3 else f"{100 * chance:.1f} %", said]
+    return [
+        one.pick.effect.name,
+        place_text(robot, one),
+        change,
+        "<0.1 %" if chance < 1e-3 else f"{100 * chance:.1f} %",
+        said,
+    ]
 
 
 def shrink_table(common: Common, robot: Robot, seen: Investigation) -> None:
@@ -238,7 +285,12 @@ def shrink_table(common: Common, robot: Robot, seen: Investigation) -> None:
     rows = []
     for j, joint in enumerate(robot.joints):
         unit = joint.torque_unit
-        row = [joint.name, f"{proof.before[j]:.3g} {unit}", f"{proof.after[j]:.3g} {unit}", f"{proof.floor[j]:.3g} {unit}"]
+        row = [
+            joint.name,
+            f"{proof.before[j]:.3g} {unit}",
+            f"{proof.after[j]:.3g} {unit}",
+            f"{proof.floor[j]:.3g} {unit}",
+        ]
         if simulation is not None:
             row += [f"{1e3 * simulation[0][j]:.2f}", f"{1e3 * simulation[1][j]:.2f}"]
         rows.append(row)
@@ -253,9 +305,16 @@ def chosen_effects(seen: Investigation, apply_: str | None, robot: Robot) -> lis
         return list(seen.verdict.named)
     name, _, where = str(apply_).partition("@")
     joints = joints_of(robot, where, "--apply")
-    found = [f for f in seen.fitted if f.pick.effect.name == name and (not joints or f.pick.place[:1] in [(j,) for j in joints])]
+    found = [
+        f
+        for f in seen.fitted
+        if f.pick.effect.name == name and (not joints or f.pick.place[:1] in [(j,) for j in joints])
+    ]
     if not found:
-        there = ", ".join(f"{f.pick.effect.name}@{','.join(str(j + 1) for j in f.pick.place[:1])}" for f in seen.fitted) or "nothing"
+        there = (
+            ", ".join(f"{f.pick.effect.name}@{','.join(str(j + 1) for j in f.pick.place[:1])}" for f in seen.fitted)
+            or "nothing"
+        )
         raise WrongUsage(f"--apply {apply_}: this was not found", why=f"found: {there}")
     return found
 
@@ -286,7 +345,10 @@ def add(
     robot = base.robot
     specs = specs_of(chosen, robot)
     name = new_name(robot, specs)
-    copy = options["new_name"] or (robot.path.parent if robot.path and _writable(robot.path.parent) else Path()) / f"{name}.yaml"
+    copy = (
+        options["new_name"]
+        or (robot.path.parent if robot.path and _writable(robot.path.parent) else Path()) / f"{name}.yaml"
+    )
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     write_robot(robot, specs, copy)
@@ -295,10 +357,16 @@ def add(
     folder = (common.out or Path("out")) / copy.stem
     inputs = {f"log {k + 1}": sha256(log) for k, log in enumerate(logs)}
     header = {
-        "robot": again.robot.name, "key": again.robot.model_key, "log_sha256": list(inputs.values()), "logs": [str(log) for log in logs],
-        "cutoff_hz": sources[0].chosen.cutoff, "log_findings": [], "inputs": inputs, "effects": [asdict(s) for s in specs],
+        "robot": again.robot.name,
+        "key": again.robot.model_key,
+        "log_sha256": list(inputs.values()),
+        "logs": [str(log) for log in logs],
+        "cutoff_hz": sources[0].chosen.cutoff,
+        "log_findings": [],
+        "inputs": inputs,
+        "effects": [asdict(s) for s in specs],
         "made_from": str(stored.path),
-    }  # fmt: skip
+    }
     result.save(folder / "parameters.npz", found, again, header)
     common.terminal.next(f"dynid validate {folder / 'parameters.npz'} LOG      (a log that was not used here)")
     return [copy, folder / "parameters.npz"]

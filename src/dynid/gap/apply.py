@@ -78,7 +78,13 @@ def _fit(sources: Sequence[Source], setting: Setting, base: BaseModel) -> Identi
     reduction = base.reduction
     stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
     train, held = _blocks(stacked, setting)
-    trained = replace(stacked, factors=stacked.factors[train], rows=stacked.rows[train], logs=stacked.logs[train], start=stacked.start[train])
+    trained = replace(
+        stacked,
+        factors=stacked.factors[train],
+        rows=stacked.rows[train],
+        logs=stacked.logs[train],
+        start=stacked.start[train],
+    )
     holdout = HoldOut(np.ones(int(train.sum()), dtype=bool), stacked, held, setting.held_text)
     return estimate(replace(trained, sources=(), observer=None), base, method="wls", holdout=holdout, drop_weak=True)
 
@@ -117,9 +123,13 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:
         {"effect": s.effect, "joints": list(s.joints), "parameters": s.parameters, "std_error": s.std_error}
         for s in (*robot.effects, *specs)
     ]
-    block = yaml.safe_dump({"effects": entries}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+    block = yaml.safe_dump(
+        {"effects": entries}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
+    )
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
-    written = f"{without.rstrip()}\n\n# Added by dynid gap; amplitudes are identified again with everything else.\n{block}"
+    written = (
+        f"{without.rstrip()}\n\n# Added by dynid gap; amplitudes are identified again with everything else.\n{block}"
+    )
     write_text(path, written)
     return written
 

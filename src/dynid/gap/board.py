@@ -164,4 +164,6 @@ def build_board(
 
 def _block(stretch: Stretch, number: int) -> Ints:
     """Return the block of time of each row; blocks of different stretches differ."""
-    return (1_000_000 * number + np.arange(len(stretch)) // max(1, round(BLOCK_SECONDS * stretch.rate))).astype(np.int64)
+    return (1_000_000 * number + np.arange(len(stretch)) // max(1, round(BLOCK_SECONDS * stretch.rate))).astype(
+        np.int64
+    )

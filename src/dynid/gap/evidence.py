@@ -16,9 +16,9 @@ from dynid.model.effects.catalogue import joined_course
 from dynid.model.effects.interface import Effect, Floats, Place, Shape
 
 #: Share of a candidate's power that the model must leave; below, these logs cannot show it.
-VISIBLE = 3e-4
+VISIBLE = 1e-5
 #: Directions of a candidate's own columns weaker than this share count as absorbed.
-ABSORBED = 1e-4
+ABSORBED = 1e-5
 
 
 @dataclass

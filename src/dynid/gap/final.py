@@ -97,7 +97,11 @@ def _refined(board: Board, picks: list[Pick], share: float) -> list[Pick]:
         for name, (kind, size) in pick.effect.steps.items():
             for sign in (-1.0, 1.0):
                 shape = picks[k].shape
-                tried = [*picks[:k], replace(picks[k], shape=shape | {name: moved(shape[name], kind, size, sign * share)}), *picks[k + 1 :]]
+                tried = [
+                    *picks[:k],
+                    replace(picks[k], shape=shape | {name: moved(shape[name], kind, size, sign * share)}),
+                    *picks[k + 1 :],
+                ]
                 now = misfit(with_picks(board, tried))
                 if now < best:
                     best, picks = now, tried
@@ -132,7 +136,12 @@ def _numbers(board: Board, picks: Sequence[Pick], k: int) -> Fitted:
     covariance = prove(others, columns).covariance
     sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     errors = dict(zip([*units, *slopes], sizes.tolist(), strict=True))
-    return Fitted(replace(pick, proof=replace(prove(others, base), beta=beta)), values, errors, units | dict(pick.effect.shape_units))
+    return Fitted(
+        replace(pick, proof=replace(prove(others, base), beta=beta)),
+        values,
+        errors,
+        units | dict(pick.effect.shape_units),
+    )
 
 
 def _delay(found: Search) -> Fitted:
@@ -194,5 +203,3 @@ def _ratio(before: tuple[Floats, Floats], after: tuple[Floats, Floats], seed: in
     counts = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1 / len(names)), DRAWS)
     b, a = counts @ sums[0], counts @ sums[1]
     return np.quantile(np.sqrt(a / np.maximum(b, 1e-30)), [0.025, 0.975])
-
-

@@ -41,13 +41,20 @@ def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: 
     segment = stretch.source.segments[0]
     first, last = stretch.t[setting.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.since, [first, last]).tolist())
-    whole = course_of(segment, stretch.source.chosen, setting.base.model, reference_of(setting.base.model, setting.base.reduction, theta))
+    whole = course_of(
+        segment,
+        stretch.source.chosen,
+        setting.base.model,
+        reference_of(setting.base.model, setting.base.reduction, theta),
+    )
     steady = np.zeros((len(whole), whole.n))
     at = 0
     for pick in picks:
         # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
         columns = pick.effect.columns(whole, pick.place, pick.shape)
-        steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1).T
+        steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(
+            amplitudes[at : at + len(columns)], columns, axes=1
+        ).T
         at += len(columns)
     tau = segment.tau[part] - steady[part]
     some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))

@@ -96,6 +96,4 @@ def on_one_clock(sources: Sequence[Source]) -> list[Source]:
     ends = [s.segments[-1].t[-1] for s in sources]
     if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
         return list(sources)
-    return [
-        replace(s, segments=[replace(x, since=x.t - begin[0]) for x in s.segments]) for s in sources
-    ]
+    return [replace(s, segments=[replace(x, since=x.t - begin[0]) for x in s.segments]) for s in sources]

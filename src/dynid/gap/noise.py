@@ -117,7 +117,7 @@ def noise_of(stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: S
 
 
 def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair: Pair) -> tuple[Floats, Mask]:
-    """Return half the difference of two repeats, slow trends and friction changes taken off, and the rows that count."""
+    """Return what differs between two repeats, trends and friction changes taken off, and the rows that count."""
     one, other = stretches[pair.first], stretches[pair.second]
     whole = int(np.floor(pair.lag))
     start, end = max(0, -whole), min(len(one), len(other) - whole - 1)
@@ -175,7 +175,9 @@ def _wander(parts: Sequence[Floats], rate: float) -> float:
         f = np.fft.rfftfreq(len(x), 1 / rate)
         power = np.abs(np.fft.rfft(x * np.hanning(len(x)))) ** 2
         low += float(np.mean(power[f < 0.8]))
-        high += float(np.mean(power[(f > 4.0) & (f < 8.0)])) if (f > 8.0).any() else float(np.mean(power[f > 0.5 * f[-1]]))
+        high += (
+            float(np.mean(power[(f > 4.0) & (f < 8.0)])) if (f > 8.0).any() else float(np.mean(power[f > 0.5 * f[-1]]))
+        )
     return low / high if high else 0.0
 
 

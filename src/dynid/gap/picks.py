@@ -54,12 +54,16 @@ def with_picks(board: Board, picks: Sequence[Pick]) -> Board:
     return board
 
 
-def effect_torque(course: Course, filtered: Callable[[Floats], Floats], picks: Sequence[Pick], amplitudes: Floats) -> Floats:
+def effect_torque(
+    course: Course, filtered: Callable[[Floats], Floats], picks: Sequence[Pick], amplitudes: Floats
+) -> Floats:
     """Return the filtered torque of effects with given amplitudes, (n, M)."""
     total = np.zeros((course.n, len(course)))
     at = 0
     for pick in picks:
         columns = pick.effect.columns(course, pick.place, pick.shape)
-        total[list(pick.effect.rows(pick.place, course.n))] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1)
+        total[list(pick.effect.rows(pick.place, course.n))] += np.tensordot(
+            amplitudes[at : at + len(columns)], columns, axes=1
+        )
         at += len(columns)
     return np.asarray(filtered(total))

@@ -1,4 +1,4 @@
-"""The search: add the candidate with the most evidence, look whether another explains it better, until nothing passes."""
+"""The search: add the candidate with the most evidence, see whether another explains it better, and so on."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dynid.gap.evidence import Candidate, Proof, Score, columns_of, make_candida
 from dynid.gap.noise import noise_of
 from dynid.gap.picks import Pick, effect_torque, moved, with_picks
 from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns
+from dynid.gap.where import between_reversals
 from dynid.identify.effects import on_time
 from dynid.identify.stack import Source
 from dynid.model.effects.catalogue import CATALOGUE
@@ -64,6 +65,8 @@ class Search:
         delay: how late the torques were found to be [s].
         before: chi of each joint without the effects, (n,).
         after: and with them, (n,).
+        calm: the same away from reversals, where that is less: below 1 cm/s the velocity is not known well enough to
+            say whether friction turns as the model says, (n,).
         refused: candidates that came close and why they were not accepted.
         visibility: largest visible share of each candidate.
     """
@@ -74,6 +77,7 @@ class Search:
     delay_proof: Proof | None
     before: Floats
     after: Floats
+    calm: Floats
     refused: list[tuple[str, Place, str]] = field(default_factory=list)
     visibility: dict[tuple[str, Place], float] = field(default_factory=dict)
 
@@ -113,8 +117,9 @@ def search(
     bare = setting.board(finder.board.theta[: base.reduction.rank])
     if not delay:
         first_chi = bare.chi()
-    after = with_picks(bare, finder.picks).chi()
-    return Search(setting, finder.picks, delay, proof, first_chi, after, finder.refused, finder.visibility)
+    full = with_picks(bare, finder.picks)
+    calm = np.minimum(full.chi(), between_reversals(full))
+    return Search(setting, finder.picks, delay, proof, first_chi, full.chi(), calm, finder.refused, finder.visibility)
 
 
 def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
@@ -202,7 +207,9 @@ class _Finder:
 
     def _fails(self, pick: Pick) -> str:
         """Return why a pick is not accepted, or nothing."""
-        looks = max(150, len({c.key for c in self.candidates})) * (RIPPLE_LOOKS if pick.effect.name == "torque_ripple" else 1.0)
+        looks = max(150, len({c.key for c in self.candidates})) * (
+            RIPPLE_LOOKS if pick.effect.name == "torque_ripple" else 1.0
+        )
         if pick.net <= 0:
             return "explains less than its freedom costs"
         if pick.proof.visible_rms < SMALLEST:
@@ -219,7 +226,9 @@ class _Finder:
         for factor in REFINED if candidate.effect.steps else ():
             steps = candidate.effect.steps.items()
             tried = [
-                shape | {name: moved(shape[name], kind, size, sign * factor)} for name, (kind, size) in steps for sign in (-1, 1)
+                shape | {name: moved(shape[name], kind, size, sign * factor)}
+                for name, (kind, size) in steps
+                for sign in (-1, 1)
             ]
             stack = columns_of(board, candidate.effect, candidate.place, tried)
             gram = np.asarray(sum(np.einsum("gkm,glm->gkl", C, C) for C in stack.values()))
@@ -342,7 +351,12 @@ def _in_model(effect: Effect, place: Place, setting: Setting) -> bool:
         return False
     joint = setting.base.robot.joints[place[0]]
     refit = setting.known is None
-    has = {"torque_offset": refit and "offset" in joint.friction, "viscous": "viscous" in joint.friction,
-           "coulomb": "coulomb" in joint.friction, "motor_inertia": refit and joint.motor_inertia,
-           "coulomb_change": "coulomb" not in joint.friction, "viscous_change": "viscous" not in joint.friction}  # fmt: skip
+    has = {
+        "torque_offset": refit and "offset" in joint.friction,
+        "viscous": "viscous" in joint.friction,
+        "coulomb": "coulomb" in joint.friction,
+        "motor_inertia": refit and joint.motor_inertia,
+        "coulomb_change": "coulomb" not in joint.friction,
+        "viscous_change": "viscous" not in joint.friction,
+    }
     return has.get(effect.name, False)

@@ -1,4 +1,4 @@
-"""The scene of one search: what is trained on, what is held out, the noise, and the baseline that is kept or refitted."""
+"""The scene of one search: what is searched, what is held out, the noise, and the baseline."""
 
 from __future__ import annotations
 
@@ -148,7 +148,8 @@ def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known 
     theta, gamma = np.zeros(p), np.zeros((n, 2))
     for _ in range(2):
         board = [
-            _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n) for j in range(n)
+            _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n)
+            for j in range(n)
         ]
         gram = sum(w * A.T @ A for w, (A, _) in zip(weights, board, strict=True))
         right = sum(w * A.T @ y for w, (A, y) in zip(weights, board, strict=True))
@@ -159,9 +160,12 @@ def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known 
             right[:p] += rows[:, :-1].T @ rows[:, -1]
         solution = solve_gram(np.asarray(gram), np.asarray(right))
         theta, gamma = solution[:p], solution[p:].reshape(n, 2)
-        weights = np.array([1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board])
+        weights = np.array(
+            [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board]
+        )
     residuals = [
-        s.tau - s.W @ theta - np.stack([gamma[j] @ c[j] for j in range(n)], axis=1) for s, c in zip(stretches, columns, strict=True)
+        s.tau - s.W @ theta - np.stack([gamma[j] @ c[j] for j in range(n)], axis=1)
+        for s, c in zip(stretches, columns, strict=True)
     ]
     return theta, residuals
 

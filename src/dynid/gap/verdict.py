@@ -25,6 +25,8 @@ CLEAR = 1.0
 SAME = 1e-3
 #: A smaller companion of the same family on the same joint is the larger one's shape, not a second effect.
 COMPANION = 0.25
+#: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
+TRACE = 0.12
 SMALL_DELAY = "it is less than the sampling leaves open"
 
 
@@ -62,21 +64,28 @@ def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequen
     named = tuple(one for one, why in reasons if not why)
     closest = tuple((one, why) for one, why in reasons if why)
     limit = NOTHING if found.setting.noise.repeats else NOTHING_UNSURE
-    remainder = tuple(np.flatnonzero(found.after > limit).tolist())
+    remainder = tuple(np.flatnonzero(found.calm > limit).tolist())
     equals = tuple(
-        tuple(dict.fromkeys([one.pick.effect.name, *(name for name, _ in one.pick.equals)])) for one in named if one.pick.equals
+        tuple(dict.fromkeys([one.pick.effect.name, *(name for name, _ in one.pick.equals)]))
+        for one in named
+        if one.pick.equals
     )
     different = tuple(group for group in equals if len(group) > 1)
     if different or equals:
         word = "ambiguous"
     elif named:
         word = "named"
-    elif [why for _, why in closest if why != SMALL_DELAY] or remainder or found.setting.noise.unrepeatable:
+    elif [why for _, why in closest if why != SMALL_DELAY] or remainder or unrepeatable(found):
         word = "unexplained"
     else:
         word = "nothing_missing"
     advice = advice_of(word, found, named, closest, remainder, joints)
     return Verdict(word, named, closest, remainder, different or equals, advice)
+
+
+def unrepeatable(found: Search) -> list[int]:
+    """Return joints with disturbances that do not repeat, where what repeats is not larger still."""
+    return [j for j in found.setting.noise.unrepeatable if found.before[j] < 1 + CLEAR**2]
 
 
 def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink) -> str:
@@ -86,13 +95,23 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
     if pick.effect.name == "torque_delay":
         rate = found.setting.stretches[0].source.chosen.rate
         return SMALL_DELAY if abs(found.delay) < SAMPLING / rate else ""
-    if pick.proof.joint in found.setting.noise.unrepeatable and pick.proof.visible_rms < CLEAR:
+    if pick.proof.joint in unrepeatable(found) and pick.proof.visible_rms < CLEAR:
         return "the disturbance of this joint does not repeat"
     if pick.proof.agreement < SAME:
         return "it is not the same in all parts of the logs"
-    same = [f for f in fitted if f is not one and pick.effect.family and f.pick.effect.family == pick.effect.family and f.pick.place[:1] == pick.place[:1]]
+    same = [
+        f
+        for f in fitted
+        if f is not one
+        and pick.effect.family
+        and f.pick.effect.family == pick.effect.family
+        and f.pick.place[:1] == pick.place[:1]
+    ]
     if any(pick.proof.visible_rms < COMPANION * f.pick.proof.visible_rms for f in same):
         return "it is the shape of a larger effect of the same kind"
+    here = [f for f in fitted if f is not one and f.pick.proof.joint == pick.proof.joint]
+    if any(pick.proof.visible_rms < TRACE * f.pick.proof.visible_rms for f in here):
+        return "it is small enough to be what a much larger effect leaves"
     j = pick.proof.joint
     on_joint = [f for f in fitted if j in f.pick.effect.rows(f.pick.place, n) and f.pick.effect.name != "torque_delay"]
     left, excess = found.after[j] - 1, found.before[j] - 1
@@ -115,10 +134,15 @@ def advice_of(
 ) -> str:
     """Return what to do next."""
     noise = found.setting.noise
-    repeat = "" if noise.repeats else " Record each motion twice: without repeats the noise floor is only a lower bound."
-    if noise.unrepeatable and not named:
-        names = ", ".join(joints[j] for j in noise.unrepeatable)
-        return f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
+    repeat = (
+        "" if noise.repeats else " Record each motion twice: without repeats the noise floor is only a lower bound."
+    )
+    stray = unrepeatable(found)
+    if stray and not named:
+        names = ", ".join(joints[j] for j in stray)
+        return (
+            f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
+        )
     if word == "ambiguous":
         one = next(f for f in named if f.pick.equals)
         other = CATALOGUE[one.pick.equals[0][0]]
@@ -131,5 +155,6 @@ def advice_of(
         if closest:
             one, why = closest[0]
             near = f" The closest candidate is {one.pick.effect.name}, but {why}."
-        return f"No effect of the catalogue explains it.{near} Look at the pictures of where it is, and at what the joints share.{repeat}"
+        look = "Look at the pictures of where it is, and at what the joints share."
+        return f"No effect of the catalogue explains it.{near} {look}{repeat}"
     return f"The model is as good as the noise lets anyone see.{repeat}"

@@ -56,7 +56,9 @@ class JointGap:
 def where(board: Board) -> list[JointGap]:
     """Return the disagreement of every joint."""
     chi = board.chi()
-    energy = np.array([max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, board.e, board.noise.sigma, strict=True)])
+    energy = np.array(
+        [max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, board.e, board.noise.sigma, strict=True)]
+    )
     total = energy.sum()
     found = []
     for j in range(len(chi)):
@@ -71,7 +73,10 @@ def regions_of(board: Board, joint: int) -> list[Region]:
     rows, e = board.joints[joint], board.e[joint]
     if len(e) < 3 * FEWEST:
         return []
-    signals = {key: np.concatenate([getattr(s, key)[:, joint] for s in board.stretches])[rows.place] for key in ("q", "qd", "tau")}
+    signals = {
+        key: np.concatenate([getattr(s, key)[:, joint] for s in board.stretches])[rows.place]
+        for key in ("q", "qd", "tau")
+    }
     t = np.concatenate([s.t + 1e6 * s.log for s in board.stretches])[rows.place]
     turning = np.concatenate([_near_reversal(s.qd[:, joint], s.rate) for s in board.stretches])[rows.place]
     speed = np.abs(signals["qd"])
@@ -99,6 +104,16 @@ def _near_reversal(qd: Floats, rate: float) -> Floats:
     return near
 
 
+def between_reversals(board: Board) -> Floats:
+    """Return the mean square of each whitened residual away from reversals, (n,); 1 where there is too little."""
+    chi = np.ones(len(board.e))
+    for j, (rows, e) in enumerate(zip(board.joints, board.e, strict=True)):
+        near = np.concatenate([_near_reversal(s.qd[:, j], s.rate) for s in board.stretches])[rows.place]
+        if (~near).sum() >= FEWEST:
+            chi[j] = float(np.mean(e[~near] ** 2))
+    return chi
+
+
 def _words(regions: list[Region], chi: float) -> str:
     """Return the strongest contrasts in words."""
     strong = []
@@ -114,6 +129,12 @@ def _words(regions: list[Region], chi: float) -> str:
 
 
 def _phrase(region: Region) -> str:
-    endings = {"speed": f"when {region.name}", "position": f"at the {region.name} of its travel", "load": f"at {region.name} load",
-               "time": f"{region.name} in the recording", "direction": f"when moving {region.name}", "reversal": region.name}  # fmt: skip
+    endings = {
+        "speed": f"when {region.name}",
+        "position": f"at the {region.name} of its travel",
+        "load": f"at {region.name} load",
+        "time": f"{region.name} in the recording",
+        "direction": f"when moving {region.name}",
+        "reversal": region.name,
+    }
     return endings[region.kind]

@@ -29,7 +29,9 @@ class Reference:
         links = len(model.link_columns)
         self._rigid = np.flatnonzero(values[:links])
         self._total = np.flatnonzero(values[: model.plain_size])
-        self._observers = {key: model.observer(chosen) for key, chosen in (("rigid", self._rigid), ("total", self._total))}
+        self._observers = {
+            key: model.observer(chosen) for key, chosen in (("rigid", self._rigid), ("total", self._total))
+        }
 
     def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body torques, (N, n) [N m or N]."""

@@ -135,10 +135,11 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     if cutoff is None:
         cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * bandwidth(log, robot))
     cutoff = min(cutoff, 0.45 * log.rate)
-    # Why the addend: stamps in seconds since 1970 give rates such as 199.99999, and logs must not differ by that.
-    first = max(1, int(log.rate / (EVALUATED_PER_CUTOFF * cutoff) + 1e-3))
-    second = max(1, int(log.rate / first / (KEPT_PER_CUTOFF * cutoff) + 1e-3))
-    return Filter(log.rate, cutoff, first, second)
+    # Why: stamps in seconds since 1970 give rates such as 199.99999, and logs of one recorder must not differ by that.
+    rate = float(f"{log.rate:.6g}")
+    first = max(1, int(rate / (EVALUATED_PER_CUTOFF * cutoff)))
+    second = max(1, int(rate / first / (KEPT_PER_CUTOFF * cutoff)))
+    return Filter(rate, cutoff, first, second)
 
 
 def condition(

@@ -33,12 +33,16 @@ def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) ->
             chi[g.joint, names.index((r.kind, r.name))] = r.chi
     image = axis.imshow(np.log10(np.clip(chi, 0.5, None)), cmap="YlOrBr", vmin=0.0, vmax=np.log10(WORST), aspect="auto")
     for j, k in zip(*np.nonzero(np.isfinite(chi)), strict=True):
-        axis.text(k, j, f"{chi[j, k]:.1f}", ha="center", va="center", fontsize=7, color="white" if chi[j, k] > 6 else "black")
+        axis.text(
+            k, j, f"{chi[j, k]:.1f}", ha="center", va="center", fontsize=7, color="white" if chi[j, k] > 6 else "black"
+        )
     axis.set_yticks(range(len(joints)), [name.replace("$", r"\$") for name in joints], fontsize=8)
     axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)
     bar = figure.colorbar(image, ax=axis, ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["1", "3", "10"], fontsize=8)
-    figure.suptitle(f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing", fontsize=9)
+    figure.suptitle(
+        f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing", fontsize=9
+    )
     return figure
 
 
@@ -52,10 +56,20 @@ def shrink_figure(proof: Shrink, joints: Sequence[str], units: Sequence[str], ti
     axis.barh(place - 0.19, proof.before, 0.36, color=RESIDUAL, label="before")
     error = np.abs(proof.ratio.T * proof.before - proof.after)
     error = np.where(np.isfinite(error), error, 0.0)
-    axis.barh(place + 0.19, proof.after, 0.36, color=ESTIMATED, label="after", xerr=error, error_kw={"lw": 1.0, "ecolor": "black"})
+    axis.barh(
+        place + 0.19,
+        proof.after,
+        0.36,
+        color=ESTIMATED,
+        label="after",
+        xerr=error,
+        error_kw={"lw": 1.0, "ecolor": "black"},
+    )
     for j, floor in enumerate(proof.floor):
         axis.plot([floor, floor], [j - 0.42, j + 0.42], color=MEASURED, lw=2.0, label="noise floor" if j == 0 else None)
-    axis.set_yticks(place, [f"{name} [{unit}]".replace("$", r"\$") for name, unit in zip(joints, units, strict=True)], fontsize=8)
+    axis.set_yticks(
+        place, [f"{name} [{unit}]".replace("$", r"\$") for name, unit in zip(joints, units, strict=True)], fontsize=8
+    )
     axis.invert_yaxis()
     axis.set_xlabel("root mean square on held-out rows, with 95 % interval", fontsize=8)
     axis.legend(fontsize=8, frameon=False)

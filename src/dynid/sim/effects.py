@@ -81,7 +81,13 @@ def effect_torques(arm: Arm, bodies: Sequence[Body], robot: Robot) -> Callable[[
 
 
 def _course(
-    added: Added, t: float, q: Floats, qd: Floats, past: Sequence[tuple[float, Floats]], robot: Robot, physics: BulletPhysics
+    added: Added,
+    t: float,
+    q: Floats,
+    qd: Floats,
+    past: Sequence[tuple[float, Floats]],
+    robot: Robot,
+    physics: BulletPhysics,
 ) -> Course:
     """Return the path as an effect needs it: the last second of it for one with a memory, otherwise one sample."""
     steps = past if added.effect.name == "presliding_hysteresis" else past[-1:]

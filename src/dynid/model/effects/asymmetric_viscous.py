@@ -14,8 +14,7 @@ class AsymmetricViscous(Effect):
     title = "viscous friction that differs with the direction"
     equation = "a |qd|"
     signature = (
-        "grows with speed, with the same sign both ways: largest where the joint is fast, small where it is "
-        "slow"
+        "grows with speed, with the same sign both ways: largest where the joint is fast, small where it is slow"
     )
     separate = "drive the same path forwards and backwards"
     family = "viscous"

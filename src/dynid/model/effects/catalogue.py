@@ -114,7 +114,9 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     if effect is None:
         near = difflib.get_close_matches(spec.effect, CATALOGUE, 1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise WrongRobotFile(f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"one of {', '.join(CATALOGUE)}")
+        raise WrongRobotFile(
+            f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"one of {', '.join(CATALOGUE)}"
+        )
     needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
     missing = [name for name in needed if name not in spec.parameters]
     if missing:

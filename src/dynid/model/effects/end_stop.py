@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
@@ -16,8 +18,8 @@ class EndStop(Effect):
     signature = "only at one end of the joint's travel, the same both ways"
     separate = "pass q1 often and from both sides"
     family = "position torque"
-    shape_units = {"side": "", "q1": "rad"}
-    steps = {"q1": ("plus", 0.1)}
+    shape_units: ClassVar[dict[str, str]] = {"side": "", "q1": "rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"q1": ("plus", 0.1)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

@@ -1,4 +1,4 @@
-"""What a torque effect is: columns of the regressor, and an equation with a name, a signature and a search for its shape.
+"""What a torque effect is: columns of the regressor, an equation, a signature, and the shapes that are tried.
 
 Two kinds of columns. Those that follow from one sample (friction of the robot file) are ``Column``: evaluated block by
 block. Those that need the order of the samples, the time or the model's own torque are an ``Effect``: evaluated on a

@@ -1,4 +1,4 @@
-"""Elastic joint with the encoder on the motor's side: tau_rb(q - tau_j / K e_j) - tau_rb(q), to first order in 1/K > 0."""
+"""Elastic joint with the encoder on the motor's side: tau_rb(q - tau_j / K e_j) - tau_rb(q), to first order."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
@@ -16,8 +18,8 @@ class NonlinearViscous(Effect):
     signature = "the residual bends with speed: one sign at middle speeds, the other at the highest"
     separate = "move the joint at least five times faster than the bend"
     family = "friction curve"
-    shape_units = {"p": ""}
-    steps = {"p": ("times", 1.1)}
+    shape_units: ClassVar[dict[str, str]] = {"p": ""}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
 from dynid.robot import LINK_PARAMETERS
 
@@ -18,7 +20,7 @@ class Payload(Effect):
     separate = "nothing is needed: a payload shows at once"
     scope = "arm"
     uses = ("frozen",)
-    shape_units = {"form": ""}
+    shape_units: ClassVar[dict[str, str]] = {"form": ""}
     family = "statics"
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
@@ -27,7 +29,7 @@ class Payload(Effect):
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
-        return {name: unit for name, unit in list(zip(LINK_PARAMETERS, UNITS, strict=False))[: round(shape["form"])]}
+        return dict(list(zip(LINK_PARAMETERS, UNITS, strict=False))[: round(shape["form"])])
 
     def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
@@ -16,7 +18,7 @@ class PositionFriction(Effect):
     signature = "friction differs between places of the joint's travel, both ways alike"
     separate = "cross the whole travel both ways at one slow speed"
     family = "position"
-    shape_units = {"h": "1/rad"}
+    shape_units: ClassVar[dict[str, str]] = {"h": "1/rad"}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

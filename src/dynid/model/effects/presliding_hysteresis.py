@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
@@ -16,8 +18,8 @@ class PreslidingHysteresis(Effect):
     signature = "friction builds up over the first millirads after each reversal instead of jumping"
     separate = "many small reversals, each a few delta long"
     positive = True
-    shape_units = {"delta": "rad"}
-    steps = {"delta": ("times", 1.4)}
+    shape_units: ClassVar[dict[str, str]] = {"delta": "rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"delta": ("times", 1.4)}
     family = "friction curve"
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:

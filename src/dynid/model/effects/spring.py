@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
@@ -16,7 +18,7 @@ class Spring(Effect):
     signature = "rises over the joint's travel: one sign at one end, the other at the other end"
     separate = "dwell at both ends of the travel"
     family = "position torque"
-    shape_units = {"order": "", "constant": ""}
+    shape_units: ClassVar[dict[str, str]] = {"order": "", "constant": ""}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried; the constant only where the joint has no offset of its own."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
@@ -17,8 +19,8 @@ class Stribeck(Effect):
     separate = "sweeps at constant speed over two decades, down to a tenth of vs"
     family = "friction curve"
     positive = True
-    shape_units = {"vs": "rad/s", "d": ""}
-    steps = {"vs": ("times", 1.25), "d": ("times", 1.3)}
+    shape_units: ClassVar[dict[str, str]] = {"vs": "rad/s", "d": ""}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"vs": ("times", 1.25), "d": ("times", 1.3)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

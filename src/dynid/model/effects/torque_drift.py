@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
@@ -16,8 +18,8 @@ class TorqueDrift(Effect):
     signature = "the mean of the residual moves with time and with nothing else"
     separate = "repeat the same motion minutes apart"
     family = "time"
-    shape_units = {"tc": "s"}
-    steps = {"tc": ("times", 1.4)}
+    shape_units: ClassVar[dict[str, str]] = {"tc": "s"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"tc": ("times", 1.4)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

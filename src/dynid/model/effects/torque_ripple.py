@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,8 +29,8 @@ class TorqueRipple(Effect):
     equation = "a cos(k q) + b sin(k q)"
     signature = "a wave over the joint's position, faster in time when the joint is faster"
     separate = "a slow, even motion over several waves"
-    shape_units = {"k": "1/rad"}
-    steps = {"k": ("plus", 0.1)}
+    shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
@@ -16,8 +18,8 @@ class WarmupFriction(Effect):
     signature = "friction is larger in the first minutes than later"
     separate = "repeat the same motion cold and warm"
     family = "time"
-    shape_units = {"tw": "s"}
-    steps = {"tw": ("times", 1.4)}
+    shape_units: ClassVar[dict[str, str]] = {"tw": "s"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"tw": ("times", 1.4)}
 
     def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

@@ -1,0 +1,83 @@
+"""``dynid gap --self-test``: the confusion table of the search on a simulated arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.cli.options import Common
+from dynid.errors import ExitStatus
+
+if TYPE_CHECKING:
+    from dynid.gap.selftest import Case
+
+ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
+
+
+def run_self_test(common: Common) -> ExitStatus:
+    """Hide effects in a simulated arm one by one and print what is named."""
+    from dynid.files.robotfile import load_robot
+    from dynid.gap.selftest import self_test
+    from dynid.model.store import obtain_model
+    from dynid.sim.hidden import CASES
+    from dynid.sim.plant import read_plant
+
+    robot = load_robot(ROBOT)
+    cases: list[Case] = []
+    with common.terminal.progress() as progress:
+        progress.stage("self-test", "")
+        model, _ = obtain_model(robot, common.folder(robot.slug))
+        for case in self_test(model, read_plant(truth_path()), common.seed):
+            cases.append(case)
+            progress.advance(len(cases), len(CASES), case.hidden.name)
+    rows = [
+        [
+            f"{c.hidden.name} on joint {c.hidden.joint + 1}" if c.hidden.size else "nothing",
+            said(c),
+            c.verdict,
+            "yes" if c.right else "NO",
+        ]
+        for c in cases
+    ]
+    common.terminal.table(["hidden", "named", "verdict", "right"], rows, numbers=False)
+    correct = sum(c.right for c in cases)
+    common.terminal.answer(f"{correct} of {len(cases)} right")
+    common.terminal.emit_json(
+        {
+            "schema": "dynid/gap-self-test/1",
+            "seed": common.seed,
+            "cases": [case_answer(c) for c in cases],
+            "right": correct,
+        }
+    )
+    false_names = [c for c in cases if c.hidden.name == "nothing" and c.named]
+    return ExitStatus.LIMIT_NOT_MET if false_names else ExitStatus.DONE
+
+
+def case_answer(case: Case) -> dict[str, Any]:
+    """Return one case for the JSON answer."""
+    return {
+        "hidden": case.hidden.name,
+        "joint": case.hidden.joint + 1,
+        "size": case.hidden.size,
+        "verdict": case.verdict,
+        "named": [{"effect": name, "joints": [j + 1 for j in place]} for name, place in case.named],
+        "right": case.right,
+    }
+
+
+def said(case: Case) -> str:
+    """Return what was named, in words."""
+    return (
+        ", ".join(f"{name} on {'joint ' + str(place[0] + 1) if place else 'the arm'}" for name, place in case.named)
+        or "-"
+    )
+
+
+def truth_path() -> Path:
+    """Return the truth of the simulated arm, in the project or in the installed package."""
+    import dynid
+
+    package = Path(dynid.__file__).parent
+    packaged = package / "_trajectories" / TRUTH
+    return packaged if packaged.is_file() else package.parents[1] / "trajectories" / TRUTH

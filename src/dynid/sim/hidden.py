@@ -1,0 +1,172 @@
+"""Torques to hide in a simulated arm, for the self-test of the gap search and for the demonstration.
+
+Shares nothing with ``dynid.model.effects``: a test by the same equations would only show that they equal themselves.
+Some laws differ from the catalogue's on purpose, and some are in no catalogue.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.log import Log
+from dynid.motion import Motion
+from dynid.robot import Robot
+from dynid.sim.arm import Arm
+from dynid.sim.plant import Plant
+from dynid.sim.sines import SineSpec, sines
+from dynid.sim.track import Recording, track
+
+Floats = NDArray[np.float64]
+Law = Callable[[float, Floats, Floats], float]
+
+#: Step of the physics [s], and steps a sample of the log. With steps of 2.5 ms Bullet's own error passes the noise.
+STEP, EVERY = 1.25e-3, 4
+#: Laws that are in no catalogue, and what a joint's own torque sensor or clock may do.
+OUTSIDE = ("knock", "contact")
+SENSOR = ("torque_gain", "torque_delay", "torque_drift")
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What is hidden.
+
+    Attributes:
+        name: identifier of the catalogue, one of ``OUTSIDE``, or ``"nothing"``.
+        joint: 0-based.
+        size: roughly its torque [N m]; share or seconds for gain and delay.
+    """
+
+    name: str
+    joint: int
+    size: float
+
+
+#: One case each, of a size that an arm like the LWR4+ can show.
+CASES = (
+    Hidden("nothing", 1, 0.0), Hidden("stribeck", 2, 0.6), Hidden("spring", 1, 0.5), Hidden("load_friction", 3, 0.03),
+    Hidden("position_friction", 2, 0.2), Hidden("torque_ripple", 3, 0.12), Hidden("end_stop", 1, 1.5),
+    Hidden("joint_coupling", 4, 0.15), Hidden("asymmetric_viscous", 2, 0.4), Hidden("presliding_hysteresis", 1, 0.5),
+    Hidden("torque_gain", 3, 0.06), Hidden("torque_delay", 1, 0.008), Hidden("torque_drift", 2, 0.4),
+    Hidden("nothing", 2, 0.0), Hidden("knock", 2, 0.6), Hidden("contact", 3, 1.0),
+)  # fmt: skip
+
+
+def law_of(hidden: Hidden, arm: Arm, rng: np.random.Generator) -> Law | None:
+    """Return the further torque at the joint by time, positions and velocities; None for sensor faults."""
+    j, a, phase = hidden.joint, hidden.size, float(rng.uniform(0, 2 * math.pi))
+    still = np.zeros(arm.robot.n)
+
+    def way(v: float) -> float:
+        return math.tanh(v / 0.01)
+
+    laws: dict[str, Law] = {
+        "stribeck": lambda t, q, v: a * way(v[j]) / (1 + (v[j] / 0.06) ** 2),
+        "spring": lambda t, q, v: a * q[j] + 0.1 * a * q[j] ** 3,
+        "load_friction": lambda t, q, v: a * abs(arm.inverse_dynamics(q, v, still)[j]) * way(v[j]),
+        "position_friction": lambda t, q, v: a * math.cos(q[j] + phase) * way(v[j]),
+        "torque_ripple": lambda t, q, v: a * math.cos(40 * q[j] + phase),
+        "end_stop": lambda t, q, v: a * max(0.0, q[j] - 0.2),
+        "joint_coupling": lambda t, q, v: a * v[j + 1] + 0.5 * a * way(v[j + 1]),
+        "asymmetric_viscous": lambda t, q, v: a * abs(v[j]),
+        "presliding_hysteresis": _Bristle(hidden, 0.03),
+        "knock": _Knock(hidden),
+        "contact": _Contact(hidden, rng),
+    }
+    return laws.get(hidden.name)
+
+
+class _Bristle:
+    """A LuGre bristle in place of part of the Coulomb friction."""
+
+    def __init__(self, hidden: Hidden, length: float) -> None:
+        self._j, self._a, self._length, self._z = hidden.joint, hidden.size, length, 0.0
+
+    def __call__(self, t: float, q: Floats, v: Floats) -> float:
+        speed = float(v[self._j])
+        rate = abs(speed) * STEP / self._length
+        self._z = (self._z + speed * STEP / self._length) / (1 + rate)
+        return self._a * (self._z - math.tanh(speed / 0.01))
+
+
+class _Knock:
+    """Ringing after each reversal, as of play in a gear."""
+
+    def __init__(self, hidden: Hidden) -> None:
+        self._j, self._a, self._since, self._way = hidden.joint, hidden.size, math.inf, 0.0
+
+    def __call__(self, t: float, q: Floats, v: Floats) -> float:
+        way = math.copysign(1.0, float(v[self._j]))
+        self._since = 0.0 if way != self._way else self._since + STEP
+        self._way = way
+        return self._a * way * math.exp(-self._since / 0.15) * math.sin(34.0 * self._since) if self._since < 2 else 0.0
+
+
+class _Contact:
+    """Touches at times that never repeat."""
+
+    def __init__(self, hidden: Hidden, rng: np.random.Generator) -> None:
+        self._a, self._at = hidden.size, np.sort(rng.uniform(0, 90, 14))
+
+    def __call__(self, t: float, q: Floats, v: Floats) -> float:
+        return self._a * float(np.sum(np.exp(-(((t - self._at) / 0.3) ** 2))))
+
+
+def hidden_logs(
+    robot: Robot,
+    plant: Plant,
+    hidden: Hidden,
+    rng: np.random.Generator,
+    *,
+    motions: int = 3,
+    repeats: int = 2,
+    seconds: float = 20.0,
+) -> list[Log]:
+    """Simulate an arm in closed loop with something hidden in it.
+
+    Args:
+        robot: the arm.
+        plant: its truth.
+        hidden: what is hidden.
+        rng: source of motions and noise.
+        motions: number of different motions.
+        repeats: how often each is driven.
+        seconds: length of each.
+    """
+    spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
+    logs: list[Log] = []
+    with Arm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=STEP) as arm:
+        law = law_of(hidden, arm, rng)
+        if law is not None:
+
+            def extra(t: float, q: Floats, v: Floats) -> Floats:
+                tau = np.zeros(robot.n)
+                tau[hidden.joint] = law(t, q, v)
+                return tau
+
+            arm.extra = extra
+        for _ in range(motions):
+            motion = sines(robot, spec, STEP, rng)
+            for _ in range(repeats):
+                logs.append(_log(arm, motion, hidden, plant, rng, len(logs) * (seconds + 1.0)))
+    return logs
+
+
+def _log(arm: Arm, motion: Motion, hidden: Hidden, plant: Plant, rng: np.random.Generator, start: float) -> Log:
+    done = track(arm, motion)
+    # Why: a torque acts from its sample to the next, so the mean of two belongs to the sample between them.
+    tau = done.tau.copy()
+    tau[1:] = 0.5 * (done.tau[1:] + done.tau[:-1])
+    j = hidden.joint
+    if hidden.name == "torque_gain":
+        tau[:, j] *= 1 + hidden.size
+    elif hidden.name == "torque_drift":
+        tau[:, j] += hidden.size * (start + done.t) / 60
+    elif hidden.name == "torque_delay":
+        tau = np.stack([np.interp(done.t - hidden.size, done.t, column) for column in tau.T], axis=1)
+    truth = Recording(done.t[::EVERY] + start, done.q[::EVERY], done.qd[::EVERY], tau[::EVERY], done.q_ref[::EVERY])
+    return replace(plant.sensors.measure(truth, arm.robot.joint_names, rng), dh=True)

@@ -1,0 +1,101 @@
+"""Each ending of ``dynid gap`` on logs from a generator that shares no code with the search (Pinocchio, other laws)."""
+
+import sys
+
+from pathlib import Path
+
+import pytest
+
+from dynid.gap.apply import identify_again, specs_of
+from dynid.gap.investigate import investigate, on_one_clock
+from dynid.gap.search import Options
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import gap_blind
+import hidden_effects as hidden
+
+ARM = "lwr4plus"
+SECONDS = 15.0
+
+
+def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):
+    base = gap_blind.model_of(ARM)
+    logs, cases = gap_blind.logs_of(effects, size, ARM, seed, seconds=seconds, **options)
+    sources = gap_blind.sources_of(logs, base.robot)
+    return base, sources, investigate(sources, base, known, Options(effects=only), simulate=False), cases
+
+
+def named(seen):
+    return {(f.pick.effect.name, f.pick.place) for f in seen.verdict.named}
+
+
+def test_nothing_hidden_is_called_nothing_missing():
+    _, _, seen, _ = look([("torque_offset", 2)], 0.0, 21)
+    assert seen.verdict.word == "nothing_missing"
+    assert seen.fitted == ()
+    assert "as good as the noise" in seen.verdict.advice
+
+
+def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
+    base, sources, seen, _ = look([("load_friction", 3)], 3.0, 22)
+    assert seen.verdict.word == "named"
+    assert named(seen) == {("load_friction", (3,))}
+    assert seen.proof.ratio[3, 1] < 0.9
+    specs = specs_of(seen.verdict.named, base.robot)
+    again, found, _ = identify_again(on_one_clock(sources), seen.first, base, specs)
+    column = found.names.index("load_friction4_a")
+    assert found.theta[column] == pytest.approx(seen.verdict.named[0].values["a"], rel=0.1)
+    assert found.joints[3].heldout_rms == pytest.approx(seen.proof.after[3], rel=0.1)
+    assert again.robot.effects == tuple(specs)
+
+
+def test_two_effects_on_two_joints_are_both_named():
+    _, _, seen, _ = look([("asymmetric_viscous", 1), ("position_friction", 3)], 2.5, 23)
+    assert named(seen) == {("asymmetric_viscous", (1,)), ("position_friction", (3,))}
+
+
+def test_a_delay_is_measured_and_taken_out():
+    _, _, seen, _ = look([("torque_delay", 1)], 2.0, 24)
+    assert named(seen) == {("torque_delay", ())}
+    assert seen.verdict.named[0].values["delay"] == pytest.approx(0.008, rel=0.05)
+
+
+def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_no_name():
+    _, _, seen, _ = look([("ringing", 3)], 4.0, 25)
+    assert seen.verdict.word == "unexplained"
+    assert named(seen) == set()
+    assert "No effect of the catalogue" in seen.verdict.advice
+
+
+def test_contacts_that_do_not_repeat_are_called_so():
+    _, _, seen, _ = look([("contacts", 2)], 4.0, 26)
+    assert seen.verdict.word == "unexplained"
+    assert seen.found.setting.noise.unrepeatable == [2]
+    assert "does not repeat" in seen.verdict.advice
+
+
+def test_what_changed_since_the_model_was_identified_is_a_payload():
+    base = gap_blind.model_of(ARM)
+    known = gap_blind.known_of(base, ARM, 27)
+    _, _, seen, _ = look([("payload", 1)], 2.0, 27, known=known)
+    assert named(seen) == {("payload", ())}
+    assert seen.verdict.named[0].values["m"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_two_names_that_fit_equally_well_are_ambiguous():
+    _, _, seen, _ = look([("end_stop", 4)], 0.45, 31)
+    assert seen.verdict.word == "ambiguous"
+    assert any("spring" in group and len(group) > 1 for group in seen.verdict.alternatives)
+    assert seen.verdict.advice.startswith("To separate ")
+
+
+def test_without_repeats_the_floor_is_a_bound_and_clean_logs_still_get_no_name():
+    _, _, seen, _ = look([("torque_offset", 2)], 0.0, 29, repeats=1)
+    assert seen.first.noise.repeats == 0
+    assert named(seen) == set()
+    assert "lower bound" in seen.verdict.advice
+
+
+def test_generator_and_catalogue_share_no_code():
+    text = Path(hidden.__file__).read_text(encoding="utf-8")
+    assert "dynid" not in text.replace("``dynid gap``", "").replace("no code with dynid", "")

@@ -1,0 +1,83 @@
+"""The noise floor on signals whose noise is known."""
+
+import numpy as np
+
+from dynid.gap.noise import Pair, find_repeats, noise_of, whitened, yule_walker
+
+RATE = 40.0
+
+
+def coloured(rng, count):
+    x = np.zeros(count)
+    drive = rng.normal(size=count)
+    for k in range(2, count):
+        x[k] = 1.2 * x[k - 1] - 0.5 * x[k - 2] + drive[k]
+    return x
+
+
+class Rows:
+    """A stretch with just what the noise needs."""
+
+    def __init__(self, q):
+        self.q, self.qd, self.rate = q, np.gradient(q, 1 / RATE, axis=0), RATE
+        self.use = np.ones(q.shape, dtype=bool)
+
+    def __len__(self):
+        return len(self.q)
+
+
+def motion(t):
+    return np.stack([np.sin(0.7 * t) + 0.3 * np.sin(1.9 * t), np.cos(0.5 * t) + 0.2 * np.sin(2.3 * t)], axis=1)
+
+
+def test_yule_walker_finds_the_coefficients_of_the_process():
+    x = coloured(np.random.default_rng(0), 200_000)
+    covariance = np.array([x[lag:] @ x[: len(x) - lag] for lag in range(5)])
+    np.testing.assert_allclose(yule_walker(covariance), [1.2, -0.5, 0, 0], atol=0.02)
+
+
+def test_whitening_leaves_the_drive():
+    x = coloured(np.random.default_rng(1), 50_000)
+    white = whitened(x, np.array([1.2, -0.5, 0.0, 0.0]))
+    assert abs(np.std(white) - 1) < 0.02
+    assert abs(white[1:] @ white[:-1]) / (white @ white) < 0.02
+
+
+def test_two_recordings_of_one_motion_are_found_with_their_lag():
+    t = np.arange(1200) / RATE
+    pairs = find_repeats([Rows(motion(t)), Rows(motion(t + 50 / RATE))])
+    assert [(p.first, p.second) for p in pairs] == [(0, 1)]
+    assert abs(pairs[0].lag + 50) < 0.2
+
+
+def test_different_motions_are_no_repeats():
+    t = np.arange(1200) / RATE
+    assert find_repeats([Rows(motion(t)), Rows(motion(1.3 * t + 2))]) == []
+
+
+def test_periods_within_one_recording_are_repeats():
+    t = np.arange(1600) / RATE
+    q = np.stack([np.sin(2 * np.pi * t / 10), np.sin(2 * np.pi * t / 5 + 1)], axis=1)
+    pairs = find_repeats([Rows(q)])
+    assert len(pairs) == 1
+    assert abs(pairs[0].lag % (10 * RATE)) < 0.5 or abs(pairs[0].lag % (10 * RATE) - 10 * RATE) < 0.5
+
+
+def test_repeats_show_the_noise_and_not_what_repeats():
+    rng = np.random.default_rng(2)
+    t = np.arange(4000) / RATE
+    q = motion(t)
+    same = 5 * np.sin(3 * q)
+    residuals = [same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)]
+    noise = noise_of([Rows(q), Rows(q)], residuals, [Pair(0, 1, 0.0)])
+    np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
+    assert noise.unrepeatable == []
+
+
+def test_a_contact_in_one_repeat_is_called_unrepeatable():
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) / RATE
+    q = motion(t)
+    residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
+    residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
+    assert noise_of([Rows(q), Rows(q)], residuals, [Pair(0, 1, 0.0)]).unrepeatable == [0]

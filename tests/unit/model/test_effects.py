@@ -1,0 +1,128 @@
+"""Effects against Pinocchio, against an integrated law, and against their own page."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid.errors import WrongRobotFile
+from dynid.files.robotfile import load_robot
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Course
+from dynid.model.effects.page import page
+from dynid.model.effects.presliding_hysteresis import presliding
+from dynid.model.reduce import reduce
+from dynid.model.reference import Reference
+from dynid.model.regressor import build_model
+from dynid.robot import EffectSpec
+
+ROOT = Path(__file__).parents[3]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import hidden_effects as hidden  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return hidden.load_arm("lwr4plus")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return build_model(load_robot("kuka_lwr4plus"))
+
+
+@pytest.fixture(scope="module")
+def course(arm, model):
+    """A random motion with the true arm as the current model."""
+    rng = np.random.default_rng(0)
+    q, qd, qdd = rng.normal(size=(3, 40, 7))
+    from dynid.sim.plant import read_plant
+
+    values = read_plant(ROOT / "trajectories" / "lwr4plus_truth.yaml").parameters()
+    gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
+    return Course(np.arange(40) / 10.0, q, qd, qdd, model.robot, Reference(model, gamma), lambda x: x)
+
+
+
+def test_tool_force_is_the_transposed_jacobian(arm, course):
+    columns = CATALOGUE["tool_force"].columns(course, (), {})
+    for axis in range(3):
+        np.testing.assert_allclose(columns[axis].T, arm.tip_force(course.q, np.eye(3)[axis]), atol=1e-9)
+
+
+def test_base_tilt_is_gravity_turned(arm, course):
+    still = np.zeros_like(course.q)
+    upright = arm.torque(course.q, still, still)
+    turned = arm.torque(course.q, still, still, arm.model.gravity.linear + np.array([9.81e-3, 0, 0]))
+    column = CATALOGUE["base_tilt"].columns(course, (), {})[0].T
+    np.testing.assert_allclose(1e-3 * column, turned - upright, atol=1e-8)
+
+
+def test_encoder_offset_is_the_slope_of_the_torque(arm, course):
+    moved = course.q.copy()
+    moved[:, 1] -= 1e-6
+    slope = (arm.torque(moved, course.qd, course.qdd) - arm.torque(course.q, course.qd, course.qdd)) / 1e-6
+    column = CATALOGUE["encoder_offset"].columns(course, (1,), {})[0].T
+    np.testing.assert_allclose(column, slope, atol=2e-3)
+
+
+def test_payload_is_a_body_on_the_last_link(course):
+    heavy = hidden.load_arm("lwr4plus")
+    bare = heavy.torque(course.q, course.qd, course.qdd)
+    heavy.load(0.3)
+    com, mass = np.array([0.01, 0.02, 0.04]), 0.3
+    tensor = 1e-4 * mass * np.eye(3) + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    ten = np.concatenate([[mass], mass * com, tensor[np.triu_indices(3)]])
+    columns = CATALOGUE["payload"].columns(course, (), {"form": 10.0})
+    change = heavy.torque(course.q, course.qd, course.qdd) - bare
+    np.testing.assert_allclose(np.tensordot(ten, columns, axes=1).T, change, atol=1e-9)
+
+
+def test_hysteresis_follows_the_dahl_equation_through_reversals():
+    t = np.linspace(0, 6, 60001)
+    q = 0.05 * np.sin(2 * t) + 0.02 * np.sin(5 * t)
+    z = np.zeros_like(q)
+    for k in range(1, len(q)):
+        step = q[k] - q[k - 1]
+        z[k] = z[k - 1] + step / 0.02 * (1 - z[k - 1] * np.sign(step))
+    np.testing.assert_allclose(presliding(q, 0.02), z, atol=5e-4)
+
+
+@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "payload"])
+def test_columns_have_one_row_a_joint_and_one_entry_a_sample(course, name):
+    effect = CATALOGUE[name]
+    place = effect.places(7)[0]
+    shape = (effect.grid(course, place) or [{}])[0]
+    columns = effect.columns(course, place, shape)
+    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(place, 7)), len(course))
+
+
+def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
+    spec = EffectSpec("stribeck", ("lwr_2_joint",), {"a": 0.5, "vs": 0.05, "d": 2.0})
+    made = build_model(replace(model.robot, effects=(spec,)))
+    reduction = reduce(made)
+    assert made.parameter_names[-1] == "stribeck3_a"
+    assert "stribeck3_a" in reduction.alone
+    assert reduction.rank == reduce(model).rank + 1
+
+
+def test_an_unknown_effect_is_an_error_with_a_suggestion(model):
+    robot = replace(model.robot, effects=(EffectSpec("stribek", ("lwr_2_joint",)),))
+    with pytest.raises(WrongRobotFile, match="did you mean 'stribeck'"):
+        _ = build_model(robot).parameter_names
+
+
+def test_a_listed_effect_without_its_shape_is_an_error(model):
+    robot = replace(model.robot, effects=(EffectSpec("stribeck", ("lwr_2_joint",), {"a": 1.0}),))
+    with pytest.raises(WrongRobotFile, match="vs"):
+        _ = build_model(robot).parameter_names
+
+
+def test_the_page_of_effects_is_current():
+    assert (ROOT / "docs" / "reference" / "effects.md").read_text(encoding="utf-8") == page()
+
+
+def test_pinocchio_is_independent_of_the_model(arm, model, course):
+    np.testing.assert_allclose(course.rigid, arm.torque(course.q, course.qd, course.qdd), atol=1e-9)
