@@ -1,5 +1,5 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
-# make test    all tests; those with a ROS master run alone, because they keep time,
+# make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master run alone, because they keep time,
 #              and up to three times, because a busy machine may not let them
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
@@ -15,13 +15,13 @@ BIN := $(VENV)/bin
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test ros screen lint docs reference clean
+.PHONY: demo test test-slow ros screen lint docs reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
 
 test: $(VENV)/.ready-test ros screen
-	$(BIN)/python -m pytest -n 2 -m "not ros"
+	$(BIN)/python -m pytest -n 2 -m "not ros and not slow"
 	$(BIN)/python -m pytest -m ros --reruns 2
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
@@ -38,6 +38,9 @@ screen:
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing a virtual screen with apt" && \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
 			xvfb xauth libgl1 libgl1-mesa-dri >/dev/null; } || echo "no virtual screen: its test is left out" >&2
+
+test-slow: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -n 2 -m slow
 
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check src tests

@@ -51,7 +51,7 @@ def sources_of(logs, robot):
     found = []
     for k, (t, q, tau) in enumerate(logs):
         log = Log(t, q, tau, robot.joint_names)
-        chosen = choose_filter(log, CUTOFF)
+        chosen = choose_filter(log, robot, CUTOFF)
         segments = [replace(s, since=s.since + t[0] - start) for s in condition(log, chosen)]
         found.append(Source(segments, chosen, f"log {k + 1}"))
     return found

@@ -1,7 +1,6 @@
 """Each ending of ``dynid gap`` on logs from a generator that shares no code with the search (Pinocchio, other laws)."""
 
 import sys
-
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,8 @@ import hidden_effects as hidden
 
 ARM = "lwr4plus"
 SECONDS = 15.0
+
+pytestmark = pytest.mark.slow
 
 
 def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):

@@ -15,6 +15,7 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
 from dynid.quality.condition import choose_filter, condition
+from dynid.robot import Robot
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import Plant
 
@@ -51,16 +52,16 @@ def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] =
     base = BaseModel(model, reduce(model))
     for k, hidden in enumerate(cases):
         logs = hidden_logs(model.robot, plant, hidden, np.random.default_rng([seed, k]))
-        seen = investigate(sources_of(logs), base, None, Options(), simulate=False)
+        seen = investigate(sources_of(logs, model.robot), base, None, Options(), simulate=False)
         named = tuple((f.pick.effect.name, f.pick.place) for f in seen.verdict.named)
         yield Case(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
 
 
-def sources_of(logs: list[Log]) -> list[Source]:
+def sources_of(logs: list[Log], robot: Robot) -> list[Source]:
     """Condition logs in memory, whose columns are DH quantities already."""
     found = []
     for k, log in enumerate(logs):
-        chosen = choose_filter(log, CUTOFF)
+        chosen = choose_filter(log, robot, CUTOFF)
         found.append(Source(condition(log, chosen), chosen, f"log {k + 1}"))
     return found
 

@@ -26,7 +26,7 @@ def page() -> str:
 
 
 def _section(effect: Effect) -> str:
-    shape = {name: 1.0 for name in effect.shape_units}
+    shape = dict.fromkeys(effect.shape_units, 1.0)
     amplitudes = ", ".join(f"`{name}` [{unit or '1'}]" for name, unit in effect.amplitudes(shape).items())
     lines = [
         f"## `{effect.name}`: {effect.title}",
