@@ -36,6 +36,9 @@ REFINED = (1.0, 0.5, 0.25, 0.25, 0.12, 0.06, 0.03, 0.015)
 SETTLED = 100.0
 #: Times a delay is refined: each shift makes the next one exact to second order.
 DELAYS = 3
+#: When the noise measured beside what was found is less than this share of what it was before, the search starts anew:
+#: its first rows were whitened with part of the effect.
+SAME_NOISE = 0.7
 
 
 @dataclass(frozen=True)
@@ -104,16 +107,18 @@ def search(
     delay, proof = 0.0, None
     setting = first or make_setting(sources, base, known)
     first_chi = setting.board().chi()
-    for _ in range(DELAYS + 1):
+    for _ in range(DELAYS + 2):
         finder = _Finder(setting, options, progress, delay_allowed=abs(delay) < 0.5)
         late = finder.run()
-        if late is None:
+        if late is not None:
+            delay += float(late.beta[0])
+            proof = proof or late
+            shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
+            setting = make_setting(shifted, base, known)
+            continue
+        old, setting = setting, quieter(setting, finder.board, finder.picks)
+        if np.all(setting.noise.floor > SAME_NOISE * old.noise.floor):
             break
-        delay += float(late.beta[0])
-        proof = proof or late
-        shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
-        setting = make_setting(shifted, base, known)
-    setting = quieter(setting, finder.board, finder.picks)
     bare = setting.board(finder.board.theta[: base.reduction.rank])
     if not delay:
         first_chi = bare.chi()
