@@ -1,5 +1,6 @@
 """Each ending of ``dynid gap`` on logs from a generator that shares no code with the search (Pinocchio, other laws)."""
 
+import functools
 import sys
 from pathlib import Path
 
@@ -83,11 +84,22 @@ def test_what_changed_since_the_model_was_identified_is_a_payload():
     assert seen.verdict.named[0].values["m"] == pytest.approx(0.4, rel=0.1)
 
 
-def test_two_names_that_fit_equally_well_are_ambiguous():
-    _, _, seen, _ = look([("end_stop", 4)], 0.45, 31)
+def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypatch):
+    """Joint 3 is dragged along by joint 4, but joint 2 moves just as joint 4 does."""
+    free = hidden.sines
+
+    def together(arm, seconds, rng):
+        f, size, phase = free(arm, seconds, rng)
+        f[1], size[1], phase[1] = f[3], size[3], phase[3]
+        return f, size, phase
+
+    monkeypatch.setattr(hidden, "sines", together)
+    monkeypatch.setattr(hidden, "motion", functools.partial(hidden.motion, wobble=1e-5))
+    _, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
+    assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
-    assert any("spring" in group and len(group) > 1 for group in seen.verdict.alternatives)
-    assert seen.verdict.advice.startswith("To separate ")
+    assert {seen.verdict.named[0].pick.place, *(place for _, place in seen.verdict.named[0].pick.equals)} == {(2, 1), (2, 3)}
+    assert "one after the other" in seen.verdict.advice
 
 
 def test_without_repeats_the_floor_is_a_bound_and_clean_logs_still_get_no_name():

@@ -354,7 +354,7 @@ def add(
     write_robot(robot, specs, copy)
     again, found, _ = identify_again(on_one_clock(sources), seen.first, base, specs)
     again = replace(again, model=replace(again.model, robot=replace(again.robot, path=copy)))
-    folder = (common.out or Path("out")) / copy.stem
+    folder = common.out or Path("out") / copy.stem
     inputs = {f"log {k + 1}": sha256(log) for k, log in enumerate(logs)}
     header = {
         "robot": again.robot.name,

@@ -283,6 +283,7 @@ def obtain_stack(
 ) -> tuple[Stack, dict[str, Any]]:
     """Return the stack of the given logs, or of ``dynid parameters``."""
     from dynid.identify import numeric
+    from dynid.identify.effects import settled
 
     if logs:
         stack, findings, timing = stack_logs(common, base, logs, options)
@@ -301,6 +302,7 @@ def obtain_stack(
         return stack, header
     path = folder / "fullnumericregressor.npz"
     sources, stored = numeric.load(path)
+    sources = settled(sources, base)
     common.terminal.stage("log", f"from {path}: {', '.join(stored['logs'])}")
     header = {key: stored[key] for key in ("robot", "key", "log_sha256", "logs", "cutoff_hz", "log_findings")}
     header |= {key: stored.get(key) for key in TIMING}
@@ -344,7 +346,9 @@ def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, A
     """Return what is held out, as --holdout says."""
     import numpy as np
 
+    from dynid.identify.effects import scaled
     from dynid.identify.estimate import HoldOut, last_share
+    from dynid.identify.least_squares import weighted
 
     text = options["holdout"]
     if text == "none":
@@ -353,7 +357,7 @@ def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, A
         return last_share(stack, percent(text, "--holdout"))
     reading = reading_of({**options, "cutoff": str(stack.sources[0].chosen.cutoff), "exclude": ()})
     sources, _ = read_sources(common, base, (Path(text),), reading)
-    test = stack_sources(common, base, sources)
+    test = stack_sources(common, base, scaled(sources, base, weighted(*stack.joint_factors()).theta))
     return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), text)
 
 

@@ -246,9 +246,11 @@ def stack_logs(
 ) -> tuple[Stack, list[Finding], Timing]:
     """Read, condition and stack logs; estimate how late the torques are, and correct that when it is clear."""
     from dynid.identify.delay import Delay, delay_findings, estimate_delay
+    from dynid.identify.effects import settled
 
     reading = reading_of(options)
     sources, findings = read_sources(common, base, logs, reading)
+    sources = settled(sources, base)
     stack = stack_sources(common, base, sources)
     if options["delay"] != "auto":
         return stack, findings, Timing(applied=reading.delay)
@@ -269,10 +271,11 @@ def stack_logs(
 
 def stacked_again(base: BaseModel, logs: Sequence[Path], reading: Reading) -> Stack:
     """Read and stack logs in another way, without saying again what was noticed in them."""
+    from dynid.identify.effects import settled
     from dynid.identify.sources import read_source
     from dynid.identify.stack import stack
 
-    sources = [read_source(path, base.model, reading)[0] for path in logs]
+    sources = settled([read_source(path, base.model, reading)[0] for path in logs], base)
     reduction = base.reduction
     return stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
 

@@ -59,6 +59,7 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
     """Replay a log, write and print what comes out, and return the JSON answer."""
     from dynid.cli.drives import in_amperes
     from dynid.identify import result
+    from dynid.identify.effects import scaled
     from dynid.identify.stack import rows_of
     from dynid.validate import metrics, predict
 
@@ -70,7 +71,8 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
     cutoff = options["cutoff"] if options["cutoff"] != "auto" else repr(stored.cutoff)
     delay = options["delay"] if options["delay"] != "auto" else repr(stored.delay)
     reading = reading_of({**options, "cutoff": cutoff, "delay": delay}, identify=False)
-    source = read_sources(common, base, (log,), reading)[0][0]
+    sources = read_sources(common, base, (log,), reading)[0]
+    source = scaled(sources, base, stored.identification.theta)[0]
     with terminal.progress() as progress:
         progress.stage("replay", "")
         rows = list(rows_of(source, base.model.observer(base.reduction.base)))

@@ -14,7 +14,7 @@ from dynid.files.artifact import write_text
 from dynid.gap.final import Fitted
 from dynid.gap.setting import BETWEEN, Setting
 from dynid.gap.stretches import Mask
-from dynid.identify.effects import on_time, settled, with_effects
+from dynid.identify.effects import ROUNDS, on_time, scaled, with_effects
 from dynid.identify.estimate import HoldOut, estimate
 from dynid.identify.result import Identification
 from dynid.identify.stack import Source, Stack, stack
@@ -70,7 +70,8 @@ def identify_again(
     late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
     first = reference_of(base.model, base.reduction, setting.theta)
     made = [with_effects(source, added.model, first) for source in late]
-    made = settled(made, added, lambda some: _fit(some, setting, added).theta)
+    for _ in range(ROUNDS if any(effect.effect.needs_model for effect in added.model.added) else 0):
+        made = scaled(made, added, _fit(made, setting, added).theta)
     return added, _fit(made, setting, added), made
 
 

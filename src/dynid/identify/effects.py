@@ -6,13 +6,14 @@ with the last estimate and the fit is repeated until it settles; the stored resu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identify.stack import Source
+from dynid.identify.least_squares import weighted
+from dynid.identify.stack import Source, stack
 from dynid.model.effects.interface import Course, Physics
 from dynid.model.reference import believed, reference_of
 from dynid.model.regressor import Model
@@ -71,24 +72,32 @@ def on_time(segment: Segment, delay: float) -> Segment:
     return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
 
 
-def settled(
-    sources: Sequence[Source], base: BaseModel, fit: Callable[[Sequence[Source]], Floats], first: Floats | None = None
-) -> list[Source]:
+def settled(sources: Sequence[Source], base: BaseModel, first: Floats | None = None) -> list[Source]:
     """Return logs whose model-based columns fit the parameters that are identified from them.
 
     Args:
         sources: conditioned logs.
         base: model and base parameters.
-        fit: returns the base parameters of given logs, (p,).
-        first: base parameters to begin with; a first fit when None.
+        first: base parameters to begin with, (p,); those of a first fit when None.
     """
     found = list(sources)
     if not any(added.effect.needs_model for added in base.model.added):
         return found
     theta = first
     for _ in range(ROUNDS):
-        theta = fit(found) if theta is None else theta
-        physics = reference_of(base.model, base.reduction, theta)
-        found = [with_effects(source, base.model, physics) for source in found]
+        theta = _fit(found, base) if theta is None else theta
+        found = scaled(found, base, theta)
         theta = None
     return found
+
+
+def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[Source]:
+    """Return logs whose model-based columns scale with given base parameters, (p,)."""
+    physics = reference_of(base.model, base.reduction, theta)
+    return [with_effects(source, base.model, physics) for source in sources]
+
+
+def _fit(sources: Sequence[Source], base: BaseModel) -> Floats:
+    reduction = base.reduction
+    made = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
+    return weighted(*made.joint_factors()).theta

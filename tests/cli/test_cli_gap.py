@@ -1,0 +1,83 @@
+"""``dynid gap`` from outside: the JSON keys, the copy of the robot file, and the tool that has the effect from then on."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import hidden_effects as hidden
+
+#: One thread: several processes share the machine when all tests run.
+ONE = {"OMP_NUM_THREADS": "1"}
+KEYS = {"schema", "robot", "verdict", "where", "named", "alternatives", "gap", "advice", "wrote"}
+
+
+@pytest.fixture
+def logs(dynid):
+    """Logs of an LWR4+ with load-dependent friction on joint 4 in the working folder, and its robot file."""
+    (dynid.folder / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
+    case = hidden.Case("lwr4plus", "load_friction", 3, 3.0, 22)
+    names = []
+    for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0)):
+        np.savez(dynid.folder / f"log{k + 1}.npz", t=t, q=q, tau=tau)
+        names.append(f"log{k + 1}.npz")
+    assert dynid("identify", "arm.yaml", names[0], names[2], "-q", "-o", "before").status == 0
+    return names
+
+
+def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
+    some = "load_friction,position_friction,stribeck,spring,torque_gain,torque_crosstalk"
+    ended = dynid("gap", "before/parameters.npz", *logs, "--json", "--apply", "best", "-o", "after", "--effects", some, **ONE)
+    assert ended.status == 0, ended.err
+    answer = json.loads(ended.out)
+    assert set(answer) >= KEYS
+    assert answer["schema"] == "dynid/gap/1"
+    assert answer["verdict"] == "named"
+    (named,) = answer["named"]
+    assert (named["effect"], named["joints"]) == ("load_friction", ["lwr_3_joint"])
+    assert set(named["parameters"]["a"]) == {"value", "unit", "std_error"}
+    assert named["heldout_rms_after_nm"] < 0.8 * named["heldout_rms_before_nm"]
+    gap = answer["gap"]
+    assert len(gap["heldout_before_nm"]) == len(gap["noise_floor_nm"]) == 7
+    worst = max(answer["where"], key=lambda w: w["share"])
+    assert worst["joint"] == "lwr_3_joint"
+    copy = dynid.folder / "arm+load_friction4.yaml"
+    (entry,) = yaml.safe_load(copy.read_text())["effects"]
+    assert entry["effect"] == "load_friction"
+    assert "# KUKA LWR4+" in copy.read_text(), "comments of the robot file stay"
+    assert (dynid.folder / "before" / "gap" / "where.png").is_file()
+
+    again = json.loads(dynid("identify", copy.name, logs[0], logs[2], "--json", "-o", "with").out)
+    values = {row["name"]: row["value"] for row in again["parameters"]}
+    assert values["load_friction4_a"] == pytest.approx(entry["parameters"]["a"], rel=0.15)
+    before = json.loads(dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out)
+    after = json.loads(dynid("validate", "with/parameters.npz", logs[4], "--json", "--no-plot").out)
+    kept = json.loads(dynid("validate", "after/parameters.npz", logs[4], "--json", "--no-plot", "--allow-training-data").out)
+    rms = [answer["joints"][3]["rms_nm"] for answer in (before, after, kept)]
+    assert rms[1] < 0.8 * rms[0]
+    assert rms[2] < 0.8 * rms[0]
+
+
+def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
+    ended = dynid("gap", "before/parameters.npz", *logs, "--effects", "load_friction,stribeck", "--joints", "4", "--no-plot", **ONE)
+    assert ended.status == 0, ended.err
+    assert "load_friction" in ended.out
+    assert "(not asked: no terminal" in ended.err
+    assert not list(dynid.folder.glob("arm+*"))
+
+
+def test_gap_with_an_unknown_effect_suggests_one(dynid, logs):
+    ended = dynid("gap", "before/parameters.npz", logs[0], "--effects", "stribek")
+    assert ended.status == 2
+    assert "did you mean 'stribeck'" in ended.err
+
+
+def test_gap_without_logs_says_what_is_needed(dynid):
+    ended = dynid("gap")
+    assert ended.status == 2
+    assert "PARAMETERS" in ended.err
