@@ -44,7 +44,7 @@ def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
     assert named(seen) == {("load_friction", (3,))}
     assert seen.proof.ratio[3, 1] < 0.9
     specs = specs_of(seen.verdict.named, base.robot)
-    again, found, _ = identify_again(on_one_clock(sources), seen.first, base, specs)
+    again, found = identify_again(on_one_clock(sources), seen.first, base, specs)
     column = found.names.index("load_friction4_a")
     assert found.theta[column] == pytest.approx(seen.verdict.named[0].values["a"], rel=0.1)
     assert found.joints[3].heldout_rms == pytest.approx(seen.proof.after[3], rel=0.1)

@@ -144,7 +144,10 @@ def conditioned(
     """Read the logs under one filter that keeps what happens at reversals."""
     if options["cutoff"] == "auto":
         options = {**options, "cutoff": repr(max(CUTOFF, stored.cutoff))}
-    return read_sources(common, base, logs, reading_of(options))[0]
+    if options["delay"] == "auto":
+        # Why not in a refit: there a delay is one of the effects that are looked for.
+        options = {**options, "delay": repr(stored.delay) if options["mode"] == "frozen" else "off"}
+    return read_sources(common, base, logs, reading_of(options, identify=False))[0]
 
 
 # ---------------------------------------------------------------- the answer
@@ -352,7 +355,7 @@ def add(
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     write_robot(robot, specs, copy)
-    again, found, _ = identify_again(on_one_clock(sources), seen.first, base, specs)
+    again, found = identify_again(on_one_clock(sources), seen.first, base, specs)
     again = replace(again, model=replace(again.model, robot=replace(again.robot, path=copy)))
     folder = common.out or Path("out") / copy.stem
     inputs = {f"log {k + 1}": sha256(log) for k, log in enumerate(logs)}

@@ -357,7 +357,7 @@ def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, A
         return last_share(stack, percent(text, "--holdout"))
     reading = reading_of({**options, "cutoff": str(stack.sources[0].chosen.cutoff), "exclude": ()})
     sources, _ = read_sources(common, base, (Path(text),), reading)
-    test = stack_sources(common, base, scaled(sources, base, weighted(*stack.joint_factors()).theta))
+    test = stack_sources(common, base, scaled(sources, base, weighted(*stack.whole).theta))
     return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), text)
 
 

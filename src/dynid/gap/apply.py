@@ -12,16 +12,18 @@ import numpy as np
 from dynid.errors import CannotWrite
 from dynid.files.artifact import write_text
 from dynid.gap.final import Fitted
-from dynid.gap.setting import BETWEEN, Setting
+from dynid.gap.setting import Setting
 from dynid.gap.stretches import Mask
-from dynid.identify.effects import ROUNDS, on_time, scaled, with_effects
+from dynid.identify.effects import on_time, scaled, settled, with_effects
 from dynid.identify.estimate import HoldOut, estimate
+from dynid.identify.least_squares import weighted
 from dynid.identify.result import Identification
 from dynid.identify.stack import Source, Stack, stack
 from dynid.model.reduce import with_added
 from dynid.model.reference import reference_of
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
+from dynid.quality.condition import Segment
 from dynid.robot import EffectSpec, Robot
 
 
@@ -53,7 +55,7 @@ def specs_of(fitted: Sequence[Fitted], robot: Robot) -> list[EffectSpec]:
 
 def identify_again(
     sources: Sequence[Source], setting: Setting, base: BaseModel, specs: Sequence[EffectSpec]
-) -> tuple[BaseModel, Identification, list[Source]]:
+) -> tuple[BaseModel, Identification]:
     """Identify the arm with effects on the training rows alone; the held-out rows judge it.
 
     Args:
@@ -63,45 +65,43 @@ def identify_again(
         specs: the effects.
 
     Returns:
-        Model, parameters, and the logs with the effects' columns.
+        Model and parameters.
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
     late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
     first = reference_of(base.model, base.reduction, setting.theta)
-    made = [with_effects(source, added.model, first) for source in late]
-    for _ in range(ROUNDS if any(effect.effect.needs_model for effect in added.model.added) else 0):
-        made = scaled(made, added, _fit(made, setting, added).theta)
-    return added, _fit(made, setting, added), made
+    made = settled(only([with_effects(s, added.model, first) for s in late], setting, setting.train), added)
+    train = _stack(made, added)
+    held = _stack(scaled(only(late, setting, setting.held), added, weighted(*train.whole).theta), added)
+    blocks, judged = np.ones(train.blocks, dtype=bool), held.rows.sum(axis=1) > 0
+    holdout = HoldOut(blocks, held, judged, setting.held_text)
+    return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 
-def _fit(sources: Sequence[Source], setting: Setting, base: BaseModel) -> Identification:
-    reduction = base.reduction
-    stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
-    train, held = _blocks(stacked, setting)
-    trained = replace(
-        stacked,
-        factors=stacked.factors[train],
-        rows=stacked.rows[train],
-        logs=stacked.logs[train],
-        start=stacked.start[train],
+def only(sources: Sequence[Source], setting: Setting, chosen: Sequence[Mask]) -> list[Source]:
+    """Return logs of which only the chosen rows count, one mask a stretch."""
+    spans = {
+        (s.log, float(s.course.t[0])): (s.t[rows][0], s.t[rows][-1])
+        for s, rows in zip(setting.stretches, chosen, strict=True)
+        if rows.any()
+    }
+    return [
+        replace(source, segments=[_within(x, spans.get((k, float(x.since[0])))) for x in source.segments])
+        for k, source in enumerate(sources)
+    ]
+
+
+def _within(segment: Segment, span: tuple[float, float] | None) -> Segment:
+    inside = (
+        np.zeros(len(segment), dtype=bool) if span is None else (segment.since >= span[0]) & (segment.since <= span[1])
     )
-    holdout = HoldOut(np.ones(int(train.sum()), dtype=bool), stacked, held, setting.held_text)
-    return estimate(replace(trained, sources=(), observer=None), base, method="wls", holdout=holdout, drop_weak=True)
+    return replace(segment, usable=segment.usable & inside[:, None])
 
 
-def _blocks(stacked: Stack, setting: Setting) -> tuple[Mask, Mask]:
-    """Return which blocks of the stack lie in the training and in the held-out rows."""
-    train, held = np.zeros(stacked.blocks, dtype=bool), np.zeros(stacked.blocks, dtype=bool)
-    for s, t, h in zip(setting.stretches, setting.train, setting.held, strict=True):
-        inside = stacked.logs == s.log
-        begin = s.source.segments[0].t[0] - s.source.segments[0].since[0]
-        since = stacked.start[inside] - begin
-        for mask, rows, margin in ((train, t, BETWEEN), (held, h, 0.0)):
-            if rows.any():
-                first, last = s.t[rows][0], s.t[rows][-1]
-                mask[np.flatnonzero(inside)] |= (since >= first - 1e-6) & (since <= last - margin)
-    return train, held & ~train
+def _stack(sources: Sequence[Source], base: BaseModel) -> Stack:
+    reduction = base.reduction
+    return stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
 
 
 def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:

@@ -100,4 +100,4 @@ def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[So
 def _fit(sources: Sequence[Source], base: BaseModel) -> Floats:
     reduction = base.reduction
     made = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
-    return weighted(*made.joint_factors()).theta
+    return weighted(*made.whole).theta
