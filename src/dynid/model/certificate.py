@@ -7,7 +7,7 @@ import numpy as np
 from dynid.errors import ReductionsDisagree
 from dynid.model.exact import ExactReduction, reduce_exactly
 from dynid.model.groups import group_text
-from dynid.model.reduce import DEPENDENT, Reduction, reduce
+from dynid.model.reduce import DEPENDENT, Reduction, reduce_plain, with_added
 from dynid.model.regressor import Model
 
 #: Parameters named in the message before it is cut.
@@ -15,7 +15,7 @@ _SHOWN = 8
 
 
 def base_parameters(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
-    """Find the base parameters of a model by both methods.
+    """Find the base parameters of a model by both methods, and those of added effects.
 
     Args:
         model: the model.
@@ -26,7 +26,8 @@ def base_parameters(model: Model, *, samples: int = 200, seed: int = 0, toleranc
     Raises:
         ReductionsDisagree: when the two methods differ.
     """
-    return certified(reduce_exactly(model), reduce(model, samples=samples, seed=seed, tolerance=tolerance))
+    svd = reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance)
+    return with_added(certified(reduce_exactly(model), svd), model)
 
 
 def certified(exact: ExactReduction, svd: Reduction) -> Reduction:

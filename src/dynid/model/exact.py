@@ -203,7 +203,7 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
     """Find the base parameters of a model without thresholds.
 
     Args:
-        model: the model; friction and coupled motors take part like any other column.
+        model: the model; friction and coupled motors take part like any other column, added effects do not.
         still: whether to reduce the torques at rest instead: the gravity parameters that vendors publish.
 
     Returns:
@@ -221,7 +221,7 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
     base, K = relations(draws, own)
     found = name_coefficients(draws, base, K[0])
     numbers = _numbers(model, base, K[0], found.formulas, draws)
-    names = model.parameter_names
+    names = model.parameter_names[: model.plain_size]
     groups = []
     for row, b in enumerate(base):
         shares = [int(b), *(int(j) for j in np.flatnonzero(K[0, row]) if j != b)]
@@ -254,7 +254,7 @@ def _numbers(
     open_columns = sorted({int(j) for i, j in np.argwhere(K) if (int(i), int(j)) not in formulas and base[i] != j})
     if open_columns:
         q, qd, qdd = np.random.default_rng(0).uniform(-2, 2, (3, 200, model.robot.n))
-        P = model.regressor(q, qd * draws.moving, qdd * draws.moving).reshape(-1, model.size)
+        P = model.regressor(q, qd * draws.moving, qdd * draws.moving).reshape(-1, model.plain_size)
         scale = np.linalg.norm(P[:, base], axis=0)
         solved = np.linalg.lstsq(P[:, base] / scale, P[:, open_columns], rcond=None)[0] / scale[:, None]
         for k, j in enumerate(open_columns):

@@ -86,7 +86,15 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
 
 
 def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
-    """Find the base parameters of a model by singular values on random states.
+    """Find the base parameters of a model by singular values on random states, and those of added effects.
+
+    Args and source: as ``reduce_plain``.
+    """
+    return with_added(reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance), model)
+
+
+def reduce_plain(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+    """Find the base parameters of a model by singular values on random states, without those of added effects.
 
     Args:
         model: the model.
@@ -112,7 +120,7 @@ def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float 
     mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
     names = model.parameter_names
     pick = [(names[k], bool(present[k]), bool(mixed[k])) for k in range(size)]
-    plain = Reduction(
+    return Reduction(
         names=names[:size],
         base=base,
         K=K,
@@ -123,7 +131,6 @@ def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float 
         gap=gap,
         method="svd",
     )
-    return with_added(plain, model)
 
 
 def with_added(plain: Reduction, model: Model) -> Reduction:
@@ -139,7 +146,10 @@ def with_added(plain: Reduction, model: Model) -> Reduction:
     K[plain.rank :, size:] = np.eye(total - size)
     names = model.parameter_names
     added = np.arange(size, total, dtype=np.intp)
-    return replace(plain, names=names, base=np.append(plain.base, added), K=K, alone=plain.alone + names[size:])
+    formulas = plain.formulas + names[size:] if plain.formulas else ()
+    return replace(
+        plain, names=names, base=np.append(plain.base, added), K=K, alone=plain.alone + names[size:], formulas=formulas
+    )
 
 
 def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[Ints, Floats]:
