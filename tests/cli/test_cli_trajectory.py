@@ -119,6 +119,19 @@ def test_path_of_an_earlier_motion_runs_again_at_another_alpha(planned):
         assert np.allclose(2 * slow["qd"][::2][: len(fast["q"])], fast["qd"], atol=1e-9)
 
 
+def test_search_that_the_time_ended_says_how_to_make_its_plan_again_and_that_makes_it(dynid):
+    short = ("--duration", "6", "--segments", "4", "--seconds", "4", "--restarts", "1000", "--preview", "none")
+    first = dynid("trajectory", "kuka_lwr4plus", *short, "--json", "-o", "a")
+    assert first.status == 0, first.err
+    search = json.loads(first.out)["search"]
+    assert search["ended"] == "time"
+    assert "the same plan again: --seed 0 --replay " in first.err
+    second = dynid("trajectory", "kuka_lwr4plus", *short, *search["again"].split(), "--json", "-o", "b")
+    assert second.status == 0, second.err
+    with np.load(dynid.folder / "a" / "trajectory.npz") as a, np.load(dynid.folder / "b" / "trajectory.npz") as b:
+        assert np.array_equal(a["q"], b["q"])
+
+
 def test_person_is_asked_and_no_plans_another_motion(dynid):
     done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "y\n"])
     assert done.status == 0, done.err
@@ -151,6 +164,7 @@ def test_gui_without_a_display_is_status_6_and_pictures_are_the_default(dynid):
         (("--obstacle", "1,2,3"), "--obstacle '1,2,3' is not 6 numbers"),
         (("--noise", "0"), "--noise '0'"),
         (("--weights", "1"), "--weights '1'"),
+        (("--replay", "7"), "--replay '7' is not START:N"),
     ],
 )
 def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):

@@ -1,7 +1,9 @@
 """Multi-start search for an exciting motion: L-BFGS with exact gradients, in processes of their own.
 
 Every iterate keeps the joint limits, so whatever was best when the time is over or the person presses Ctrl-C is a plan.
-Start k depends on the seed and on k only: when all starts finish in time, equal inputs give the equal plan.
+What a start goes through depends on the seed and its number only, not on time, load or the number of processes. When
+all starts finish, equal inputs give the equal plan; in any case start and evaluation of the best are its address, from
+which ``Search.replay`` makes it again.
 """
 
 from __future__ import annotations
@@ -15,11 +17,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import WrongUsage
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.trajectory.feasible import Shaping
@@ -33,6 +36,9 @@ STAGES = ((2.0, 60), (8.0, 60), (np.inf, 200))
 SMOOTH_STAGES = ((np.inf, 250),)
 #: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
 HOPELESS = 0.35
+#: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
+#: the work without a start's fate depending on how many there are. More processes than that are not used.
+LANES = 8
 #: Seconds between two reports of the best so far.
 REPORT = 0.5
 
@@ -46,12 +52,14 @@ class Search:
         seconds: time limit [s].
         seed: seed of the starts.
         processes: processes at work; the processor's cores when None.
+        replay: start and evaluation at which an earlier search met its best; only that one is made again.
     """
 
     restarts: int = 5
     seconds: float = 60.0
     seed: int = 0
     processes: int | None = None
+    replay: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,44 +70,98 @@ class Candidate:
         value: cost with penalties.
         coefficients: of the problem's basis, (k, n).
         start: number of the start.
+        evaluation: evaluation of that start at which it was met, from 1.
     """
 
     value: float
     coefficients: Floats
     start: int
+    evaluation: int
 
 
-def optimise(problem: Problem, search: Search, progress: Progress = SILENT) -> list[Candidate]:
+End = Literal["all starts", "time", "interrupt", "replay"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes:
+        candidates: the best motion of every start, the best first.
+        finished: number of starts that went to their end.
+        ended: why the search ended; after ``"all starts"`` and ``"replay"`` equal inputs give equal candidates.
+    """
+
+    candidates: tuple[Candidate, ...]
+    finished: int
+    ended: End
+
+
+@dataclass(frozen=True)
+class Met:
+    """The best that one start has met so far.
+
+    Attributes:
+        value: cost with penalties.
+        x: free variables.
+        evaluation: which evaluation of the start it was, from 1.
+    """
+
+    value: float
+    x: Floats
+    evaluation: int
+
+
+def optimise(problem: Problem, search: Search, progress: Progress = SILENT) -> Found:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
-
-    Returns:
-        The best motion of every start, the best first.
 
     Raises:
         KeyboardInterrupt: interrupted before anything was found.
+        WrongUsage: the evaluation to replay is not one at which a best was met.
     """
-    best: dict[int, tuple[float, Floats]] = {}
+    best: dict[int, Met] = {}
+    finished: set[int] = set()
+    ended: End = "all starts" if search.replay is None else "replay"
     begin = time.monotonic()
+    limit = search.seconds if search.replay is None else np.inf
     with _workers(problem, search) as (reports, running):
         try:
             while any(process.is_alive() for process in running) or not reports.empty():
-                left = begin + search.seconds - time.monotonic()
-                if left <= 0 and best:
-                    break
+                left = begin + limit - time.monotonic()
                 # Why: in the first seconds of a very short search there may be nothing yet to keep.
+                if left <= 0 and best:
+                    ended = "time"
+                    break
                 with suppress(queue.Empty):
-                    start, value, x = reports.get(timeout=min(max(left, 0.1), 0.5))
-                    best[start] = min(best.get(start, (np.inf, x)), (value, x), key=lambda pair: pair[0])
+                    start, met = reports.get(timeout=min(max(left, 0.1), 0.5))
+                    if met is None:
+                        finished.add(start)
+                    else:
+                        best[start] = met
                 if best:
-                    least = min(value for value, _ in best.values())
+                    least = min(met.value for met in best.values())
                     done = min(time.monotonic() - begin, search.seconds)
                     progress.advance(done, search.seconds, f"best {describe(problem, least)}")
         except KeyboardInterrupt:
             if not best:
                 raise
+            ended = "interrupt"
+    if search.replay is not None:
+        _require_met(search.replay, best)
     shaping = Shaping(problem.basis, problem.limits, np.zeros(1))
-    found = [Candidate(value, shaping.coefficients(x), start) for start, (value, x) in best.items()]
-    return sorted(found, key=lambda candidate: candidate.value)
+    found = [Candidate(met.value, shaping.coefficients(met.x), start, met.evaluation) for start, met in best.items()]
+    return Found(tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended)
+
+
+def _require_met(replay: tuple[int, int], best: dict[int, Met]) -> None:
+    """Refuse numbers that no search with these inputs can have ended with."""
+    start, evaluation = replay
+    if start not in best or best[start].evaluation != evaluation:
+        raise WrongUsage(
+            f"--replay {start}:{evaluation}: start {start} met no best at evaluation {evaluation}",
+            why="seed, options, robot file or the machine's arithmetic differ from those of the search",
+            fix="give the numbers that the search printed, with the same seed and options",
+        )
 
 
 def describe(problem: Problem, value: float) -> str:
@@ -119,7 +181,8 @@ def _workers(problem: Problem, search: Search) -> Iterator[tuple[Any, list[Any]]
     reports = context.Queue()
     # Why: the effect columns of a model are functions, which do not travel between processes; they are made anew.
     sent = replace(problem, model=Model(problem.model.robot, problem.model.rigid))
-    count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
+    most = LANES if search.replay is None else 1
+    count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts, most))
     running = [context.Process(target=_work, args=(sent, search, k, count, reports), daemon=True) for k in range(count)]
     with _modest_children():
         for process in running:
@@ -160,14 +223,25 @@ def _modest_children() -> Iterator[None]:
 
 
 def _work(problem: Problem, search: Search, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
-    """Search from every ``step``-th start and report the best so far of each."""
+    """Search from the starts of every ``step``-th lane and report the best so far of each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     objective = Objective(problem)
-    best = np.inf
-    for start in range(first, search.restarts, step):
-        report = _Report(start, reports)
-        x = objective.shaping.random(np.random.default_rng((search.seed, start)))
-        best = min(best, descend(objective, x, best, report)[0])
+    if search.replay is not None:
+        start, last = search.replay
+        reports.put((start, descend(objective, beginning(objective, search.seed, start), last=last)))
+        return
+    best = np.full(LANES, np.inf)
+    for start in range(search.restarts):
+        lane = start % LANES
+        if lane % step == first:
+            x = beginning(objective, search.seed, start)
+            best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, reports)).value)
+            reports.put((start, None))
+
+
+def beginning(objective: Objective, seed: int, start: int) -> Floats:
+    """Return the free variables from which a start goes down."""
+    return objective.shaping.random(np.random.default_rng((seed, start)))
 
 
 class _Report:
@@ -177,49 +251,66 @@ class _Report:
         self._start, self._reports = start, reports
         self._best, self._sent = np.inf, 0.0
 
-    def __call__(self, value: float, x: Floats, *, last: bool) -> None:
+    def __call__(self, met: Met, *, last: bool) -> None:
         now = time.monotonic()
-        if value < self._best and (last or now - self._sent > REPORT):
-            self._best, self._sent = value, now
-            self._reports.put((self._start, value, x))
+        if met.value < self._best and (last or now - self._sent > REPORT):
+            self._best, self._sent = met.value, now
+            self._reports.put((self._start, met))
+
+
+class _Enough(Exception):
+    """The evaluation that was wanted is done."""
 
 
 def descend(
-    objective: Objective, x: Floats, best: float = np.inf, report: Callable[..., None] | None = None
-) -> tuple[float, Floats]:
+    objective: Objective,
+    x: Floats,
+    best: float = np.inf,
+    report: Callable[..., None] | None = None,
+    last: int | None = None,
+) -> Met:
     """Go down from one start through the stages.
 
     Args:
         objective: what is made small.
         x: start.
         best: cost of the best motion so far; a start far from it is given up before the last stage.
-        report: called with value and variables of improvements of the cost itself.
+        report: called with improvements of the cost itself.
+        last: evaluation at which to stop; None to go on to the end.
 
     Returns:
-        The least cost met and its variables.
+        The least cost met, with its variables.
     """
+    seen = Met(np.inf, x, 0)
+    count = 0
+
+    def measured(x: Floats, power: float, *, last_of_stage: bool = False) -> tuple[float, Floats]:
+        nonlocal seen, count
+        if count == last:
+            raise _Enough
+        count += 1
+        value, gradient = objective(x, power)
+        if np.isinf(power):
+            if value < seen.value:
+                seen = Met(value, x.copy(), count)
+            if report is not None:
+                report(seen, last=last_of_stage)
+        return value, gradient
+
+    with suppress(_Enough):
+        _stages(measured, x, lambda: seen.value > best + HOPELESS, objective.problem.cost.kind in ("d", "i"))
+    return seen
+
+
+def _stages(
+    measured: Callable[..., tuple[float, Floats]], x: Floats, hopeless: Callable[[], bool], smooth: bool
+) -> None:
+    """Minimise through the stages of a cost."""
     from scipy.optimize import minimize
 
-    seen: tuple[float, Floats] = (np.inf, x)
-    smooth = objective.problem.cost.kind in ("d", "i")
-
-    def note(value: float, x: Floats, *, last: bool = False) -> None:
-        nonlocal seen
-        if value < seen[0]:
-            seen = value, x.copy()
-        if report is not None:
-            report(*seen, last=last)
-
     for power, iterations in SMOOTH_STAGES if smooth else STAGES:
-        if np.isinf(power) and not smooth and seen[0] > best + HOPELESS:
-            break
-
-        def measured(x: Floats, power: float = power) -> tuple[float, Floats]:
-            value, gradient = objective(x, power)
-            if np.isinf(power):
-                note(value, x)
-            return value, gradient
-
-        x = minimize(measured, x, jac=True, method="L-BFGS-B", options={"maxiter": iterations, "maxcor": 20}).x
-        note(objective(x)[0], x, last=True)
-    return seen
+        if np.isinf(power) and not smooth and hopeless():
+            return
+        options = {"maxiter": iterations, "maxcor": 20}
+        x = minimize(measured, x, args=(power,), jac=True, method="L-BFGS-B", options=options).x
+        measured(x, np.inf, last_of_stage=True)

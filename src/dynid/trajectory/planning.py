@@ -22,7 +22,7 @@ from dynid.trajectory.cost import Cost, Kind
 from dynid.trajectory.feasible import CONTINUOUS, Bounds, Shaping, bounds
 from dynid.trajectory.limits import check, require
 from dynid.trajectory.objective import Problem
-from dynid.trajectory.optimise import Search, optimise
+from dynid.trajectory.optimise import Candidate, Found, Search, optimise
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import believed, held_out
 
@@ -143,24 +143,50 @@ def problem(shop: Workshop, basis: Basis) -> Problem:
     )
 
 
-def proposals(shop: Workshop, progress: Progress = SILENT) -> Iterator[Trajectory]:
-    """Yield motions at the wanted speed factor, the most promising first, each with its repaired versions after it."""
+@dataclass(frozen=True)
+class Proposal:
+    """A motion with where it comes from.
+
+    Attributes:
+        trajectory: the motion.
+        start: number of the start that led to it; None when a person gave the path.
+        evaluation: evaluation of that start at which it was met; None without a search.
+        share: how much of it is left after it was drawn towards the clear pose.
+    """
+
+    trajectory: Trajectory
+    start: int | None = None
+    evaluation: int | None = None
+    share: float = 1.0
+
+
+def searched(shop: Workshop, progress: Progress = SILENT) -> Found | None:
+    """Search for the best motions; None when no search is wanted."""
+    wishes = shop.wishes
+    return None if wishes.search is None else optimise(problem(shop, family(wishes)), wishes.search, progress)
+
+
+def proposals(shop: Workshop, found: Found | None) -> Iterator[Proposal]:
+    """Yield motions at the wanted speed factor, the most promising first, each with its repaired versions after it.
+
+    Args:
+        shop: the arm and what is wanted.
+        found: what the search found; None for random motions.
+    """
     wishes, basis = shop.wishes, family(shop.wishes)
-    if wishes.search is None:
-        found = list(_random(shop, basis))
-    else:
-        found = [candidate.coefficients for candidate in optimise(problem(shop, basis), wishes.search, progress)]
+    candidates = list(_random(shop, basis)) if found is None else found.candidates
     home = clear_pose(shop)
-    for coefficients in found:
+    for one in candidates:
         for share in SHRINK:
-            drawn = share * coefficients + (1 - share) * np.outer(basis.constant, home)
-            yield Trajectory(basis, drawn, wishes.alpha)
+            drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
+            yield Proposal(Trajectory(basis, drawn, wishes.alpha), one.start, one.evaluation or None, share)
 
 
-def _random(shop: Workshop, basis: Basis) -> Iterator[Floats]:
+def _random(shop: Workshop, basis: Basis) -> Iterator[Candidate]:
     shaping = Shaping(basis, shop.limits, np.zeros(1))
     for start in range(RANDOM_STARTS):
-        yield shaping.coefficients(shaping.random(np.random.default_rng((shop.wishes.seed, start))))
+        x = shaping.random(np.random.default_rng((shop.wishes.seed, start)))
+        yield Candidate(np.inf, shaping.coefficients(x), start, 0)
 
 
 def clear_pose(shop: Workshop) -> Floats:
@@ -191,8 +217,8 @@ def judged(shop: Workshop, trajectory: Trajectory) -> None:
 
 
 def first_accepted(
-    candidates: Iterator[Trajectory], judges: list[Callable[[Trajectory], object]]
-) -> tuple[Trajectory, list[object]]:
+    candidates: Iterator[Proposal], judges: list[Callable[[Trajectory], object]]
+) -> tuple[Proposal, list[object]]:
     """Return the first motion that no judge refuses, with what the judges found.
 
     Raises:
@@ -202,7 +228,7 @@ def first_accepted(
     reason: DynidError | None = None
     for candidate in candidates:
         try:
-            return candidate, [judge(candidate) for judge in judges]
+            return candidate, [judge(candidate.trajectory) for judge in judges]
         except (LimitBroken, Collision) as error:
             reason = error
     raise reason or LimitBroken("the search found no motion", fix="give it more time with --seconds")
