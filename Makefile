@@ -26,7 +26,7 @@ test: $(VENV)/.ready-test ros screen
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:
-	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.files.rosplace import missing_modules as m; sys.exit(bool(m()))' \
+	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.drivers.rosplace import missing_modules as m; sys.exit(bool(m()))' \
 		&& command -v rosmaster >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing ROS 1 with apt" && \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
@@ -43,8 +43,9 @@ test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -n 2 -m slow
 
 lint: $(VENV)/.ready-lint
-	$(BIN)/ruff check src tests
+	$(BIN)/ruff check src tests benchmarks
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 
 docs: $(VENV)/.ready-docs
 	$(BIN)/mkdocs build --quiet --strict

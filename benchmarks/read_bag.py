@@ -1,6 +1,6 @@
 """Time and memory of reading a long bag: rosbags' own decoder, dynid, dynid without the index.
 
-    PYTHONPATH=src python benchmarks/read_bag.py [MESSAGES]
+PYTHONPATH=src python benchmarks/read_bag.py [MESSAGES]
 """
 
 from __future__ import annotations

@@ -144,12 +144,17 @@ def derivation(robot, largest):
         part = type(robot)(**{**vars(robot), "joints": robot.joints[:n], "prior": None, "driver": None, "tool": None,
                               "links": None})  # fmt: skip
         short = median(lambda part=part: seconds(lambda: build_model(part)), 3)
-        yield f"the same, {n} joints, SymPy written out", f"{value:.2f} s", "", f"{value / short:.0f} x dynid's {short:.2f} s"
+        yield (
+            f"the same, {n} joints, SymPy written out",
+            f"{value:.2f} s",
+            "",
+            f"{value / short:.0f} x dynid's {short:.2f} s",
+        )
     growth = times[largest] / times[largest - 1]
     guess = times[largest] * growth ** (7 - largest)
     yield (
         "the same, 7 joints, extrapolated", f"about {guess:.0f} s", "",
-        f"{guess / ours:.0f} x; not measured: x {growth:.1f} for each further joint, as from {largest - 1} to {largest}",
+        f"{guess / ours:.0f} x; not measured: x {growth:.1f} a further joint, as from {largest - 1} to {largest}",
     )  # fmt: skip
 
 
@@ -166,7 +171,12 @@ def evaluation(robot):
     ours = median(lambda: seconds(walk), 5) / 20000 * 1e6
     dense = median(lambda: seconds(lambda: observer.dense(*states)), 3) / 20000 * 1e6
     theirs = median(lambda: seconds(lambda: pinocchio_loop(robot, states)), 3) / 20000 * 1e6
-    yield "regressor, non-zero entries, a sample", f"{ours:.2f} us", "3 us", f"{theirs / ours:.1f} x faster than the loop"
+    yield (
+        "regressor, non-zero entries, a sample",
+        f"{ours:.2f} us",
+        "3 us",
+        f"{theirs / ours:.1f} x faster than the loop",
+    )
     yield "regressor, dense 7 x 98, a sample", f"{dense:.2f} us", "", f"{theirs / dense:.1f} x faster than the loop"
     yield "Pinocchio computeJointTorqueRegressor loop", f"{theirs:.2f} us", "", "70 columns, from Python"
 

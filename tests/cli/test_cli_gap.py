@@ -1,16 +1,15 @@
-"""``dynid gap`` from outside: the JSON keys, the copy of the robot file, and the tool that has the effect from then on."""
+"""``dynid gap`` from outside: its JSON keys, the copy of the robot file, and the effect that stays from then on."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
 import hidden_effects as hidden
+
+ROOT = Path(__file__).parents[2]
 
 #: One thread: several processes share the machine when all tests run.
 ONE = {"OMP_NUM_THREADS": "1"}
@@ -32,7 +31,9 @@ def logs(dynid):
 
 def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     some = "load_friction,position_friction,stribeck,spring,torque_gain,torque_crosstalk"
-    ended = dynid("gap", "before/parameters.npz", *logs, "--json", "--apply", "best", "-o", "after", "--effects", some, **ONE)
+    ended = dynid(
+        "gap", "before/parameters.npz", *logs, "--json", "--apply", "best", "-o", "after", "--effects", some, **ONE
+    )
     assert ended.status == 0, ended.err
     answer = json.loads(ended.out)
     assert set(answer) >= KEYS
@@ -57,14 +58,26 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert values["load_friction4_a"] == pytest.approx(entry["parameters"]["a"], rel=0.15)
     before = json.loads(dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out)
     after = json.loads(dynid("validate", "with/parameters.npz", logs[4], "--json", "--no-plot").out)
-    kept = json.loads(dynid("validate", "after/parameters.npz", logs[4], "--json", "--no-plot", "--allow-training-data").out)
+    kept = json.loads(
+        dynid("validate", "after/parameters.npz", logs[4], "--json", "--no-plot", "--allow-training-data").out
+    )
     rms = [answer["joints"][3]["rms_nm"] for answer in (before, after, kept)]
     assert rms[1] < 0.8 * rms[0]
     assert rms[2] < 0.8 * rms[0]
 
 
 def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
-    ended = dynid("gap", "before/parameters.npz", *logs, "--effects", "load_friction,stribeck", "--joints", "4", "--no-plot", **ONE)
+    ended = dynid(
+        "gap",
+        "before/parameters.npz",
+        *logs,
+        "--effects",
+        "load_friction,stribeck",
+        "--joints",
+        "4",
+        "--no-plot",
+        **ONE,
+    )
     assert ended.status == 0, ended.err
     assert "load_friction" in ended.out
     assert "(not asked: no terminal" in ended.err

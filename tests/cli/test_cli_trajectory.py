@@ -55,9 +55,7 @@ def test_unattended_motion_is_marked_unreviewed_and_accepted_on_review(planned):
     assert answer["reviewed"] is False
     assert "written, marked reviewed: no (not asked: no terminal; set with --accept)" in said
     path = "out/kuka_lwr4plus/trajectory.npz"
-    done = runner(
-        "trajectory", "kuka_lwr4plus", "--review", path, "--accept", "--preview", "none", "--json"
-    )
+    done = runner("trajectory", "kuka_lwr4plus", "--review", path, "--accept", "--preview", "none", "--json")
     assert (done.status, json.loads(done.out)["reviewed"]) == (0, True), done.err
 
 

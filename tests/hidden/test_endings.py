@@ -1,18 +1,15 @@
 """Each ending of ``dynid gap`` on logs from a generator that shares no code with the search (Pinocchio, other laws)."""
 
 import functools
-import sys
 from pathlib import Path
 
 import pytest
 
+import gap_blind
+import hidden_effects as hidden
 from dynid.gap.apply import identify_again, specs_of
 from dynid.gap.investigate import investigate, on_one_clock
 from dynid.gap.search import Options
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import gap_blind
-import hidden_effects as hidden
 
 ARM = "lwr4plus"
 SECONDS = 15.0
@@ -98,7 +95,8 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
     _, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
-    assert {seen.verdict.named[0].pick.place, *(place for _, place in seen.verdict.named[0].pick.equals)} == {(2, 1), (2, 3)}
+    pick = seen.verdict.named[0].pick
+    assert {pick.place, *(place for _, place in pick.equals)} == {(2, 1), (2, 3)}
     assert "one after the other" in seen.verdict.advice
 
 

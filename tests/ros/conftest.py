@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from lab import Lab, start_master, store, swing
 
-from dynid.files.rosplace import missing_modules
+from dynid.drivers.rosplace import missing_modules
 
 
 def pytest_collection_modifyitems(items):

@@ -16,7 +16,7 @@ from dynid.cli.machine import version_of
 from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
 from dynid.cli.settings import LOCAL, load_settings, settings_files
 from dynid.errors import ExitStatus
-from dynid.files.xdg import cache_folder, config_file
+from dynid.xdg import cache_folder, config_file
 
 if TYPE_CHECKING:
     from dynid.cli.terminal import Cell
@@ -66,7 +66,7 @@ def checks() -> Iterator[Check]:
 def ros_checks() -> Iterator[Check]:
     """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
     from dynid.drivers.ros import master_uri
-    from dynid.files.rosplace import APT, missing_modules, ros_folders
+    from dynid.drivers.rosplace import APT, missing_modules, ros_folders
 
     missing = missing_modules()
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"

@@ -18,7 +18,7 @@ from typing import Any, NoReturn, TextIO
 import click
 
 from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
-from dynid.files.xdg import cache_folder
+from dynid.xdg import cache_folder
 
 #: Errors of the machine that a person can do something about; anything else is a mistake of dynid.
 _MACHINE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE}

@@ -368,9 +368,7 @@ def write_results(
     from dynid.identify import result
     from dynid.validate import predict
 
-    motions = [
-        predict.predict(source, stack.rows_of_log(k), found.theta) for k, source in enumerate(stack.sources)
-    ]
+    motions = [predict.predict(source, stack.rows_of_log(k), found.theta) for k, source in enumerate(stack.sources)]
     predict.save(
         folder / "estimatedmotion.npz", motions, {**header, "joints": list(stack.joints), "torque_from": "identified"}
     )

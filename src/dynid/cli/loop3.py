@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -191,7 +192,7 @@ def read_sources(
     with terminal.progress() as progress:
         for path in logs:
             progress.stage("read", "")
-            source, log = _located(path, lambda path=path: read_source(path, base.model, reading))
+            source, log = _located(path, partial(read_source, path, base.model, reading))
             sources.append(source)
             findings += log.findings
             terminal.stage("log", f"{path}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
@@ -199,7 +200,7 @@ def read_sources(
         cutoff = common_cutoff(sources)
         if any(source.chosen.cutoff != cutoff for source in sources):
             again = replace(reading, cutoff=cutoff)
-            sources = [_located(path, lambda path=path: read_source(path, base.model, again))[0] for path in logs]
+            sources = [_located(path, partial(read_source, path, base.model, again))[0] for path in logs]
     chosen = sources[0].chosen
     how = "from the motion's band" if reading.cutoff is None else "as given"
     terminal.stage(

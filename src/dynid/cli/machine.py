@@ -6,7 +6,7 @@ import importlib.metadata
 import platform
 
 from dynid import __version__
-from dynid.files.rosplace import missing_modules
+from dynid.drivers.rosplace import missing_modules
 
 
 def version_of(package: str) -> str | None:

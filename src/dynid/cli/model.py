@@ -247,7 +247,7 @@ def class_table(common: Common, robot: Robot, reduction: Reduction) -> None:
     kinds = [*LINK_PARAMETERS, *FRICTION_PARAMETERS.values()]
     known = set(reduction.names)
     kinds = [kind for kind in kinds if any(f"{kind}{j}" in known for j in range(1, robot.n + 1))]
-    rows = []
+    rows: list[list[str | tuple[str, str]]] = []
     for j, joint in enumerate(robot.joints, start=1):
         cells = [reduction.class_of(f"{kind}{j}") if f"{kind}{j}" in known else "absent" for kind in kinds]
         rows.append([f"{j} {joint.name}", *(SYMBOLS[cell] for cell in cells)])

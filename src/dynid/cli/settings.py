@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynid.errors import UnknownKey
-from dynid.files.xdg import config_file
+from dynid.xdg import config_file
 
 if TYPE_CHECKING:
     from dynid.files.yamlfile import Value

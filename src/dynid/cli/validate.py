@@ -102,7 +102,8 @@ def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> d
         "passed": passed,
         "wrote": wrote,
     }
-    return in_amperes(answer, base.robot)
+    found: dict[str, Any] = in_amperes(answer, base.robot)
+    return found
 
 
 def base_model_of(common: Common, stored: StoredResult) -> BaseModel:

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from dynid.drivers.rosplace import APT, missing_modules, ros_folders
 from dynid.errors import MasterSilent, RosMissing
-from dynid.files.rosplace import APT, missing_modules, ros_folders
-from dynid.files.xdg import cache_folder
+from dynid.xdg import cache_folder
 
 T = TypeVar("T")
 

@@ -63,7 +63,7 @@ class Attached:
             parts = [(joint.child, np.eye(4)), *((o.child, p) for o, p in self.urdf.behind(joint.child, self.names))]
             there = [moved(body, pose) for link, pose in parts if (body := self.urdf.bodies[link])]
             whole = body_of(sum((body.parameters() for body in there), np.zeros(10)))
-            bodies.append(moved(whole, np.linalg.inv(to_dh)))
+            bodies.append(moved(whole, np.linalg.inv(to_dh).astype(np.float64)))
         return Prior(links=tuple(bodies))
 
 

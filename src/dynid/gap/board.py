@@ -71,7 +71,7 @@ class Board:
     @property
     def size(self) -> int:
         """Number of baseline columns."""
-        return self.joints[0].A.shape[1]
+        return int(self.joints[0].A.shape[1])
 
     @property
     def width(self) -> int:
@@ -82,7 +82,8 @@ class Board:
         """Return filtered columns of one joint, one (..., M_s) a stretch, as whitened rows, (..., M_j)."""
         ar, sigma = self.noise.ar[joint], self.noise.sigma[joint]
         kept = [whitened(x, ar)[..., s.use[ORDER:, joint]] for x, s in zip(parts, self.stretches, strict=True)]
-        return np.concatenate(kept, axis=-1) / sigma
+        rows: Floats = np.concatenate(kept, axis=-1) / sigma
+        return rows
 
     def solve(self) -> None:
         """Fit the baseline and the accepted effects; sets ``Q``, ``e``, ``theta`` and ``inverse``."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.gap.board import Board
 from dynid.gap.evidence import columns_of, prove
@@ -169,7 +170,7 @@ def shrink(first: Setting, found: Search, fitted: Sequence[Fitted]) -> Shrink:
     return Shrink(rms[0], rms[1], ratio, found.setting.noise.floor)
 
 
-def _held_residual(setting: Setting, picks: Sequence[Pick]) -> list[tuple[Floats, Floats]]:
+def _held_residual(setting: Setting, picks: Sequence[Pick]) -> list[tuple[Floats, NDArray[np.intp]]]:
     """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}."""
     board = with_picks(setting.board(nuisance=False), picks)
     if picks:
@@ -194,7 +195,7 @@ def _rms(x: Floats) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
 
 
-def _ratio(before: tuple[Floats, Floats], after: tuple[Floats, Floats], seed: int) -> Floats:
+def _ratio(before: tuple[Floats, NDArray[np.intp]], after: tuple[Floats, NDArray[np.intp]], seed: int) -> Floats:
     """Return the 95 % interval of the ratio of rms values over blocks of time drawn with replacement, (2,)."""
     names, place = np.unique(before[1], return_inverse=True)
     if len(names) < 3 or len(before[0]) != len(after[0]):
@@ -202,4 +203,5 @@ def _ratio(before: tuple[Floats, Floats], after: tuple[Floats, Floats], seed: in
     sums = np.array([np.bincount(place, x[0] ** 2, len(names)) for x in (before, after)])
     counts = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1 / len(names)), DRAWS)
     b, a = counts @ sums[0], counts @ sums[1]
-    return np.quantile(np.sqrt(a / np.maximum(b, 1e-30)), [0.025, 0.975])
+    interval: Floats = np.quantile(np.sqrt(a / np.maximum(b, 1e-30)), [0.025, 0.975])
+    return interval

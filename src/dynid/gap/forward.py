@@ -92,8 +92,8 @@ def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tupl
     unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
 
     def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        state = (np.repeat(x, n + 1, axis=0) for x in (q, qd))
-        torque = physics.total(*state, np.tile(unit, (len(q), 1))).reshape(len(q), n + 1, n)
+        still = physics.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1)))
+        torque = still.reshape(len(q), n + 1, n)
         M = torque[:, 1:] - torque[:, :1]
         return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))
 

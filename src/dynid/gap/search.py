@@ -153,6 +153,7 @@ class _Finder:
         self.picks: list[Pick] = []
         self.barred: set[tuple[str, Place]] = set()
         self.refused: list[tuple[str, Place, str]] = []
+        self._columns: dict[tuple[str, Place, tuple[tuple[str, float], ...]], dict[int, Floats]] = {}
         self.visibility: dict[tuple[str, Place], float] = {}
         self.board = setting.board()
         self.candidates = self._candidates()
@@ -245,7 +246,7 @@ class _Finder:
                 break
         proof = prove(board, columns)
         pick = Pick(candidate.effect, candidate.place, shape, proof, gain - found.price)
-        self._columns = getattr(self, "_columns", {}) | {_identity(pick): columns}
+        self._columns[_identity(pick)] = columns
         return pick
 
     def _columns_of(self, pick: Pick) -> dict[int, Floats]:

@@ -151,14 +151,14 @@ def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known 
             _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n)
             for j in range(n)
         ]
-        gram = sum(w * A.T @ A for w, (A, _) in zip(weights, board, strict=True))
-        right = sum(w * A.T @ y for w, (A, y) in zip(weights, board, strict=True))
+        gram = np.asarray(sum(w * A.T @ A for w, (A, _) in zip(weights, board, strict=True)))
+        right = np.asarray(sum(w * A.T @ y for w, (A, y) in zip(weights, board, strict=True)))
         if known is not None:
             rows = prior_rows(known)
             assert rows is not None
             gram[:p, :p] += rows[:, :-1].T @ rows[:, :-1]
             right[:p] += rows[:, :-1].T @ rows[:, -1]
-        solution = solve_gram(np.asarray(gram), np.asarray(right))
+        solution = solve_gram(gram, right)
         theta, gamma = solution[:p], solution[p:].reshape(n, 2)
         weights = np.array(
             [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board]

@@ -60,7 +60,8 @@ class Stretch:
     def filtered(self, signals: Floats) -> Floats:
         """Return signals of the course under the parallel filter, (C, N) -> (C, M)."""
         kernel, step = self.source.chosen.second_kernel, self.source.chosen.second_step
-        return decimate(np.ascontiguousarray(signals), kernel, step)[0]
+        kept: Floats = decimate(np.ascontiguousarray(signals), kernel, step)[0]
+        return kept
 
     @cached_property
     def acceleration(self) -> Floats:

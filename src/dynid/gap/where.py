@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.gap.board import Board
 from dynid.model.effects.interface import Floats
@@ -80,7 +81,7 @@ def regions_of(board: Board, joint: int) -> list[Region]:
     t = np.concatenate([s.t + 1e6 * s.log for s in board.stretches])[rows.place]
     turning = np.concatenate([_near_reversal(s.qd[:, joint], s.rate) for s in board.stretches])[rows.place]
     speed = np.abs(signals["qd"])
-    parts: list[tuple[str, str, Floats]] = []
+    parts: list[tuple[str, str, NDArray[np.bool_]]] = []
     for kind, signal, names in (
         ("speed", speed, ("slow", "medium", "fast")),
         ("position", signals["q"], ("lower end", "middle", "upper end")),

@@ -208,13 +208,16 @@ def load(path: Path) -> StoredResult:
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     try:
-        facts = dict(h["result"])
+        facts: dict[str, Any] = dict(h["result"])
         facts["joints"] = tuple(JointQuality(**joint) for joint in facts["joints"])
         facts["findings"] = tuple(Finding(**finding) for finding in h["findings"])
         facts |= {key: tuple(facts[key]) for key in ("names", "knowledge")}
-        full = {key: tuple(value) if isinstance(value, list) else value for key, value in facts["physical"].items()}
-        facts["physical"] = FullSet(**full, **{key: a[f"full_{key}"] for key in FULL_ARRAYS})
-        identification = Identification(**facts, **{key: a[key] for key in ARRAYS if key in a})
+        full: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in facts["physical"].items()
+        }
+        full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
+        facts |= {"physical": FullSet(**full)} | {key: a[key] for key in ARRAYS if key in a}
+        identification = Identification(**facts)
         reduction = Reduction(
             names=tuple(h["all_parameters"]),
             base=a["base"].astype(np.intp),

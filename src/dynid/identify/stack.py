@@ -154,7 +154,8 @@ def _entries(motion: tuple[Floats, ...], effects: Floats, observer: Observer, ke
     entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
     if len(observer.course_entries):
         entries = np.vstack([entries, effects.T[observer.course_entries]])
-    return decimate(entries, kernel, step)[0]
+    kept: Floats = decimate(entries, kernel, step)[0]
+    return kept
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,8 @@ class Kernel:
             value = self._value[slot]
             if value is not None:
                 return value
-            return self._entries[entry[slot]] if slot in entry else self._pool[register[slot]]
+            row: Floats = self._entries[entry[slot]] if slot in entry else self._pool[register[slot]]
+            return row
 
         self._calls: list[tuple[Any, Any, Any, Any]] = [
             (np.multiply, place(lhs), -1.0, place(out))

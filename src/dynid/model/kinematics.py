@@ -167,4 +167,5 @@ def tool_pose(robot: Robot, q: Floats) -> Floats:
     base = np.eye(4)
     base[:3, :3] = rotation_rpy(robot.base_rpy)
     base[:3, 3] = robot.base_xyz
-    return base @ frames(robot, q)[-1]
+    pose: Floats = base @ frames(robot, q)[-1]
+    return pose

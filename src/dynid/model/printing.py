@@ -51,7 +51,7 @@ def as_latex(model: Model) -> str:
 
     _, recorder, entries = derive(model.robot)
     names = parameter_names(model.robot.n)
-    nice = {}
+    nice: dict[Symbol, Symbol] = {}
     for i in range(1, model.robot.n + 1):
         nice |= {Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"), Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}")}
         nice |= {Symbol(f"{x}{i}"): Symbol(rf"\{y}_{{{i}}}") for x, y in (("c", "cos\\theta"), ("s", "sin\\theta"))}

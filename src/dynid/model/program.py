@@ -125,5 +125,6 @@ class Builder:
         """Return the program whose entries are (row, column, slot), without operations that no entry needs."""
         ops = np.array(self._ops, dtype=np.int32).reshape(-1, 3)
         out = np.array(entries, dtype=np.int32).reshape(-1, 3)
-        columns = (np.ascontiguousarray(column) for column in (*ops.T, *out.T))
-        return Program(self.inputs, self.constants, *columns, shape).restricted(np.arange(shape[1]))
+        op, lhs, rhs, rows, cols, outputs = (np.ascontiguousarray(column) for column in (*ops.T, *out.T))
+        program = Program(self.inputs, self.constants, op, lhs, rhs, rows, cols, outputs, shape)
+        return program.restricted(np.arange(shape[1]))

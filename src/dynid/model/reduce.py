@@ -157,7 +157,7 @@ def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[I
 
     Gram-Schmidt from left to right, twice each: the second pass removes what rounding left of the first.
     """
-    R = np.linalg.qr(W, mode="r")
+    R: Floats = np.asarray(np.linalg.qr(W, mode="r"))
     Q = np.empty((R.shape[0], 0))
     base: list[int] = []
     for k in np.flatnonzero(present):
@@ -168,7 +168,7 @@ def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[I
             base.append(int(k))
             Q = np.column_stack([Q, rest / size])
     chosen = np.array(base, dtype=np.intp)
-    K = np.linalg.lstsq(R[:, chosen], R, rcond=None)[0]
+    K: Floats = np.asarray(np.linalg.lstsq(R[:, chosen], R, rcond=None)[0], dtype=np.float64)
     K[:, chosen] = np.eye(len(chosen))
     K[:, ~present] = 0.0
     return chosen, K

@@ -214,8 +214,9 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) 
     columns = [list(parts) for parts in zip(*pieces, strict=True)]
     pieces.clear()
     # Why one after the other: of a long log, pieces and joined arrays would not fit into memory together.
-    joined = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
-    return Segment(*joined, effects=np.zeros((len(joined[0]), 0)), since=joined[0] - log.t[0])
+    joined: list[Any] = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
+    joined += [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
+    return Segment(*joined)
 
 
 def _block(
@@ -259,9 +260,7 @@ def _command(
     command = log.extra.get("q_ref")
     if command is None:
         return (np.empty((count, 0)),) * 3
-    q, qd, qdd = (
-        np.ascontiguousarray(x.T) for x in decimate(np.ascontiguousarray(column(command).T), kernels, step)
-    )
+    q, qd, qdd = (np.ascontiguousarray(x.T) for x in decimate(np.ascontiguousarray(column(command).T), kernels, step))
     return q, qd, qdd
 
 

@@ -34,7 +34,7 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
         return np.ones(1)
     half = max(1, math.ceil(0.5 * KAISER_TAPS * rate / cutoff))
     k = np.arange(-half, half + 1)
-    kernel = np.sinc(2 * cutoff / rate * k) * np.kaiser(2 * half + 1, KAISER_BETA)
+    kernel: Floats = np.sinc(2 * cutoff / rate * k) * np.kaiser(2 * half + 1, KAISER_BETA)
     kernel /= kernel.sum()
     kernel.setflags(write=False)
     return kernel

@@ -75,9 +75,8 @@ def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residu
     step = max(1, len(t) // MOST_POINTS)
     thin = slice(None, None, step)
     # Why: a line across a gap would show motion that nobody measured.
-    gaps = (
-        np.flatnonzero(np.abs(np.diff(t[thin])) > 5 * max(np.median(np.diff(t[thin])), 1e-12)) + 1 if len(t) > 2 else []
-    )
+    steps = np.diff(t[thin])
+    gaps = np.flatnonzero(np.abs(steps) > 5 * max(np.median(steps), 1e-12)) + 1 if len(steps) > 1 else np.zeros(0, int)
 
     def broken(x: Floats) -> Floats:
         return np.insert(x[thin].astype(float), gaps, np.nan)

@@ -103,7 +103,8 @@ class Quintic:
         moving[[0, -1], 1:] = False
         scale = np.tile([1.0, 1 / self._unit, 1 / self._unit**2], k)
         nodes = (np.eye(3 * k) * scale[:, None])[:, moving.ravel()]
-        return nodes @ _null_space(self._jumps @ nodes) if self.smooth else nodes
+        free: Floats = nodes @ _null_space(self._jumps @ nodes) if self.smooth else nodes
+        return free
 
     @cached_property
     def _jumps(self) -> Floats:
@@ -203,7 +204,9 @@ class Fourier:
         k = np.arange(1.0, self.harmonics + 1)
         rest = np.block([[0.0, np.zeros(len(k)), k], [0.0, k**2, np.zeros(len(k))]])
         # Why: harmonics of equal acceleration rather than equal size, or the fast ones would rule a random start.
-        return _null_space(rest / np.concatenate([[1.0], k, k])) / np.concatenate([[1.0], k, k])[:, None]
+        weight = np.concatenate([[1.0], k, k])
+        free: Floats = _null_space(rest / weight) / weight[:, None]
+        return free
 
     @cached_property
     def constant(self) -> Floats:
@@ -245,8 +248,7 @@ def basis_from(facts: dict[str, Any]) -> Basis:
 
 def _solved(A: Floats, b: Floats) -> Floats:
     """Return the least squares solution of A x = b."""
-    x: Floats = np.linalg.lstsq(A, b, rcond=None)[0]
-    return x
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
 
 
 def _powers(s: Floats, order: int) -> Floats:

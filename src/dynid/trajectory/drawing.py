@@ -81,8 +81,7 @@ def _traces(draw: Any, box: tuple[int, int, int, int], traces: Traces, marks: li
     step = max(1, len(t) // 600)
     across = left + t[::step] / t[-1] * (right - left)
     for j, label in enumerate(labels):
-        share = (q[::step, j] - lower[j]) / (upper[j] - lower[j])
-        height = bottom - share * (bottom - top)
+        height = bottom - (q[::step, j] - lower[j]) / (upper[j] - lower[j]) * (bottom - top)
         color = COLORS[j % len(COLORS)]
         draw.line(list(zip(across.tolist(), height.tolist(), strict=True)), color, width=2)
         draw.text((right + 8, top + 2 + j * 22), label[-22:], color, font_size=12)

@@ -103,8 +103,7 @@ def through(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> T
 def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:
     knots = np.concatenate([[0.0], np.cumsum(lengths)])
     basis = Quintic(tuple(knots.tolist()), smooth=True)
-    coefficients: Floats = np.linalg.solve(basis.matrix(knots), waypoints)
-    return Trajectory(basis, coefficients)
+    return Trajectory(basis, np.linalg.solve(basis.matrix(knots), waypoints).astype(np.float64))
 
 
 def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:

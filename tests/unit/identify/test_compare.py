@@ -16,7 +16,8 @@ def result(theta, std_error, **changes):
     p = len(error)
     facts = {
         "method": "wls", "why": "", "physical": None, "in_force": "plain", "choice": "", "heldout_by_set": {},
-        "plain": np.asarray(theta, dtype=float), "names": tuple(f"p{k}" for k in range(p)), "theta": np.asarray(theta, dtype=float),
+        "plain": np.asarray(theta, dtype=float), "names": tuple(f"p{k}" for k in range(p)),
+        "theta": np.asarray(theta, dtype=float),
         "covariance": np.diag(error**2), "std_error": error, "knowledge": ("well",) * p, "prior": np.full(p, np.nan),
         "noise": np.full(2, 0.1), "joints": joints, "relative_error_percent": 1.5,
         "heldout_relative_error_percent": 1.6, "heldout": "last 20 %", "rank": p, "condition_number": 50.0,

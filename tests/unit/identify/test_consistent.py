@@ -1,6 +1,5 @@
 """Consistent fits against Clarabel's conic solver, and what complete sets keep of base parameters."""
 
-
 import numpy as np
 import pytest
 
@@ -81,7 +80,6 @@ def test_pure_constraint_reaches_the_cost_that_clarabel_finds(arm, regime):
     assert fit.cost == pytest.approx(best, rel=1e-3, abs=1e-3)
     assert fit.gap < 1e-3
     assert arm.physics.holds(fit.x)
-
 
 
 def test_decrement_bounds_the_distance_to_any_other_point(arm):

@@ -84,9 +84,7 @@ def test_jackknife_and_bootstrap_match_the_spread_over_recordings(many):
     ratios = []
     for seed in range(15):
         segment = recording(seed, 0.8)
-        blocks = [
-            joint_factors([Rows(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)
-        ]
+        blocks = [joint_factors([Rows(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)]
         factors, noise = np.stack(blocks, axis=1), many[seed][0].noise
         by_jackknife = np.sqrt(np.diagonal(jackknife(factors, noise)))
         by_bootstrap = np.std(block_bootstrap(factors, noise, draws=200), axis=0)

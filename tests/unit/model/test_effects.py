@@ -1,12 +1,12 @@
 """Effects against Pinocchio, against an integrated law, and against their own page."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import hidden_effects as hidden
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
@@ -19,8 +19,6 @@ from dynid.model.regressor import build_model
 from dynid.robot import EffectSpec
 
 ROOT = Path(__file__).parents[3]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-import hidden_effects as hidden  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +41,6 @@ def course(arm, model):
     values = read_plant(ROOT / "trajectories" / "lwr4plus_truth.yaml").parameters()
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
     return Course(np.arange(40) / 10.0, q, qd, qdd, model.robot, Reference(model, gamma), lambda x: x)
-
 
 
 def test_tool_force_is_the_transposed_jacobian(arm, course):

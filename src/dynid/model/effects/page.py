@@ -9,8 +9,8 @@ HEAD = """# Torque effects
 
 Made from the effect classes by `python -m dynid.model.effects.page`; a test says when it is out of date.
 
-`tau_rb` is the rigid-body torque of the current model, `sign` the Coulomb sign of the robot file, `j` the joint. Amplitudes
-enter linearly and are identified again whenever the robot file is; shape parameters stay as they were found.
+`tau_rb` is the rigid-body torque of the current model, `sign` the Coulomb sign of the robot file, `j` the joint.
+Amplitudes enter linearly and are identified again whenever the robot file is; shape parameters stay as they were found.
 """
 
 WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the whole arm"}
