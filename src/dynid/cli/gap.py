@@ -79,6 +79,7 @@ def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], o
     from dynid.gap.investigate import investigate
     from dynid.gap.setting import Known
     from dynid.identify import result
+    from dynid.report.gap_record import save
 
     stored = result.load(parameters)
     wanted = options_of(stored.robot, options)
@@ -94,8 +95,11 @@ def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], o
     chosen = chosen_effects(seen, options["apply_"], base.robot)
     if chosen and agreed(common, chosen, options):
         wrote += add(common, base, sources, seen, chosen, stored, logs, options)
-    common.terminal.emit_json(answer_of(base.robot, seen, options["mode"], wrote))
-    for path in wrote:
+    stored_gap = parameters.parent / "gap.npz"
+    answer = answer_of(base.robot, seen, options["mode"], [*wrote, stored_gap])
+    save(stored_gap, answer, logs, seen.where, seen.proof)
+    common.terminal.emit_json(answer)
+    for path in answer["wrote"]:
         common.terminal.wrote(path)
     return ExitStatus.DONE
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.files.artifact import read_artifact, read_header
+from dynid.files.artifact import read_artifact
 from dynid.identify.result import Identification, StoredResult, load
+from dynid.report import gap_record
+from dynid.report.gap_record import GapRecord
 from dynid.robot import Robot
 from dynid.validate import predict
 from dynid.validate.predict import EstimatedMotion
@@ -44,14 +45,14 @@ class Evidence:
         motion: estimated and measured motion of the fitted logs; None when its file is gone.
         unseen: validations found beside the result.
         singular_values: of the normalised stack of the fitted logs, None when its file is gone.
-        gap: header of gap.npz, None when ``dynid gap`` was not run.
+        gap: what ``dynid gap`` stored, None when it was not run.
     """
 
     stored: StoredResult
     motion: EstimatedMotion | None
     unseen: tuple[Unseen, ...]
     singular_values: Floats | None
-    gap: dict[str, Any] | None
+    gap: GapRecord | None
 
     @property
     def found(self) -> Identification:
@@ -80,7 +81,7 @@ def gather(parameters: Path) -> Evidence:
         motion=predict.load(motion)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file) for file in files),
         singular_values=_singular_values(stack) if stack.is_file() else None,
-        gap=read_header(folder / "gap.npz") if (folder / "gap.npz").is_file() else None,
+        gap=gap_record.load(folder / "gap.npz") if (folder / "gap.npz").is_file() else None,
     )
 
 

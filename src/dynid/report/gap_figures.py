@@ -25,7 +25,7 @@ def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) ->
     from matplotlib.figure import Figure as NewFigure
 
     names = list(dict.fromkeys((r.kind, r.name) for g in gaps for r in g.regions))
-    figure = NewFigure(figsize=(0.62 * max(len(names), 4) + 3.0, 0.45 * len(joints) + 2.4), layout="constrained")
+    figure = NewFigure(figsize=(0.42 * max(len(names), 4) + 2.0, 0.36 * len(joints) + 2.0), layout="constrained")
     axis = figure.subplots()
     chi = np.full((len(joints), max(len(names), 1)), np.nan)
     for g in gaps:
@@ -40,17 +40,18 @@ def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) ->
     axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)
     bar = figure.colorbar(image, ax=axis, ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["1", "3", "10"], fontsize=8)
-    figure.suptitle(
-        f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing", fontsize=9
-    )
+    if title:
+        text = f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing"
+        figure.suptitle(text, fontsize=9)
     return figure
 
 
 def shrink_figure(proof: Shrink, joints: Sequence[str], units: Sequence[str], title: str) -> Figure:
     """Draw the held-out residual of each joint before and after, with the noise floor."""
+    import matplotlib as mpl
     from matplotlib.figure import Figure as NewFigure
 
-    figure = NewFigure(figsize=(7.0, 0.55 * len(joints) + 1.6), layout="constrained")
+    figure = NewFigure(figsize=(7.0, 0.42 * len(joints) + 1.2), layout="constrained")
     axis = figure.subplots()
     place = np.arange(len(joints))
     axis.barh(place - 0.19, proof.before, 0.36, color=RESIDUAL, label="before")
@@ -63,7 +64,7 @@ def shrink_figure(proof: Shrink, joints: Sequence[str], units: Sequence[str], ti
         color=ESTIMATED,
         label="after",
         xerr=error,
-        error_kw={"lw": 1.0, "ecolor": "black"},
+        error_kw={"lw": 1.0, "ecolor": mpl.rcParams["text.color"]},
     )
     for j, floor in enumerate(proof.floor):
         axis.plot([floor, floor], [j - 0.42, j + 0.42], color=MEASURED, lw=2.0, label="noise floor" if j == 0 else None)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynid.model.kinematics import frames
 from dynid.report.evidence import Evidence
 from dynid.report.figures import ESTIMATED, RESIDUAL
+from dynid.report.portrait import Ellipsoid, portrait
 from dynid.report.sections.interface import Picture, Section
 from dynid.report.svg import as_svg, page_style
 from dynid.robot import Robot
@@ -48,23 +49,51 @@ def tensor(link: dict[str, Any]) -> Floats:
     return full
 
 
+def pose(robot: Robot) -> Floats:
+    """Return a bent pose in which no link hides the next, (n,) [rad or m]."""
+    return np.array([0.8 if joint.revolute else 0.1 for joint in robot.joints])
+
+
 def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
     """Draw the arm in a bent pose from two sides, each body as the uniform ellipsoid with its mass and inertia."""
+    label = "the arm from two sides with an ellipsoid for each link's mass and inertia"
+    drawing = portrait(robot, pose(robot), [ellipsoid(link) for link in links], label)
+    return Picture(
+        drawing or outlines(robot, links, label),
+        "Each ellipsoid has the mass and inertia of the link whose number it bears; blue is mostly from data, orange "
+        "from the prior. The grey arm is made from the DH table.",
+        "An ellipsoid far larger than the link, or far off it: the prior or the data are wrong there.",
+    )
+
+
+def ellipsoid(link: dict[str, Any]) -> Ellipsoid:
+    """Return the uniform ellipsoid with a link's mass and inertia."""
+    inertia = tensor(link)
+    sigma = (np.trace(inertia) / 2 * np.eye(3) - inertia) / max(link["mass_kg"], 1e-9)
+    values, axes = np.linalg.eigh(sigma)
+    # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
+    size = np.sqrt(5 * np.maximum(values, 0))
+    return Ellipsoid(str(link["link"]), link["link"], np.array(link["com_m"]), axes, size, colour(link))
+
+
+def colour(link: dict[str, Any]) -> str:
+    """Return the colour that says whether a link's numbers are mostly from data."""
+    return ESTIMATED if sum(origin == "data" for origin in link["origin"].values()) >= 5 else RESIDUAL
+
+
+def outlines(robot: Robot, links: list[dict[str, Any]], label: str) -> str:
+    """Draw the same without PyBullet: the outlines of the ellipsoids in two planes of frame 0."""
     from matplotlib.figure import Figure
 
-    q = np.array([0.4 if joint.revolute else 0.1 for joint in robot.joints])
-    poses = frames(robot, q)
+    poses = frames(robot, pose(robot))
     points = np.vstack([np.zeros(3), poses[:, :3, 3]])
     with page_style("ellipsoids"):
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
         for axis, (u, v) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
             axis.plot(points[:, u], points[:, v], "o-", color="#8c8c8c", lw=2, ms=3)
             for link in links:
-                pose = poses[link["link"] - 1]
-                measured = sum(origin == "data" for origin in link["origin"].values())
-                outline = shadow(pose, link, (u, v))
-                colour = ESTIMATED if measured >= 5 else RESIDUAL
-                axis.fill(*outline.T, facecolor=colour, alpha=0.35, edgecolor=colour, lw=1)
+                outline = shadow(poses[link["link"] - 1], link, (u, v))
+                axis.fill(*outline.T, facecolor=colour(link), alpha=0.35, edgecolor=colour(link), lw=1)
                 x, y = outline.mean(axis=0)
                 axis.text(x, y, str(link["link"]), fontsize=7, ha="center", va="center")
             axis.set_aspect("equal", adjustable="datalim")
@@ -72,21 +101,15 @@ def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
             axis.set_ylabel(f"{'xyz'[v]} [m]", fontsize=8)
             axis.tick_params(labelsize=7)
             axis.grid(lw=0.4)
-        drawing = as_svg(figure, "the arm from two sides with an ellipsoid for each link's mass and inertia")
-    return Picture(
-        drawing,
-        "Each ellipsoid has its link's mass and inertia, in frame 0; blue is mostly from data, orange from the prior.",
-        "An ellipsoid far larger than the link, or far off it: the prior or the data are wrong there.",
-    )
+        return as_svg(figure, label)
 
 
 def shadow(pose: Floats, link: dict[str, Any], pair: tuple[int, int], count: int = 48) -> Floats:
-    """Return the outline of a link's equivalent ellipsoid in the plane of two axes of frame 0, (count, 2) [m]."""
-    inertia, R, view = tensor(link), pose[:3, :3], list(pair)
-    sigma = (np.trace(inertia) / 2 * np.eye(3) - inertia) / max(link["mass_kg"], 1e-9)
-    centre = R @ np.array(link["com_m"]) + pose[:3, 3]
-    # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
-    values, axes = np.linalg.eigh(5 * (R @ sigma @ R.T)[np.ix_(view, view)])
+    """Return the outline of a link's ellipsoid in the plane of two axes of frame 0, (count, 2) [m]."""
+    one, R, view = ellipsoid(link), pose[:3, :3], list(pair)
+    centre = R @ one.centre + pose[:3, 3]
+    axes = (R @ one.rotation * one.axes)[view]
+    values, vectors = np.linalg.eigh(axes @ axes.T)
     angle = np.linspace(0, 2 * np.pi, count)
-    ring = axes @ (np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)]))
+    ring = vectors @ (np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)]))
     return np.asarray(centre[view] + ring.T)
