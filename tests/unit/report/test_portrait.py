@@ -60,7 +60,7 @@ def test_a_body_twice_as_large_covers_four_times_the_pixels(arm):
 
 def test_the_paper_shows_beside_the_arm_and_through_bodies(arm):
     """So that the picture sits on light and dark pages alike."""
-    view = pictures(portrait(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.2))], "x"))[0][0]
+    view = pictures(portrait(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.08))], "x"))[0][0]
     assert set(np.unique(view[..., 3])) == {0, round(255 * (1 - THROUGH)), 255}
     assert not view[0, :, 3].any()
 
