@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dynid.cli.trajectory import Task
     from dynid.files.trajectoryfile import Review, StoredTrajectory
     from dynid.motion import Motion
+    from dynid.trajectory.clearance import Scene
     from dynid.trajectory.planning import Workshop
 
 
@@ -22,6 +23,7 @@ def write(
     common: Common, task: Task, verdict: Verdict, path: Path, facts: dict[str, Any], *, reviewed: bool
 ) -> list[Path]:
     """Write trajectory.npz and its exports."""
+    from dynid.cli.motionwishes import scene_of
     from dynid.files.trajectoryfile import StoredTrajectory, write_csv, write_joint_trajectory, write_trajectory
 
     motion = verdict.trajectory.sampled(task.options["rate"])
@@ -34,7 +36,13 @@ def write(
         basis=verdict.trajectory.basis.facts,
         coefficients=verdict.trajectory.coefficients,
         review=review_now(motion) if reviewed else None,
-        facts={"answer": facts, "inputs": task.inputs, "rate_hz": task.options["rate"], "seed": task.seed},
+        facts={
+            "answer": facts,
+            "inputs": task.inputs,
+            "rate_hz": task.options["rate"],
+            "seed": task.seed,
+            "scene": scene_facts(scene_of(task.plan, task.options), task.options["urdf"]),
+        },
         selected=verdict.selected,
     )
     texts = [path.with_suffix(".csv"), path.with_suffix(".yaml")]
@@ -72,11 +80,19 @@ def review_now(motion: Motion) -> Review:
     return Review(who, datetime.now().astimezone().isoformat(timespec="seconds"), motion_hash(motion))
 
 
-def accept_stored(common: Common, stored: StoredTrajectory, path: Path) -> StoredTrajectory:
-    """Mark a stored motion as reviewed."""
+def scene_facts(scene: Scene, urdf: Path | None) -> dict[str, Any]:
+    """Return in which surroundings a motion was judged, and with which shapes of the arm; for ``dynid record``."""
+    return {**scene.facts, "urdf": None if urdf is None else str(urdf.resolve())}
+
+
+def accept_stored(
+    common: Common, stored: StoredTrajectory, path: Path, scene: dict[str, Any] | None = None
+) -> StoredTrajectory:
+    """Mark a stored motion as reviewed, in other surroundings than those it was planned for when they are given."""
     from dynid.files.trajectoryfile import write_trajectory
 
-    accepted = replace(stored, review=review_now(stored.motion))
+    facts = dict(stored.facts) if scene is None else {**stored.facts, "scene": scene}
+    accepted = replace(stored, review=review_now(stored.motion), facts=facts)
     write_trajectory(path, accepted)
     common.terminal.wrote(path, "reviewed: yes")
     return accepted
@@ -106,6 +122,6 @@ def review_stored(common: Common, shop: Workshop, path: Path, options: dict[str,
     with shown(common, shop, trajectory, look, options["urdf"]):
         answer = ask(common, "P2", given=True if options["accept"] else None)
     if answer is Answer.YES:
-        stored = accept_stored(common, stored, path)
+        stored = accept_stored(common, stored, path, scene_facts(shop.wishes.scene, options["urdf"]))
     wrote = [path, *verdict.pictures] if answer is Answer.YES else list(verdict.pictures)
     common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})

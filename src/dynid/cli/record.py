@@ -45,6 +45,7 @@ class Options:
         accept_unreviewed: play a motion that nobody has confirmed.
         go_to_start: approach the first pose slowly.
         zero_torques: zero the torque sensors first.
+        parameters: identified model that predicts the torques; None for the robot file's prior.
         duration: length of a recording that only listens [s].
     """
 
@@ -62,6 +63,7 @@ class Options:
     accept_unreviewed: bool
     go_to_start: bool
     zero_torques: bool
+    parameters: Path | None
     duration: float | None
 
 
@@ -111,6 +113,10 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
 @click.option("--go-to-start", is_flag=True, allow_from_autoenv=False, help="Approach the first pose slowly.")
 @click.option(
     "--zero-torques", is_flag=True, allow_from_autoenv=False, help="Zero the torque sensors (Kinova, candle pose)."
+)
+@click.option(
+    "--parameters", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="Identified model that predicts the torques (default: the robot file's prior).",
 )
 @click.option("--duration", type=click.FloatRange(0, min_open=True), metavar="S", help="Length with --listen-only.")
 def command(common: Common, robot: str, trajectory: Path | None, **options: Any) -> ExitStatus:  # noqa: ANN401
@@ -204,32 +210,19 @@ class Recording:
 
     def _plan(self, seen: Seen, port: LivePort) -> Motion:
         """Return what will be played, checked sample by sample."""
-        from dynid.record import playing, preflight
+        from dynid.cli.recordplan import course_of, foresee
+        from dynid.record import preflight
 
         assert self.stored is not None
-        given = self.given
         preflight.check_endpoints(port)
-        motion = playing.repeated(self.arm, playing.at_speed(self.stored.motion, given.speed), given.repeat)
-        motion = playing.nearest_turn(self.arm, motion, seen.q)
-        try:
-            preflight.check_start(seen, self.arm, motion)
-        except StartPoseOff:
-            if not given.go_to_start or seen.moved > preflight.STILL:
-                raise
-            way = playing.approach(self.arm, seen.q, motion.q[0])
-            self.terminal.stage(
-                "approach", f"{way.t[-1]:.0f} s to the start, at {100 * playing.APPROACH_SHARE:.0f} % of the limits"
-            )
-            motion = playing.joined([way, motion])
-        fastest, speed = preflight.check_limits(self.arm, motion)
-        preflight.check_clearance(self.arm, motion)
-        self.terminal.stage("limits", "position, velocity, acceleration and clearance of every sample are inside")
+        course = course_of(self.terminal, self.arm, self.stored, seen, self.given)
+        fastest, speed = foresee(self.common, self.arm, course, self.stored, self.given.parameters)
         self._check_review()
         self.terminal.stage(
-            "ready", f"about to move {self.arm.slug}: {motion.t[-1]:.0f} s, fastest {fastest} at {speed:.2f} rad/s, "
-            "keep the stop button in reach",
+            "ready", f"about to move {self.arm.slug}: {course.motion.t[-1]:.0f} s, fastest {fastest} at "
+            f"{speed:.2f} rad/s, keep the stop button in reach",
         )  # fmt: skip
-        return motion
+        return course.motion
 
     def _check_review(self) -> None:
         assert self.stored is not None

@@ -88,6 +88,7 @@ def _fault(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
 )
 def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: ANN401
     """Simulate an arm behind its driver's topics, in real time."""
+    import signal
     import time
 
     from dynid.drivers.priority import hurry
@@ -107,6 +108,8 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
                 "stop", "Ctrl-C" if options["duration"] is None else f"after {options['duration']:g} s"
             )
             end = time.monotonic() + (options["duration"] or float("inf"))
+            # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
                 rig.run(face.publish, lambda: time.monotonic() < end)
             except KeyboardInterrupt:

@@ -17,7 +17,6 @@ from dynid.errors import (
     Finding,
     GravityRemoved,
     JointNamesDiffer,
-    LimitBroken,
     NotFinite,
     PositionInDegrees,
     RateTooLow,
@@ -51,8 +50,6 @@ NO_WEIGHT = 0.1
 LEAST_WEIGHT = 5.0
 #: Kinova's torque sensors are zeroed where gravity loads no joint: all joints at 180 degrees.
 CANDLE, CANDLE_TOLERANCE = np.pi, 0.05
-#: Poses in which links and floor are looked at.
-CLEARANCE_POSES = 1000
 #: A sensor at the candle pose reads less than this when it was zeroed [N m].
 ZEROED = 0.2
 
@@ -214,49 +211,6 @@ def check_start(seen: Seen, robot: Robot, motion: Motion) -> None:
         raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}")
 
 
-def check_limits(robot: Robot, motion: Motion) -> tuple[str, float]:
-    """Check the very samples that will be played; return the fastest joint and its speed.
-
-    Raises:
-        LimitBroken: a limit is broken, the motion does not begin and end at rest, or its rates are not its derivatives.
-    """
-    _check_whole(motion)
-    for j, joint in enumerate(robot.joints):
-        limits = joint.limits
-        lower, upper = limits.position or (-np.inf, np.inf)
-        ranges = ((motion.q, lower, upper, "reaches"), *_rates(motion, limits.velocity, limits.acceleration))
-        for values, low, high, verb in ranges:
-            beyond = np.maximum(values[:, j] - high, low - values[:, j])
-            k = int(beyond.argmax())
-            if beyond[k] > 1e-6 * max(1.0, abs(high)):
-                value, limit = values[k, j], high if values[k, j] > high else low
-                raise LimitBroken(f"{joint.name} {verb} {value:.3g} at t = {motion.t[k]:.1f} s; limit {limit:.3g}")
-    peaks = np.abs(motion.qd).max(axis=0)
-    return robot.joint_names[int(peaks.argmax())], float(peaks.max())
-
-
-def _rates(
-    motion: Motion, velocity: float | None, acceleration: float | None
-) -> list[tuple[Floats, float, float, str]]:
-    pairs = ((motion.qd, velocity, "moves at"), (motion.qdd, acceleration, "accelerates at"))
-    return [(values, -limit, limit, verb) for values, limit, verb in pairs if limit]
-
-
-def _check_whole(motion: Motion) -> None:
-    if not all(np.isfinite(part).all() for part in (motion.t, motion.q, motion.qd, motion.qdd)):
-        raise LimitBroken("the motion has values that are not a number", fix="plan it again")
-    step = np.diff(motion.t)
-    if len(step) == 0 or step.min() <= 0:
-        raise LimitBroken("the motion's time does not increase", fix="plan it again")
-    if np.abs(motion.qd[[0, -1]]).max() > 1e-3:
-        raise LimitBroken("the motion does not begin and end at rest", fix="plan it again")
-    # Why: positions and velocities are sent to different drivers; they must be the same motion on all of them.
-    moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
-    allowed = 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2
-    if np.abs(moved).max() > allowed:
-        raise LimitBroken("the motion's velocities are not the change of its positions", fix="plan it again")
-
-
 def check_endpoints(port: LivePort) -> None:
     """Refuse a driver that cannot be commanded or stopped.
 
@@ -291,19 +245,3 @@ def parameters_of(port: LivePort) -> dict[str, Any]:
     """Return the driver's parameters as plain values."""
     found = port.parameters()
     return found if isinstance(found, dict) else {"value": found}
-
-
-def check_clearance(robot: Robot, motion: Motion) -> None:
-    """Refuse a way on which links touch. The plan was judged when it was made; the approach to it was not.
-
-    Raises:
-        Collision: two links overlap.
-    """
-    from dynid.errors import Collision
-    from dynid.trajectory.clearance import Scene, Spheres
-
-    few = np.unique(np.linspace(0, len(motion) - 1, CLEARANCE_POSES).astype(int))
-    for contact in Spheres(robot, Scene(floor=None)).contacts(motion.q[few]):
-        if contact.distance < 0:
-            when = float(motion.t[few[contact.index]])
-            raise Collision(f"{contact.what} overlap by {-1e3 * contact.distance:.0f} mm at t = {when:.1f} s")

@@ -6,7 +6,9 @@ Good enough to steer a search away from contact within milliseconds; PyBullet ju
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +61,24 @@ class Scene:
     workspace: Box | None = None
     self_distance: float = 0.02
     distance: float = 0.05
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Return the scene as JSON-able facts, for ``scene_from``."""
+        return asdict(self)
+
+
+def scene_from(facts: Mapping[str, Any]) -> Scene:
+    """Return the scene of ``Scene.facts``."""
+    boxes = tuple(Box(tuple(box["lower"]), tuple(box["upper"])) for box in facts["obstacles"])
+    inside = facts["workspace"]
+    return Scene(
+        floor=facts["floor"],
+        obstacles=boxes,
+        workspace=Box(tuple(inside["lower"]), tuple(inside["upper"])) if inside else None,
+        self_distance=float(facts["self_distance"]),
+        distance=float(facts["distance"]),
+    )
 
 
 def link_poses(robot: Robot, q: Floats) -> tuple[Floats, Floats]:

@@ -5,7 +5,7 @@ Positions, speeds and accelerations are compared by their exact extrema, torques
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,14 +117,28 @@ def require(found: Check, margin: float = 0.0) -> None:
     Raises:
         LimitBroken: with the worst violation, and the speed factor or change that would pass.
     """
-    if not found.violations:
+    refuse(found.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
+
+
+def refuse(violations: Sequence[Violation], margin: float, slower: Callable[[float], str]) -> None:
+    """Raise when there are violations.
+
+    Args:
+        violations: broken limits.
+        margin: share that was taken off the limits.
+        slower: returns the option that sets a speed factor, for the advice.
+
+    Raises:
+        LimitBroken: with the worst violation, and the speed factor or change that would pass.
+    """
+    if not violations:
         return
-    worst = max(found.violations, key=lambda v: v.value / v.limit if v.limit else np.inf)
-    more = f"; {len(found.violations) - 1} more limits are broken" if len(found.violations) > 1 else ""
+    worst = max(violations, key=lambda v: v.value / v.limit if v.limit else np.inf)
+    more = f"; {len(violations) - 1} more limits are broken" if len(violations) > 1 else ""
     kept = f" with {100 * margin:g} % margin" if margin else ""
-    helps = [v.alpha for v in found.violations]
+    helps = [v.alpha for v in violations]
     if all(alpha is not None for alpha in helps):
-        fix = f"--alpha {_floor2(min(alpha for alpha in helps if alpha is not None)):g}"
+        fix = slower(min(alpha for alpha in helps if alpha is not None))
     elif worst.quantity == "torque":
         fix = "slower does not help: this pose is too heavy for the joint; use waypoints nearer to the base"
     else:
@@ -142,7 +156,7 @@ _VERB = {
 }
 
 
-def _floor2(value: float) -> float:
+def floor2(value: float) -> float:
     """Round down to two significant digits, so that the advice itself passes."""
     digits = 1 - int(np.floor(np.log10(value)))
     return float(np.floor(value * 10**digits + 1e-9) / 10**digits)
@@ -178,33 +192,48 @@ def _torques(
     trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque, tau: Floats, t: Floats
 ) -> list[Violation]:
     """Return broken torque limits, with the speed factor that keeps all of them."""
-    share = np.abs(tau) / limits.torque
-    broken = np.flatnonzero(share.max(axis=0) > 1 + ROUNDING)
-    if not len(broken):
-        return []
-    alpha = _torque_alpha(trajectory, limits, torque)
+    alpha = None
+    if np.any(np.abs(tau) > limits.torque * (1 + ROUNDING)):
+        alpha = fitting_alpha(trajectory.slowed(1.0).sampled(RATE / 10), limits.torque, torque, trajectory.alpha)
+    return torque_violations(robot.joint_names, limits.torque, tau, t, alpha)
+
+
+def torque_violations(
+    joints: Sequence[str], limit: Floats, tau: Floats, t: Floats, alpha: float | None
+) -> list[Violation]:
+    """Return broken torque limits.
+
+    Args:
+        joints: names of the joints, n of them.
+        limit: (n,) [N m or N].
+        tau: predicted torques, (N, n).
+        t: their times, (N,) [s].
+        alpha: speed factor at which all torques fit; None when there is none.
+    """
+    share = np.abs(tau) / limit
     return [
         Violation(
-            robot.joint_names[j],
-            "torque",
-            float(np.abs(tau[:, j]).max()),
-            float(limits.torque[j]),
-            float(t[share[:, j].argmax()]),
-            alpha,
+            joints[j], "torque", float(np.abs(tau[:, j]).max()), float(limit[j]), float(t[share[:, j].argmax()]), alpha
         )
-        for j in broken
+        for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING)
     ]
 
 
-def _torque_alpha(trajectory: Trajectory, limits: Bounds, torque: Torque) -> float | None:
-    """Return a speed factor at which all torques fit, by bisection; None when even standing there is too much."""
-    path = trajectory.slowed(1.0).sampled(RATE / 10)
+def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0) -> float | None:
+    """Return a speed factor of a path at which all torques fit, by bisection; None when even standing is too much.
+
+    Args:
+        path: the motion at speed factor 1.
+        limit: (n,) [N m or N].
+        torque: predicted torques of a motion.
+        high: a factor at which they do not fit.
+    """
 
     def fits(alpha: float) -> bool:
         slowed = Motion(path.t / alpha, path.q, path.qd * alpha, path.qdd * alpha**2)
-        return bool(np.all(np.abs(torque(slowed)) <= limits.torque * (1 - 1e-3)))
+        return bool(np.all(np.abs(torque(slowed)) <= limit * (1 - 1e-3)))
 
-    low, high = 1e-3, trajectory.alpha
+    low = 1e-3
     if not fits(low):
         return None
     for _ in range(STEPS):

@@ -82,7 +82,12 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
         PackageMissing: PyBullet is not there.
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    with _job(trajectory, robot, urdf, scene, look) as job:
+    return measure(*_poses(trajectory), robot, urdf, scene, look)
+
+
+def measure(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Look) -> tuple[Distance, ...]:
+    """Measure distances at poses in DH values, (N, n), of these times, (N,) [s]; otherwise as ``examine``."""
+    with _job(t, q, robot, urdf, scene, look) as job:
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
             child = subprocess.run(
@@ -93,14 +98,23 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
         if not answer.is_file():
             raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
         found = json.loads(answer.read_text(encoding="utf-8"))
-        with np.load(job.with_suffix(".npz")) as arrays:
-            times = arrays["t"]
     _require_axes(robot, found["axis_errors"], urdf)
-    return tuple(Distance(d["pair"], d["distance_m"], float(times[d["index"]])) for d in found["distances"])
+    return tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]])) for d in found["distances"])
 
 
-def require_clear(distances: tuple[Distance, ...], scene: Scene, picture: Path | None = None) -> None:
+def require_clear(
+    distances: tuple[Distance, ...],
+    scene: Scene,
+    picture: Path | None = None,
+    fix: str = "plan again with another --seed, or move the waypoints, --floor or --obstacle",
+) -> None:
     """Refuse a motion that comes too near to anything.
+
+    Args:
+        distances: what was measured.
+        scene: the wanted distances.
+        picture: a drawing of the motion.
+        fix: what would help.
 
     Raises:
         Collision: with the pair, the time and the distance.
@@ -117,7 +131,6 @@ def require_clear(distances: tuple[Distance, ...], scene: Scene, picture: Path |
     what = f"{first} and {second}: the arm {touch} at t = {worst.time:.1f} s"
     if len(broken) > 1:
         what += f"; {len(broken) - 1} more pairs are too close"
-    fix = "plan again with another --seed, or move the waypoints, --floor or --obstacle"
     raise Collision(what, where=str(picture) if picture else "", fix=fix)
 
 
@@ -136,7 +149,7 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
     """
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    with _job(trajectory, robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
+    with _job(*_poses(trajectory), robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
         child = subprocess.Popen(
             _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment()
         )
@@ -162,14 +175,18 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY")) or sys.platform in ("win32", "darwin")
 
 
-@contextmanager
-def _job(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look: Look | None) -> Iterator[Path]:
-    """Write a job for the child into a folder that is removed afterwards."""
+def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
+    """Return times and poses that are measured, (N,) and (N, n)."""
     count = int(np.clip(RATE * trajectory.basis.duration, 2, POSES)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
+    return t, trajectory.motion(t).q
+
+
+@contextmanager
+def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Look | None) -> Iterator[Path]:
+    """Write a job for the child into a folder that is removed afterwards."""
     lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in robot.joints]).T
     random = np.random.default_rng(0).uniform(lower, upper, (300, robot.n))
-    q = trajectory.motion(t).q
     facts = {
         "urdf": str(urdf.resolve()),
         "joints": _urdf_names(robot, urdf),

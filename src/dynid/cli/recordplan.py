@@ -1,0 +1,110 @@
+"""From a stored trajectory to what ``dynid record`` plays: approach, speed, repetitions, and the judges of all that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dynid.cli.options import Common
+from dynid.errors import StartPoseOff, WrongUsage
+
+if TYPE_CHECKING:
+    from dynid.cli.record import Options
+    from dynid.cli.terminal import Terminal
+    from dynid.files.trajectoryfile import StoredTrajectory
+    from dynid.record.foresight import Course
+    from dynid.record.preflight import Seen
+    from dynid.robot import Robot
+    from dynid.trajectory.limits import Torque
+
+
+def course_of(terminal: Terminal, arm: Robot, stored: StoredTrajectory, seen: Seen, given: Options) -> Course:
+    """Return the motion at its speed, as often as asked for, led in from where the arm stands.
+
+    Raises:
+        StartPoseOff: the arm moves, or is elsewhere and no approach was asked for.
+    """
+    from dynid.record import playing, preflight
+    from dynid.record.foresight import Course
+
+    motion = playing.repeated(arm, playing.at_speed(stored.motion, given.speed), given.repeat)
+    motion = playing.nearest_turn(arm, motion, seen.q)
+    try:
+        preflight.check_start(seen, arm, motion)
+    except StartPoseOff:
+        if not given.go_to_start or seen.moved > preflight.STILL:
+            raise
+    else:
+        return Course(motion, speed=given.speed)
+    way = playing.approach(arm, seen.q, motion.q[0])
+    share = 100 * playing.APPROACH_SHARE
+    terminal.stage("approach", f"{way.t[-1]:.0f} s to the start, at {share:.0f} % of the limits")
+    return Course(playing.joined([way, motion]), float(way.t[-1]), given.speed)
+
+
+def foresee(
+    common: Common, arm: Robot, course: Course, stored: StoredTrajectory, parameters: Path | None
+) -> tuple[str, float]:
+    """Judge limits, clearance and torques of what will be played; return the fastest joint and its speed.
+
+    Raises:
+        LimitBroken: a joint limit or a torque.
+        Collision: links, floor or obstacles come too near.
+    """
+    from dynid.record import foresight
+    from dynid.trajectory.clearance import Scene, scene_from
+
+    terminal = common.terminal
+    fastest = foresight.check_limits(arm, course)
+    terminal.stage("limits", "position, velocity and acceleration of every sample are inside")
+    facts = stored.facts.get("scene")
+    shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
+    if shapes is not None and not shapes.is_file():
+        terminal.say(f"note       {shapes} is gone: distances are those of cylinders along the links")
+        shapes = None
+    near = foresight.check_clearance(arm, course, scene_from(facts) if facts else Scene(), shapes)
+    tool = f"tool up to {foresight.fastest_tool(arm, course.motion):.2f} m/s"
+    closest = f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; " if near else ""
+    terminal.stage("clearance", closest + tool)
+    _foresee_torque(common, arm, course, parameters)
+    return fastest
+
+
+def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path | None) -> None:
+    from dynid.record.foresight import check_torque
+
+    if arm.torque.source == "gravity_free" or arm.torque.relative:
+        reason = "are counted in amperes" if arm.torque.relative else "lack gravity, and so does its model"
+        common.terminal.stage("forecast", f"no torques: those of this arm {reason}")
+        return
+    torque, words = _torque_of(common, arm, parameters)
+    load = check_torque(arm, course, torque)
+    common.terminal.stage(
+        "forecast",
+        f"torques up to {100 * load.share:.0f} % of the rating ({load.joint} at t = {load.time:.1f} s), by {words}"
+        if load is not None
+        else "no torques: the robot file has no ratings",
+    )
+
+
+def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Torque, str]:
+    """Return what predicts torques, and its name."""
+    from dynid.cli.loop3 import base_model
+    from dynid.trajectory.predict import believed
+
+    if parameters is None:
+        base = base_model(common, arm)
+        theta, words = believed(base.model, base.reduction), "the robot file's prior, without friction"
+    else:
+        from dynid.cli.validate import base_model_of
+        from dynid.identify import result
+
+        stored = result.load(parameters)
+        if stored.robot.joint_names != arm.joint_names:
+            raise WrongUsage(f"{parameters} belongs to {stored.robot.name}", fix="give a model of this arm")
+        if stored.robot.torque.relative:
+            raise WrongUsage(f"{parameters} predicts currents", fix="leave out --parameters")
+        base = base_model_of(common, stored)
+        theta, words = stored.identification.theta, str(parameters)
+    observer = base.model.observer(base.reduction.base)
+    return lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words

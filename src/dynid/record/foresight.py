@@ -1,0 +1,195 @@
+"""What a motion will do, before the arm does it: limits, clearance and torques of the very samples that are played.
+
+The judges are those of the planner; here they see the approach too, at the speed and as often as it will be played.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import LimitBroken, PackageMissing
+from dynid.motion import Motion
+from dynid.robot import Robot
+from dynid.trajectory.clearance import Scene, Spheres, tool_speed
+from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, refuse, torque_violations
+from dynid.trajectory.preview import Distance, Look, measure, require_clear
+
+Floats = NDArray[np.float64]
+
+#: A predicted torque may take this share of the rating: friction may be missing in the prediction, and the recording
+#: is stopped at 80 %.
+TORQUE_SHARE = 0.7
+#: Poses at which PyBullet measures distances; a metre of path at a usual speed has one every few millimetres.
+POSES = 2000
+#: The planner measured at other samples of the same path, which may be this much farther away [m].
+ROUNDING = 2e-3
+APPROACH_FIX = "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"
+#: Poses at which torques are predicted.
+TORQUE_POSES = 20000
+
+
+@dataclass(frozen=True)
+class Course:
+    """A motion as it will be played.
+
+    Attributes:
+        motion: approach, motion, repetitions.
+        approach: length of the approach at its beginning [s]; 0 without one.
+        speed: share of the planned speed that it contains.
+    """
+
+    motion: Motion
+    approach: float = 0.0
+    speed: float = 1.0
+
+
+@dataclass(frozen=True)
+class Load:
+    """The largest predicted torque.
+
+    Attributes:
+        joint: its name.
+        share: of its rating.
+        time: when [s].
+    """
+
+    joint: str
+    share: float
+    time: float
+
+
+def check_limits(robot: Robot, course: Course) -> tuple[str, float]:
+    """Check the samples against the joints' limits; return the fastest joint and its speed.
+
+    Raises:
+        LimitBroken: a limit is broken, the motion does not begin and end at rest, or its rates are not its derivatives.
+    """
+    motion = course.motion
+    _check_whole(motion)
+    refuse(_violations(robot, course), 0.0, _speed)
+    peaks = np.abs(motion.qd).max(axis=0)
+    return robot.joint_names[int(peaks.argmax())], float(peaks.max())
+
+
+def _violations(robot: Robot, course: Course) -> list[Violation]:
+    motion, found = course.motion, []
+    for j, joint in enumerate(robot.joints):
+        limits = joint.limits
+        lower, upper = limits.position or (-np.inf, np.inf)
+        q = motion.q[:, j]
+        beyond = np.maximum(q - upper, lower - q)
+        k = int(beyond.argmax())
+        if beyond[k] > 1e-6 * max(1.0, abs(upper)):
+            value, limit = float(q[k]), float(upper if q[k] > upper else lower)
+            found.append(Violation(joint.name, "position", value, limit, float(motion.t[k]), None))
+        rates = ((motion.qd, limits.velocity, "velocity", 1), (motion.qdd, limits.acceleration, "acceleration", 2))
+        for values, allowed, quantity, order in rates:
+            k = int(np.abs(values[:, j]).argmax())
+            value = abs(float(values[k, j]))
+            if allowed and value > allowed * (1 + 1e-6):
+                alpha = course.speed * (allowed / value) ** (1 / order)
+                found.append(Violation(joint.name, quantity, value, allowed, float(motion.t[k]), alpha))
+    return found
+
+
+def _speed(alpha: float) -> str:
+    """Return the option that plays a motion at a share of its speed."""
+    return f"--speed {floor2(100 * alpha):g}%"
+
+
+def _check_whole(motion: Motion) -> None:
+    if not all(np.isfinite(part).all() for part in (motion.t, motion.q, motion.qd, motion.qdd)):
+        raise LimitBroken("the motion has values that are not a number", fix="plan it again")
+    step = np.diff(motion.t)
+    if len(step) == 0 or step.min() <= 0:
+        raise LimitBroken("the motion's time does not increase", fix="plan it again")
+    if np.abs(motion.qd[[0, -1]]).max() > 1e-3:
+        raise LimitBroken("the motion does not begin and end at rest", fix="plan it again")
+    # Why: positions and velocities are sent to different drivers; they must be the same motion on all of them.
+    moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
+    allowed = 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2
+    if np.abs(moved).max() > allowed:
+        raise LimitBroken("the motion's velocities are not the change of its positions", fix="plan it again")
+
+
+def check_clearance(robot: Robot, course: Course, scene: Scene, urdf: Path | None = None) -> tuple[Distance, ...]:
+    """Refuse a way that comes too near to the arm itself, the floor or an obstacle, as the planner would.
+
+    Args:
+        robot: the arm.
+        course: what will be played.
+        scene: what surrounds the arm.
+        urdf: shapes that the motion was planned with; cylinders along the DH table when None.
+
+    Returns:
+        The least distances, the closest first; those of spheres along the links where PyBullet is missing.
+
+    Raises:
+        Collision: with the pair, the time, the distance and what would pass.
+    """
+    motion = course.motion
+    few = np.unique(np.linspace(0, len(motion) - 1, POSES).astype(int))
+    t, q = motion.t[few], motion.q[few]
+    try:
+        found = _measured(robot, t, q, scene, urdf)
+    except PackageMissing:
+        near = sorted(Spheres(robot, scene).contacts(q), key=lambda contact: contact.distance)
+        found = tuple(Distance(contact.what, contact.distance, float(t[contact.index])) for contact in near)
+    judged = replace(scene, self_distance=scene.self_distance - ROUNDING, distance=scene.distance - ROUNDING)
+    require_clear(tuple(d for d in found if d.time < course.approach), judged, fix=APPROACH_FIX)
+    require_clear(found, judged)
+    return found
+
+
+def _measured(robot: Robot, t: Floats, q: Floats, scene: Scene, own: Path | None) -> tuple[Distance, ...]:
+    from dynid.sim.urdf import write_urdf
+
+    if own is not None:
+        return measure(t, q, robot, own, scene, Look())
+
+    with tempfile.TemporaryDirectory() as folder:
+        urdf = Path(folder) / f"{robot.slug}.urdf"
+        write_urdf(robot, None, urdf)
+        return measure(t, q, robot, urdf, scene, Look())
+
+
+def fastest_tool(robot: Robot, motion: Motion) -> float:
+    """Return the largest speed of the last frame [m/s]."""
+    return float(tool_speed(robot, motion.q, motion.qd).max())
+
+
+def check_torque(robot: Robot, course: Course, torque: Torque) -> Load | None:
+    """Refuse a motion whose predicted torques come near the ratings; return the largest, None without any rating.
+
+    Args:
+        robot: the arm.
+        course: what will be played.
+        torque: predicted torques of a motion, (N, n).
+
+    Raises:
+        LimitBroken: with joint, torque, time, and the speed that would pass.
+    """
+    rating = np.array([joint.limits.torque or np.inf for joint in robot.joints])
+    if not np.isfinite(rating).any():
+        return None
+    motion = _thinned(course.motion)
+    tau, limit = torque(motion), TORQUE_SHARE * rating
+    if np.any(np.abs(tau) > limit):
+        alpha = fitting_alpha(motion, limit, torque)
+        found = torque_violations(
+            robot.joint_names, limit, tau, motion.t, None if alpha is None else alpha * course.speed
+        )
+        refuse(found, 1 - TORQUE_SHARE, _speed)
+    share = np.abs(tau) / rating
+    k, j = np.unravel_index(share.argmax(), share.shape)
+    return Load(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
+
+
+def _thinned(motion: Motion) -> Motion:
+    some = slice(None, None, 1 + len(motion) // TORQUE_POSES)
+    return Motion(motion.t[some], motion.q[some], motion.qd[some], motion.qdd[some])
