@@ -80,9 +80,9 @@ def test_the_floor_an_obstacle_and_the_arm_itself_are_kept_clear_of():
     with pytest.raises(Collision, match=r"link_\d and floor: the arm touches it \(depth \d+ mm\) at t = 1\.0 s"):
         check_clearance(LWR, Course(swing(np.array([0.0, 1.4, 0.0, -0.9, 0.0, 0.7, 0.0]))), Scene())
     with pytest.raises(Collision, match="obstacle 1"):
-        check_clearance(LWR, course, Scene(obstacles=(Box((0.4, -0.2, 0.0), (0.8, 0.2, 0.9)),)))
+        check_clearance(LWR, course, Scene(obstacles=(Box((0.05, -0.2, 0.9), (0.5, 0.2, 1.2)),)))
     kinova = load_robot("kinova_gen2")
-    folded = np.array([0.0, 2.6, 0.0, 0.55, 0.0, 1.2, 0.0])
+    folded = np.array([0.0, 3.14, 0.0, 0.55, 0.0, 5.1, 0.0])
     still = Motion(np.array([0.0, 1.0]), np.tile(folded, (2, 1)), np.zeros((2, 7)), np.zeros((2, 7)))
     with pytest.raises(Collision, match=r"link_\d and (link_\d|base)"):
         check_clearance(kinova, Course(still), Scene(floor=None))
