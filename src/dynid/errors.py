@@ -432,6 +432,14 @@ class TorqueHigh(DynidError):
     fix = "look at the arm; use --speed 50%, or plan with a smaller --alpha"
 
 
+class GoalRefused(DynidError):
+    """The arm's controller did not accept the motion, or gave it up."""
+
+    code, status = "E509", ExitStatus.UNSAFE
+    why = "a controller with its own limits and tolerances judges the motion too"
+    fix = "read the driver's output; use --speed 50%, or widen the controller's tolerances"
+
+
 # ---------------------------------------------------------------- 6: machine
 class RosMissing(DynidError):
     """rospy cannot be imported."""

@@ -84,7 +84,7 @@ class Lab:
     def moving(self, robot, trajectory, *words, **options):
         """Start a recording and wait until the arm moves."""
         child = self.start("record", robot, trajectory, "--move", robot, *words, **options)
-        child.wait_for("was tried and works")
+        child.wait_for("stops the arm")
         time.sleep(1.0)
         return child
 

@@ -104,7 +104,7 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
 )
 @click.option("--master", metavar="URI", help="ROS master (default: ROS_MASTER_URI).")
 @click.option("--topic", metavar="T", help="Topic of the joint states (default: the robot file's).")
-@click.option("--command-topic", metavar="T", help="Topic of the commands (default: the driver's).")
+@click.option("--command-topic", metavar="T", help="Topic or action of the commands (default: the driver's).")
 @click.option(
     "--timeout", default="2s", show_default=True, callback=_quantity("s"), help="Patience for master and topic."
 )
@@ -175,7 +175,9 @@ class Recording:
         topic = preflight.find_topic(self.node, self.arm, self.given.topic)
         listener = preflight.listener_of(self.node, self.arm, topic)
         try:
-            port = open_port(self.node, self.arm, topic, self.given.command_topic)
+            port = open_port(
+                self.node, self.arm, topic, self.given.command_topic, moving=not self.given.listen_only
+            )
             seen = self._look(listener, port)
             if self.given.listen_only:
                 return self._listen_only(listener, port)
@@ -256,7 +258,7 @@ class Recording:
         from dynid.record.watch import Rules
 
         port.ready()
-        self.terminal.stage("stop", f"{port.stop_words} was tried and works; Enter or Ctrl-C stops the arm")
+        self.terminal.stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
         if self.given.zero_torques:
             if not at_candle(seen):
                 raise StartPoseOff(

@@ -78,6 +78,10 @@ def _fault(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
     "--drop", type=click.FloatRange(0, 1), default=0.0, metavar="SHARE", help="Share of messages that are lost."
 )
 @click.option(
+    "--skew", type=click.FloatRange(0, 1), default=0.0, metavar="S",
+    help="Torque and velocity are polled so much later than the position (Kinova).",
+)
+@click.option(
     "--fault", metavar="KIND[@S]", callback=_fault, help="Make something go wrong, S seconds after the first command."
 )
 @click.option(
@@ -114,7 +118,7 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
                 rig.run(face.publish, lambda: time.monotonic() < end)
             except KeyboardInterrupt:
                 common.terminal.detail("stop", "interrupted")
-            facts = face.received.facts() | {
+            facts = face.received.facts() | _played(rig) | {
                 "published": rig.published, "dropped": rig.dropped, "largest_delay_s": rig.largest_delay,
                 "longest_queue": rig.follower.longest,
             }  # fmt: skip
@@ -124,6 +128,22 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
     finally:
         node.close()
     return _told(common, arm, facts)
+
+
+def _played(rig: Rig) -> dict[str, float]:
+    """Return what the arm's own reference used of the limits: along commands, and while braking after a stop."""
+    import numpy as np
+
+    velocity, acceleration = (
+        np.array([getattr(joint.limits, key) or np.inf for joint in rig.robot.joints])
+        for key in ("velocity", "acceleration")
+    )
+    follower = rig.follower
+    return {
+        "reference_velocity_share": float(np.max(follower.fastest / velocity)),
+        "reference_acceleration_share": float(np.max(follower.hardest / acceleration)),
+        "stop_acceleration_share": float(np.max(follower.hardest_stop / acceleration)),
+    }
 
 
 def _told(common: Common, arm: Robot, facts: dict[str, Any]) -> ExitStatus:
@@ -137,6 +157,9 @@ def _told(common: Common, arm: Robot, facts: dict[str, Any]) -> ExitStatus:
             "received",
             f"{facts['commands']} commands; velocity {shares[0]:.0f} %, acceleration {shares[1]:.0f} % of the limits",
         )
+    if facts["stop_acceleration_share"]:
+        share = 100 * facts["stop_acceleration_share"]
+        terminal.fact("stops", f"braking took {share:.0f} % of the acceleration limits; this driver brakes as it can")
     for broken in facts["violations"]:
         terminal.fact("broken", broken)
     return ExitStatus.LIMIT_NOT_MET if facts["violations"] else ExitStatus.DONE
@@ -207,6 +230,7 @@ def _imperfections(robot: Robot, plant: Plant | None, options: dict[str, Any]) -
         latency=options["latency"],
         jitter=options["jitter"],
         drop=options["drop"],
+        skew=options["skew"],
         fault=options["fault"][0],
         fault_time=options["fault"][1],
     )

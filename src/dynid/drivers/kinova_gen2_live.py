@@ -31,7 +31,8 @@ class KinovaGen2Live(LivePort):
     rate: ClassVar[float] = 100.0
     #: A velocity is held for a period, so it is that of the period's middle [s].
     lead: ClassVar[float] = 0.005
-    stop_words: ClassVar[str] = "in/stop"
+    slotted: ClassVar[bool] = True
+    stop_words: ClassVar[str] = "in/stop was tried and works"
     _speed: Floats
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -21,6 +22,8 @@ Floats = NDArray[np.float64]
 SERVICE_PATIENCE = 1.5
 #: A subscriber of the command topic is connected within this time [s].
 CONNECT_PATIENCE = 3.0
+#: The first command of a stream leaves this long after it begins [s].
+RUN_UP = 0.05
 
 
 @dataclass(frozen=True)
@@ -50,11 +53,13 @@ class LivePort(ABC):
     Attributes:
         rate: rate at which it wants to be commanded [Hz].
         lead: how far ahead of now a target is meant [s].
-        stop_words: how it is stopped, for messages.
+        slotted: whether it plays one command in each period, in whatever rhythm they come.
+        stop_words: how it is stopped and what is known about that before the motion, for a message.
     """
 
     rate: ClassVar[float] = 100.0
     lead: ClassVar[float] = 0.0
+    slotted: ClassVar[bool] = False
     stop_words: ClassVar[str]
 
     def __init__(self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None) -> None:
@@ -95,10 +100,9 @@ class LivePort(ABC):
 
     def parameters(self) -> dict[str, Any]:
         """Return what the driver's parameters say about the numbers it publishes."""
-        return self.node.master().getParam(self.namespace) if self._has_parameters() else {}
-
-    def _has_parameters(self) -> bool:
-        return bool(self.node.master().hasParam(self.namespace))
+        if not self.namespace or not self.node.master().hasParam(self.namespace):
+            return {}
+        return self.node.master().getParam(self.namespace)
 
     def gravity_removed(self) -> bool | None:
         """Return whether the driver says that its torques lack gravity; None when it does not say."""
@@ -148,6 +152,22 @@ class LivePort(ABC):
         self.publisher.publish(message)
         return message
 
+    def begin(self, at: Callable[[float], Target], duration: float) -> tuple[float, Any]:
+        """Send what the driver has to know of the whole motion.
+
+        Args:
+            at: the motion as a function of time.
+            duration: its length [s].
+
+        Returns:
+            When the motion starts on the monotonic clock, and the message; None where every period has its command.
+        """
+        return time.monotonic() + RUN_UP, None
+
+    def finish(self) -> None:
+        """Wait until the driver says that the motion is over, where it says so."""
+        return
+
     def at_rest(self, q: Floats) -> Any:  # noqa: ANN401
         """Publish a command that keeps the arm at rest at ``q``, and return it."""
         zero = np.zeros(self.robot.n)
@@ -172,11 +192,33 @@ class LivePort(ABC):
             raise ServiceMissing(f"{name} did not answer ({error})", where=name) from error
 
 
-def open_port(node: Node, robot: Robot, state_topic: str, command_topic: str | None = None) -> LivePort:
-    """Return the live port of the driver that the robot file names."""
+def open_port(
+    node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+) -> LivePort:
+    """Return the live port of the driver that the robot file names.
+
+    Args:
+        node: this process in the graph.
+        robot: the arm.
+        state_topic: topic of its joint states.
+        command_topic: topic or action it is commanded on; found when None.
+        moving: whether it will be commanded.
+
+    Raises:
+        TopicMissing: several topics could be meant.
+    """
+    from dynid.drivers.action_live import FollowJointTrajectoryLive, choose_commands
     from dynid.drivers.kinova_gen2_live import KinovaGen2Live
     from dynid.drivers.trajectory_live import JointTrajectoryLive, Lwr4PlusLive
 
     kind = robot.driver.kind if robot.driver else "generic"
     ports: dict[str, type[LivePort]] = {"kinova_gen2": KinovaGen2Live, "lwr4plus": Lwr4PlusLive}
-    return ports.get(kind, JointTrajectoryLive)(node, robot, state_topic, command_topic)
+    if kind in ports:
+        return ports[kind](node, robot, state_topic, command_topic)
+    streamed = JointTrajectoryLive(node, robot, state_topic)
+    if not moving:
+        return streamed
+    _, subscribed, _ = node.master().getSystemState()
+    types, heard = dict(node.master().getTopicTypes()), {name for name, _ in subscribed}
+    topic, goals = choose_commands(types, heard, command_topic, streamed.command_topic)
+    return (FollowJointTrajectoryLive if goals else JointTrajectoryLive)(node, robot, state_topic, topic)

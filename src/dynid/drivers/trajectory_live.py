@@ -25,7 +25,7 @@ class JointTrajectoryLive(LivePort):
     rate: ClassVar[float] = 100.0
     #: The controller interpolates to a point five periods ahead, so a few late messages leave no gap [s].
     lead: ClassVar[float] = 0.05
-    stop_words: ClassVar[str] = "an empty trajectory"
+    stop_words: ClassVar[str] = "an empty trajectory holds the arm (a topic gives no answer)"
 
     def default_command_topic(self) -> str:
         """Return the controller's command topic in the namespace of the joint states."""
@@ -65,7 +65,7 @@ class JointTrajectoryLive(LivePort):
 class Lwr4PlusLive(JointTrajectoryLive):
     """LWR4+ in joint position control; it is stopped through the driver's emergency_stop topic."""
 
-    stop_words: ClassVar[str] = "emergency_stop"
+    stop_words: ClassVar[str] = "emergency_stop is connected (a topic gives no answer)"
 
     @property
     def stop_topic(self) -> str:

@@ -15,8 +15,6 @@ from dynid.drivers.live import LivePort
 from dynid.record.playing import Reference
 from dynid.record.watch import Watch
 
-#: The first command leaves this long after the thread starts [s].
-RUN_UP = 0.05
 #: Periods of standing still that end a motion, so that a velocity stream ends with zero.
 LAST = 10
 
@@ -62,7 +60,8 @@ class Stream(threading.Thread):
 
     def _play(self) -> None:
         period = 1.0 / self.port.rate
-        start = time.monotonic() + RUN_UP
+        start, message = self.port.begin(self.reference.at, self.reference.duration)
+        self._keep(message)
         k = 0
         while not self._stop_asked.is_set() and k * period <= self.reference.duration:
             now = self._wait(start + k * period)
@@ -83,7 +82,9 @@ class Stream(threading.Thread):
         assert sample is not None  # preflight has seen one
         planned = self.reference.at(sample.arrival - start)
         self.watch.state(sample, planned.q, now, now - start)
-        target = self.reference.at(self.time + self.port.lead)
+        # Why: a driver that plays one command a period is told what that period needs, however late it is; others are
+        # told what comes after now.
+        target = self.reference.at((self.time if self.port.slotted else now - start) + self.port.lead)
         self._keep(self.port.send(target, sample.q))
 
     def _rest(self, start: float, k: int, period: float) -> None:
@@ -93,8 +94,11 @@ class Stream(threading.Thread):
             if self._stop_asked.is_set():
                 return
             self._keep(self.port.at_rest(self.reference.motion.q[-1]))
+        self.port.finish()
 
     def _keep(self, message: Any) -> None:  # noqa: ANN401
+        if message is None:
+            return
         self.commands += 1
         self.sent(self.port.command_topic, message)
 

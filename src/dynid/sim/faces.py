@@ -6,6 +6,7 @@ Source: kinova-ros for the Gen2; CentroEPiaggio/kuka-lwr (ros_control over FRI) 
 from __future__ import annotations
 
 import os
+import threading
 import time
 from abc import ABC, abstractmethod
 from typing import Any
@@ -13,6 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.drivers.action_msgs import (
+    ABORTED,
+    ACTIVE,
+    CANCEL,
+    GOAL,
+    PREEMPTED,
+    REJECTED,
+    RESULT,
+    STATUS,
+    SUCCEEDED,
+    action_message,
+)
 from dynid.drivers.joints import Columns
 from dynid.drivers.kinova_msgs import message, service
 from dynid.drivers.ros import Node, import_ros
@@ -113,7 +126,8 @@ class KinovaFace(Face):
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state with fingers; its stamp is wall time, taken before torques are polled."""
         fingers = np.zeros(len(self.FINGERS))
-        values = (np.concatenate([part, fingers]) for part in self._driver_values(measured))
+        q, qd, tau = self._driver_values(measured)
+        values = (np.concatenate([part, fingers]) for part in (q, doubled(qd), tau))
         return self._joint_state(self._names, self._began + round(measured.since * 1e9), *values)
 
     def publish(self, measured: Measured) -> None:
@@ -153,6 +167,12 @@ class KinovaFace(Face):
         return service("SetTorqueControlMode")._response_class()
 
 
+def doubled(qd: Floats) -> Floats:
+    """Return velocities as kinova-ros publishes them: twice the firmware's, and wrapped above 180 deg/s after that."""
+    degrees = 2 * np.degrees(qd)
+    return np.asarray(np.radians(np.where(degrees > 180, degrees - 360, degrees)))
+
+
 class TrajectoryFace(Face):
     """Any driver with joint states and a joint_trajectory_controller."""
 
@@ -162,27 +182,117 @@ class TrajectoryFace(Face):
         trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
         self.subscribe(f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory)
 
+    @property
+    def follower(self) -> PointFollower:
+        """The controller."""
+        assert isinstance(self.rig.follower, PointFollower)
+        return self.rig.follower
+
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state in chain order with wall time."""
         stamp = self._began + round(measured.since * 1e9)
         return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
 
+    def points(self, trajectory: Any) -> list[tuple[Floats, Floats, Floats, float]]:  # noqa: ANN401
+        """Return position, velocity and acceleration of each point in DH quantities, and its time from the start."""
+        where = [trajectory.joint_names.index(name) for name in self.columns.names]
+        return [
+            (
+                self.columns.positions_dh(np.array(point.positions)[where]),
+                self.columns.velocities_dh(np.array(point.velocities)[where]),
+                self.columns.velocities_dh(np.array(point.accelerations)[where]),
+                point.time_from_start.to_sec(),
+            )
+            for point in trajectory.points
+        ]
+
     def _trajectory(self, command: Any) -> None:  # noqa: ANN401
-        follower = self.rig.follower
-        assert isinstance(follower, PointFollower)
         if not command.points:
-            follower.hold()
+            self.follower.hold()
             return
         now = self.heard()
-        where = [command.joint_names.index(name) for name in self.columns.names]
-        point = command.points[-1]
-        q = self.columns.positions_dh(np.array(point.positions)[where])
-        qd, qdd = (
-            self.columns.velocities_dh(np.array(values)[where]) for values in (point.velocities, point.accelerations)
-        )
+        q, qd, qdd, after = self.points(command)[-1]
         self.received.point(time.monotonic(), q, qd, qdd)
         if now is not None:
-            follower.push((q, qd, point.time_from_start.to_sec()))
+            self.follower.push((q, qd, after))
+
+
+class ActionFace(TrajectoryFace):
+    """The same with the controller's FollowJointTrajectory action, which takes one goal at a time."""
+
+    #: Status messages [Hz], as actionlib's server publishes them.
+    STATUS_RATE = 5.0
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        super().__init__(node, rig, topic)
+        base = f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory"
+        self._goal: Any = None
+        self._told = -1.0
+        # Why: goals come in threads of their own, while the physics looks whether they are reached.
+        self._turn = threading.RLock()
+        self._statuses = self.publisher(f"{base}/status", action_message(STATUS))
+        self._results = self.publisher(f"{base}/result", action_message(RESULT))
+        self.subscribe(f"{base}/goal", action_message(GOAL), self._begin)
+        if rig.imperfections.fault != "no-stop":
+            self.subscribe(f"{base}/cancel", action_message(CANCEL), self._cancel)
+
+    def publish(self, measured: Measured) -> None:
+        """Publish the joint state, and how the goal stands."""
+        super().publish(measured)
+        with self._turn:
+            if self._goal is not None:
+                self._look()
+            if measured.since - self._told >= 1 / self.STATUS_RATE:
+                self._told = measured.since
+                self._say(ACTIVE)
+
+    def _look(self) -> None:
+        """See how the goal stands."""
+        if self.rig.faulty("deaf"):
+            self.follower.hold()
+        elif self.rig.faulty("gives-up"):
+            self.follower.hold()
+            self._end(ABORTED, "a joint left its path tolerance")
+        elif not self.follower.following:
+            self._end(SUCCEEDED, "")
+
+    def _begin(self, goal: Any) -> None:  # noqa: ANN401
+        now = self.heard()
+        points = self.points(goal.goal.trajectory)
+        begin = time.monotonic()
+        for q, qd, qdd, after in points:
+            self.received.point(begin + after, q, qd, qdd)
+        with self._turn:
+            if self._goal is not None:
+                self._end(PREEMPTED, "another goal came")
+            self._goal = goal.goal_id
+            if now is None:
+                self._end(REJECTED, "the controller is not running")
+                return
+            self.follower.play([(q, qd, after) for q, qd, _, after in points])
+            self._say(ACTIVE)
+
+    def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
+        with self._turn:
+            if self._goal is None or cancel.id not in ("", self._goal.id) or self.rig.faulty("stop-fails"):
+                return
+            self.follower.hold()
+            self._end(PREEMPTED, "cancelled")
+
+    def _end(self, state: int, text: str) -> None:
+        result = action_message(RESULT)()
+        result.status.goal_id, result.status.status, result.status.text = self._goal, state, text
+        self._say(state, text)
+        self._results.publish(result)
+        self._goal = None
+
+    def _say(self, state: int, text: str = "") -> None:
+        found = action_message(STATUS)()
+        if self._goal is not None:
+            status = action_message("actionlib_msgs/GoalStatus")()
+            status.goal_id, status.status, status.text = self._goal, state, text
+            found.status_list = [status]
+        self._statuses.publish(found)
 
 
 class LwrFace(TrajectoryFace):
@@ -225,4 +335,4 @@ def face_of(node: Node, rig: Rig, topic: str) -> Face:
     """Return the face of the driver that the robot file names."""
     kind = rig.robot.driver.kind if rig.robot.driver else "generic"
     faces: dict[str, type[Face]] = {"kinova_gen2": KinovaFace, "lwr4plus": LwrFace}
-    return faces.get(kind, TrajectoryFace)(node, rig, topic)
+    return faces.get(kind, ActionFace)(node, rig, topic)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Iterable
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -26,10 +27,19 @@ class Follower(ABC, Generic[T]):
         q: where the arm stands, (n,) [rad or m].
         dt: step of the physics [s].
         frequency: of the smoothing [Hz].
+
+    Attributes:
+        goal: where the commands have led, (n,).
+        speed: its velocity, (n,).
+        fastest: largest speed of the reference, (n,).
+        hardest: largest acceleration of the reference while it followed commands, (n,).
+        hardest_stop: ... while it braked after a stop, (n,).
     """
 
     PERIOD = 0.01
     LENGTH = 2000
+    #: Time after a stop that is counted as braking [s].
+    BRAKING = 0.5
 
     def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         self.dt = dt
@@ -42,6 +52,8 @@ class Follower(ABC, Generic[T]):
         self._every = max(1, round(self.PERIOD / dt))
         self._count = 0
         self._bridged = 0
+        self._braking = 0
+        self.fastest, self.hardest, self.hardest_stop = (np.zeros_like(q) for _ in range(3))
 
     @abstractmethod
     def take(self, command: T) -> None:
@@ -70,6 +82,7 @@ class Follower(ABC, Generic[T]):
         """Erase the queue and stay here."""
         self._queue.clear()
         self._bridged = 0
+        self._braking = round(self.BRAKING / self.dt)
         self.speed = np.zeros_like(self.goal)
 
     def start(self) -> None:
@@ -85,9 +98,17 @@ class Follower(ABC, Generic[T]):
             self.move()
         acceleration = self._omega**2 * (self.goal - self._q) + 2 * self._omega * (self.speed - self._qd)
         found = self._q.copy(), self._qd.copy(), acceleration
+        self._note(acceleration)
         self._qd = self._qd + self.dt * acceleration
         self._q = self._q + self.dt * self._qd
         return found
+
+    def _note(self, acceleration: Floats) -> None:
+        """Remember the extremes of the reference."""
+        np.maximum(self.fastest, np.abs(self._qd), out=self.fastest)
+        kept = self.hardest_stop if self._braking else self.hardest
+        np.maximum(kept, np.abs(acceleration), out=kept)
+        self._braking = max(0, self._braking - 1)
 
     def _next(self) -> None:
         if not self._queue:
@@ -139,18 +160,37 @@ class VelocityFollower(Follower[Floats]):
 
 
 class PointFollower(Follower[tuple[Floats, Floats, float]]):
-    """A joint_trajectory_controller that is given one point at a time: a cubic from where it is to that point."""
+    """A joint_trajectory_controller: a cubic from where it is to a point, or through all points of a trajectory."""
 
     def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         super().__init__(q, dt, frequency)
         self._from = self._to = (q.copy(), np.zeros_like(q))
         self._length = self._elapsed = dt
+        self._path: deque[tuple[Floats, Floats, float]] = deque()
+
+    @property
+    def following(self) -> bool:
+        """Whether it is on its way through a trajectory."""
+        return bool(self._path) or self._elapsed < self._length
 
     def take(self, command: tuple[Floats, Floats, float]) -> None:
         """Go to a position with a velocity, (n,) each, within so many seconds."""
         q, qd, after = command
+        self._path.clear()
         self._from, self._to = (self.goal.copy(), self.speed.copy()), (q, qd)
         self._length, self._elapsed = max(after, self.dt), 0.0
+
+    def play(self, points: Iterable[tuple[Floats, Floats, float]]) -> None:
+        """Go through points, each with its velocity, (n,) each, and its time from now."""
+        if self.stopped:
+            return
+        begin, path = 0.0, []
+        for q, qd, when in points:
+            path.append((q, qd, when - begin))
+            begin = when
+        self._queue.clear()
+        self.take(path[0])
+        self._path.extend(path[1:])
 
     def bridge(self, periods: int) -> None:
         """Go on to the last point and stay there."""
@@ -159,12 +199,18 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
     def hold(self) -> None:
         """Erase the queue and stay here."""
         super().hold()
+        self._path.clear()
         self._from = self._to = (self.goal.copy(), np.zeros_like(self.goal))
         self._elapsed = self._length
 
     def move(self) -> None:
-        """Go on along the cubic; hold at its end."""
-        self._elapsed = min(self._elapsed + self.dt, self._length)
+        """Go on along the cubics; hold at their end."""
+        self._elapsed += self.dt
+        while self._path and self._elapsed >= self._length:
+            self._elapsed -= self._length
+            q, qd, self._length = self._path.popleft()
+            self._from, self._to = self._to, (q, qd)
+        self._elapsed = min(self._elapsed, self._length)
         s, h = self._elapsed / self._length, self._length
         (a, u), (b, v) = self._from, self._to
         if s >= 1.0:

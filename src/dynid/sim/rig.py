@@ -25,7 +25,8 @@ FAULTS = {
     "silent": "joint states stop coming, commands are still obeyed",
     "deaf": "commands are ignored, as after a software stop elsewhere",
     "torque": "a joint reads almost its rating",
-    "stop-fails": "the stop service answers with an error",
+    "gives-up": "the controller aborts the goal of its action",
+    "stop-fails": "the stop service answers with an error, the cancel is ignored",
     "no-stop": "there is no stop service or topic from the beginning",
     "gravity-free": "torques lack gravity, as with the driver's parameter or the estimated external torque",
 }
@@ -44,6 +45,7 @@ class Imperfections:
         latency: from sampling to publishing [s].
         jitter: standard deviation added to it, never early [s].
         drop: share of messages that are lost.
+        skew: torque and velocity are sampled so much later than the position with its stamp [s].
         fault: a key of ``FAULTS``, or "".
         fault_time: when it begins, after the first command [s].
     """
@@ -56,6 +58,7 @@ class Imperfections:
     latency: float = 0.0
     jitter: float = 0.0
     drop: float = 0.0
+    skew: float = 0.0
     fault: str = ""
     fault_time: float = 0.0
 
@@ -106,6 +109,8 @@ class Rig:
         self.robot: Robot = self.arm.robot
         n = self.robot.n
         self.every = max(1, round(1 / (self.rate * self.arm.dt)))
+        self._skew = min(round(self.imperfections.skew / self.arm.dt), self.every - 1)
+        self._polled = (0.0, self.follower.goal)
         self.controller = Controller()
         self.arm.reset(self.follower.goal)
         self._offset = np.array(self.imperfections.torque_offset or (0.0,) * n)
@@ -153,11 +158,13 @@ class Rig:
         q, qd = self.arm.state()
         tau = np.clip(self.controller.torque(self.arm, q, qd, self.follower.step()), -self._rating, self._rating)
         if self._steps % self.every == 0:
-            self._sample(q, qd, tau)
+            self._polled = (self.now, q)
+        if self._steps % self.every == self._skew:
+            self._sample(*self._polled, qd, tau)
         self.arm.step(tau)
         self._steps += 1
 
-    def _sample(self, q: Floats, qd: Floats, tau: Floats) -> None:
+    def _sample(self, since: float, q: Floats, qd: Floats, tau: Floats) -> None:
         """Measure and put the sample on its way."""
         wrong = self.imperfections
         if self.rng.random() < wrong.drop:
@@ -172,7 +179,7 @@ class Rig:
         delay = wrong.latency + abs(self.rng.normal(0.0, wrong.jitter)) if wrong.jitter else wrong.latency
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
         speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
-        measured = Measured(self.now, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
+        measured = Measured(since, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
         self._waiting.append((due, measured))
 
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:

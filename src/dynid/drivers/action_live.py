@@ -1,0 +1,197 @@
+"""Commanding through a FollowJointTrajectory action: the whole motion is one goal, and a stop cancels it.
+
+The controller plays the goal by itself. It is watched like a stream, but it does not end when dynid dies; only the
+cancel, or the arm's own stop button, ends it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers.action_msgs import CANCEL, ENDED, GOAL, RESULT, STATES, STATUS, SUCCEEDED, action_message
+from dynid.drivers.live import CONNECT_PATIENCE, SERVICE_PATIENCE, LivePort, Target
+from dynid.drivers.ros import import_ros
+from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
+
+Floats = NDArray[np.float64]
+
+TRAJECTORY = "trajectory_msgs/JointTrajectory"
+#: Points of a goal [Hz]: with accelerations, controllers put a quintic between two of them.
+POINT_RATE = 50.0
+#: A controller takes a goal of some minutes within this time [s], and says that it is there so long after its end.
+ACCEPT_PATIENCE, FINISH_PATIENCE = 3.0, 5.0
+#: How often a waiting thread looks [s].
+LOOK = 0.005
+
+
+def choose_commands(
+    types: Mapping[str, str], heard: Collection[str], asked: str | None, usual: str
+) -> tuple[str, bool]:
+    """Return the topic to command an arm on, and whether it takes goals of the action.
+
+    Why: a stream of points is preferred, because the arm stops when it ends; many drivers have the action only.
+
+    Args:
+        types: message type of every topic.
+        heard: topics somebody listens to.
+        asked: the topic that the user named, None to choose.
+        usual: where a joint_trajectory_controller beside the joint states listens.
+
+    Raises:
+        TopicMissing: several could be meant.
+    """
+    if asked is not None:
+        goal = f"{asked.removesuffix('/goal')}/goal"
+        return (goal, True) if types.get(goal) == GOAL else (asked, False)
+    if usual in heard:
+        return usual, False
+    for kind in (GOAL, TRAJECTORY):
+        found = sorted(name for name in heard if types.get(name) == kind)
+        if len(found) > 1:
+            raise TopicMissing(
+                f"several topics take motions: {', '.join(found)}", fix=f"name one of them: --command-topic {found[0]}"
+            )
+        if found:
+            return found[0], kind == GOAL
+    return usual, False
+
+
+class FollowJointTrajectoryLive(LivePort):
+    """Any driver with a FollowJointTrajectory action server."""
+
+    stop_words: ClassVar[str] = "a cancelled goal stops the arm (it can only be tried on a goal)"
+
+    def __init__(self, *words: Any) -> None:  # noqa: ANN401
+        super().__init__(*words)
+        self._state, self._text, self._id = -1, "", ""
+        self._alive = threading.Event()
+
+    def default_command_topic(self) -> str:
+        """Return the goal topic of a joint_trajectory_controller beside the joint states."""
+        return f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory/goal"
+
+    def _topic(self, name: str) -> str:
+        return f"{self.command_topic.removesuffix('/goal')}/{name}"
+
+    def command_type(self) -> Any:  # noqa: ANN401
+        """Return control_msgs/FollowJointTrajectoryActionGoal."""
+        return action_message(GOAL)
+
+    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the topics of goal and cancel."""
+        return (self.command_topic, self._topic("cancel")), ()
+
+    def ready(self) -> None:
+        """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""
+        rospy = self.node.rospy
+        super().ready()
+        self._cancel = rospy.Publisher(self._topic("cancel"), action_message(CANCEL), queue_size=10, tcp_nodelay=True)
+        rospy.Subscriber(self._topic("status"), action_message(STATUS), self._status, tcp_nodelay=True)
+        rospy.Subscriber(self._topic("result"), action_message(RESULT), self._result, tcp_nodelay=True)
+        try:
+            self.wait_for_listener(self._cancel, self._topic("cancel"))
+        except TopicSilent as error:
+            raise ServiceMissing(f"nobody listens to {self._topic('cancel')}", where=self._topic("cancel")) from error
+        if not self._alive.wait(CONNECT_PATIENCE):
+            raise TopicSilent(
+                f"{self._topic('status')} is silent for {CONNECT_PATIENCE:g} s",
+                why="an action server publishes its status several times a second",
+            )
+
+    def message(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
+        """Return nothing: the goal holds the whole motion.
+
+        Raises:
+            GoalRefused: the controller gave it up.
+        """
+        self._judge()
+
+    def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
+        """Send nothing, but see whether the goal is still followed."""
+        return self.message(target, measured)
+
+    def begin(self, at: Callable[[float], Target], duration: float) -> tuple[float, Any]:
+        """Send the goal and wait until it is accepted; return when that was, and the goal.
+
+        Raises:
+            GoalRefused: it was rejected, or nobody answered.
+        """
+        goal = self._goal(at, duration)
+        self._id = goal.goal_id.id
+        self.publisher.publish(goal)
+        end = time.monotonic() + ACCEPT_PATIENCE
+        while self._state < 1:
+            if time.monotonic() > end:
+                raise GoalRefused(f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s")
+            time.sleep(LOOK)
+        self._judge()
+        return time.monotonic(), goal
+
+    def _goal(self, at: Callable[[float], Target], duration: float) -> Any:  # noqa: ANN401
+        """Return the goal: joints by name, all fields of full length, no point at time 0 where the arm stands."""
+        genpy = import_ros("genpy")
+        count = max(1, int(np.ceil(duration * POINT_RATE)))
+        points = []
+        for when in np.linspace(0.0, duration, count + 1)[1:].tolist():
+            target, point = at(when), action_message("trajectory_msgs/JointTrajectoryPoint")()
+            point.positions = self.columns.positions(target.q).tolist()
+            point.velocities = self.columns.velocities(target.qd).tolist()
+            point.accelerations = self.columns.velocities(target.qdd).tolist()
+            point.time_from_start = genpy.Duration.from_sec(when)
+            points.append(point)
+        goal = self.command_type()()
+        goal.goal_id.stamp = genpy.Time(*divmod(time.time_ns(), 10**9))
+        goal.goal_id.id = f"{self.node.rospy.get_name()}-{time.time_ns()}"
+        goal.goal.trajectory.joint_names, goal.goal.trajectory.points = list(self.columns.names), points
+        return goal
+
+    def finish(self) -> None:
+        """Wait until the controller says that the goal is reached.
+
+        Raises:
+            GoalRefused: it gave up, or does not say so.
+        """
+        end = time.monotonic() + FINISH_PATIENCE
+        while self._state != SUCCEEDED:
+            self._judge()
+            if time.monotonic() > end:
+                raise GoalRefused(f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it")
+            time.sleep(LOOK)
+
+    def stop(self) -> str:
+        """Cancel the goal and wait until the controller confirms it."""
+        if not self._id:
+            return "no goal was sent"
+        cancel = action_message(CANCEL)()
+        cancel.id = self._id
+        end = time.monotonic() + SERVICE_PATIENCE
+        if self._cancel.get_num_connections():
+            self._cancel.publish(cancel)
+        while self._state not in ENDED:
+            if time.monotonic() > end:
+                where = self._topic("cancel")
+                raise ServiceMissing(f"{where} did not confirm within {SERVICE_PATIENCE:g} s", where=where)
+            time.sleep(LOOK)
+        return f"goal {STATES[self._state]}"
+
+    def _judge(self) -> None:
+        if self._state in ENDED and self._state != SUCCEEDED:
+            reason = f": {self._text}" if self._text else ""
+            raise GoalRefused(f"the controller says that the motion is {STATES[self._state]}{reason}")
+
+    def _status(self, statuses: Any) -> None:  # noqa: ANN401
+        self._alive.set()
+        for status in statuses.status_list:
+            if status.goal_id.id == self._id:
+                self._state, self._text = status.status, status.text or self._text
+
+    def _result(self, result: Any) -> None:  # noqa: ANN401
+        if result.status.goal_id.id == self._id:
+            self._text = result.result.error_string or result.status.text
+            self._state = result.status.status
