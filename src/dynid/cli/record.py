@@ -166,6 +166,7 @@ class Recording:
         self.common, self.terminal = common, common.terminal
         self.arm, self.path, self.stored, self.given, self.node = arm, path, stored, given, node
         self.folder = common.folder(arm.slug)
+        self.foreseen: dict[str, Any] = {}
 
     def run(self) -> ExitStatus:
         """Check, ask, move, write."""
@@ -184,9 +185,7 @@ class Recording:
             motion = self._plan(seen, port)
             if self.given.dry_run:
                 self.terminal.stage("dry run", "everything is in order; nothing was sent")
-                self.terminal.emit_json(
-                    {"schema": "dynid/record/1", "robot": self.arm.name, "verdict": "dry run", "wrote": []}
-                )
+                self._answer({"verdict": "dry run", "foreseen": self.foreseen})
                 return ExitStatus.DONE
             self._may_write()
             typed(self.common, self.arm.slug, "type the robot's name to start", given=self.given.move)
@@ -218,11 +217,12 @@ class Recording:
         assert self.stored is not None
         preflight.check_endpoints(port)
         course = course_of(self.terminal, self.arm, self.stored, seen, self.given)
-        fastest, speed = foresee(self.common, self.arm, course, self.stored, self.given.parameters)
+        self.foreseen = foresee(self.common, self.arm, course, self.stored, self.given.parameters)
         self._check_review()
         self.terminal.stage(
-            "ready", f"about to move {self.arm.slug}: {course.motion.t[-1]:.0f} s, fastest {fastest} at "
-            f"{speed:.2f} rad/s, keep the stop button in reach",
+            "ready", f"about to move {self.arm.slug}: {course.motion.t[-1]:.0f} s, fastest "
+            f"{self.foreseen['fastest_joint']} at {self.foreseen['speed_rad_s']:.2f} rad/s, "
+            "keep the stop button in reach",
         )  # fmt: skip
         return course.motion
 
@@ -327,7 +327,7 @@ class Recording:
             facts["trajectory"] = {
                 "file": str(self.path), "sha256": sha256(self.path), "alpha": self.stored.alpha,
                 "speed": self.given.speed, "repeat": self.given.repeat,
-                "reviewed_by": review.by if review and self.stored.reviewed else None,
+                "reviewed_by": review.by if review and self.stored.reviewed else None, "foreseen": self.foreseen,
             }  # fmt: skip
         manifest.write_manifest(self.folder / "manifest.yaml", facts)
         return facts
@@ -374,11 +374,12 @@ class Recording:
             self.folder / "manifest.yaml",
             *self._converted(recorder.bag_path),
         ]
-        terminal.emit_json(
-            {"schema": "dynid/record/1", "robot": self.arm.name, **session.facts(outcome), "wrote": wrote}
-        )
+        self._answer({**session.facts(outcome), "foreseen": self.foreseen, "wrote": wrote})
         terminal.next(f"dynid identify {self.arm.slug} {recorder.bag_path}")
         return ExitStatus.DONE
+
+    def _answer(self, facts: dict[str, Any]) -> None:
+        self.terminal.emit_json({"schema": "dynid/record/1", "robot": self.arm.name, **facts})
 
     def _say_stopped(self, outcome: Outcome) -> None:
         """Say what is known about the arm after it was stopped."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynid.cli.options import Common
 from dynid.errors import StartPoseOff, WrongUsage
@@ -44,8 +44,8 @@ def course_of(terminal: Terminal, arm: Robot, stored: StoredTrajectory, seen: Se
 
 def foresee(
     common: Common, arm: Robot, course: Course, stored: StoredTrajectory, parameters: Path | None
-) -> tuple[str, float]:
-    """Judge limits, clearance and torques of what will be played; return the fastest joint and its speed.
+) -> dict[str, Any]:
+    """Judge limits, clearance and torques of what will be played; return what is foreseen, for the manifest.
 
     Raises:
         LimitBroken: a joint limit or a torque.
@@ -55,7 +55,7 @@ def foresee(
     from dynid.trajectory.clearance import Scene, scene_from
 
     terminal = common.terminal
-    fastest = foresight.check_limits(arm, course)
+    joint, speed = foresight.check_limits(arm, course)
     terminal.stage("limits", "position, velocity and acceleration of every sample are inside")
     facts = stored.facts.get("scene")
     shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
@@ -63,20 +63,29 @@ def foresee(
         terminal.say(f"note       {shapes} is gone: distances are those of cylinders along the links")
         shapes = None
     near = foresight.check_clearance(arm, course, scene_from(facts) if facts else Scene(), shapes)
-    tool = f"tool up to {foresight.fastest_tool(arm, course.motion):.2f} m/s"
+    tool = foresight.fastest_tool(arm, course.motion)
     closest = f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; " if near else ""
-    terminal.stage("clearance", closest + tool)
-    _foresee_torque(common, arm, course, parameters)
-    return fastest
+    terminal.stage("clearance", f"{closest}tool up to {tool:.2f} m/s")
+    return {
+        "seconds": float(course.motion.t[-1]),
+        "approach_seconds": course.approach,
+        "fastest_joint": joint,
+        "speed_rad_s": speed,
+        "tool_speed_m_s": tool,
+        "closest_m": near[0].distance if near else None,
+        "torque_share": _foresee_torque(common, arm, course, parameters),
+        "torque_by": str(parameters) if parameters else "prior",
+    }
 
 
-def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path | None) -> None:
+def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path | None) -> float | None:
+    """Judge the torques; return the largest share of a rating, None where nothing can be said."""
     from dynid.record.foresight import check_torque
 
     if arm.torque.source == "gravity_free" or arm.torque.relative:
         reason = "are counted in amperes" if arm.torque.relative else "lack gravity, and so does its model"
         common.terminal.stage("forecast", f"no torques: those of this arm {reason}")
-        return
+        return None
     torque, words = _torque_of(common, arm, parameters)
     load = check_torque(arm, course, torque)
     common.terminal.stage(
@@ -85,6 +94,7 @@ def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path
         if load is not None
         else "no torques: the robot file has no ratings",
     )
+    return load.share if load is not None else None
 
 
 def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Torque, str]:
