@@ -1,6 +1,6 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
-# make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master run alone, because they keep time,
-#              and up to three times, because a busy machine may not let them
+# make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
+#              keep time, the exact ones alone, and run up to three times, because a busy machine may not let them
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
@@ -22,7 +22,8 @@ demo: $(VENV)/.ready
 
 test: $(VENV)/.ready-test ros screen
 	$(BIN)/python -m pytest -n 2 -m "not ros and not slow"
-	$(BIN)/python -m pytest -m ros --reruns 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "ros and not alone" --reruns 2
+	$(BIN)/python -m pytest -m alone --reruns 2
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:

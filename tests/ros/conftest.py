@@ -1,11 +1,14 @@
 """A real ROS master, a simulated driver and ``dynid record``, each in its own process, on loopback."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 from lab import Lab, start_master, store, swing
 
 from dynid.drivers.rosplace import missing_modules
+from dynid.files.robotfile import load_robot
+from dynid.model.store import obtain_base_model
 
 
 def pytest_collection_modifyitems(items):
@@ -28,9 +31,19 @@ def master(tmp_path):
     process.wait()
 
 
+@pytest.fixture(scope="session")
+def models(tmp_path_factory):
+    """Return a folder with the models of the arms, which would be derived anew in each test's folder otherwise."""
+    folder = tmp_path_factory.mktemp("models")
+    for robot in ("kinova_gen2", "kuka_lwr4plus", "ur10"):
+        obtain_base_model(load_robot(robot), folder / robot)
+    return folder
+
+
 @pytest.fixture
-def lab(tmp_path, master):
+def lab(tmp_path, master, models):
     (tmp_path / "home").mkdir()
+    shutil.copytree(models, tmp_path / "out")
     lab = Lab(tmp_path, master[1])
     yield lab
     lab.close()

@@ -126,13 +126,14 @@ def start_master(folder):
 MIDDLE = {
     "kinova_gen2": np.array([0.0, 2.6, 0.0, 2.2, 0.0, 3.6, 0.0]),
     "kuka_lwr4plus": np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0]),
+    "ur10": np.array([0.0, -1.2, 1.2, 0.3, 0.5, 0.0]),
 }
 
 
 def swing(robot, seconds, size=0.15):
     """One slow swing of all joints, from rest to rest."""
     t = np.arange(round(seconds * 100) + 1) / 100
-    w, far = np.pi / seconds, size * np.sqrt(np.arange(1, 8))
+    w, far = np.pi / seconds, size * np.sqrt(np.arange(1, len(MIDDLE[robot]) + 1))
     s, c = np.sin(w * t), np.cos(w * t)
     shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
     q, qd, qdd = (np.outer(shape, far) for shape in shapes)

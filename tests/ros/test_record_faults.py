@@ -71,22 +71,25 @@ def test_a_driver_without_a_stop_is_not_moved(lab, plan):
         assert lab.finish(driver)["commands"] == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_the_arm_first_and_keeps_the_log(lab, plan, number):
-    trajectory = plan(KINOVA, 5.0)
-    driver = lab.driver(KINOVA, "--pose", trajectory)
-    child = lab.moving(KINOVA, trajectory)
+@pytest.mark.parametrize(("robot", "number"), [(KINOVA, signal.SIGINT), (LWR, signal.SIGTERM)])
+def test_a_signal_stops_the_arm_first_and_keeps_the_log(lab, plan, robot, number):
+    trajectory = plan(robot, 5.0)
+    driver = lab.driver(robot, "--pose", trajectory)
+    child = lab.moving(robot, trajectory)
     begin = time.monotonic()
     child.send(number)
     child.send(number)
     done = child.end()
     assert done.status == 130
     assert time.monotonic() - begin < 4
-    assert "Arm stopped" in done.err
+    assert ("Arm stopped" if robot == KINOVA else "emergency_stop is pressed") in done.err
     assert "the arm stands still" in done.err
-    assert manifest_of(lab)["verdict"] == "stopped by the operator"
-    assert len(log_of(lab)) > 80
-    assert lab.finish(driver)["commands"] < 300
+    assert manifest_of(lab, robot)["verdict"] == "stopped by the operator"
+    assert len(log_of(lab, robot)) > 80
+    sent = lab.finish(driver)
+    assert sent["commands"] < 300
+    assert sent["violations"] == [], "the last command before the stop keeps the limits like all others"
+    assert sent["stop_acceleration_share"] > 0, "how hard this driver brakes is told; dynid sends nothing then"
 
 
 def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab, plan):

@@ -115,7 +115,9 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
     "--zero-torques", is_flag=True, allow_from_autoenv=False, help="Zero the torque sensors (Kinova, candle pose)."
 )
 @click.option(
-    "--parameters", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    "--parameters",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
     help="Identified model that predicts the torques (default: the robot file's prior).",
 )
 @click.option("--duration", type=click.FloatRange(0, min_open=True), metavar="S", help="Length with --listen-only.")
@@ -176,9 +178,7 @@ class Recording:
         topic = preflight.find_topic(self.node, self.arm, self.given.topic)
         listener = preflight.listener_of(self.node, self.arm, topic)
         try:
-            port = open_port(
-                self.node, self.arm, topic, self.given.command_topic, moving=not self.given.listen_only
-            )
+            port = open_port(self.node, self.arm, topic, self.given.command_topic, moving=not self.given.listen_only)
             seen = self._look(listener, port)
             if self.given.listen_only:
                 return self._listen_only(listener, port)
@@ -254,7 +254,7 @@ class Recording:
     # ------------------------------------------------------------ recording
     def _move(self, listener: Listener, port: LivePort, motion: Motion, seen: Seen) -> ExitStatus:
         from dynid.record import playing, session
-        from dynid.record.preflight import at_candle
+        from dynid.record.preflight import at_candle, check_place
         from dynid.record.watch import Rules
 
         port.ready()
@@ -269,6 +269,7 @@ class Recording:
             port.zero_torques()
             self.terminal.stage("zeroed", "torque sensors")
         assert listener.latest is not None
+        check_place(listener.latest, self.arm, motion)
         reference = playing.Reference(motion, listener.latest.q - motion.q[0])
         with self.terminal.progress() as bar:
             bar.stage("moving")

@@ -43,9 +43,7 @@ _TEXTS = {
         "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\nJointTolerance[] goal_tolerance\n"
         "duration goal_time_tolerance\n"
     ),
-    "control_msgs/FollowJointTrajectoryResult": (
-        f"int32 error_code\n{_CODES}string error_string\n"
-    ),
+    "control_msgs/FollowJointTrajectoryResult": (f"int32 error_code\n{_CODES}string error_string\n"),
     GOAL: "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal\n",
     RESULT: "Header header\nactionlib_msgs/GoalStatus status\nFollowJointTrajectoryResult result\n",
     STATUS: "Header header\nGoalStatus[] status_list\n",

@@ -23,8 +23,9 @@ class JointTrajectoryLive(LivePort):
     """Any driver with a JointTrajectory topic beside its joint states."""
 
     rate: ClassVar[float] = 100.0
-    #: The controller interpolates to a point five periods ahead, so a few late messages leave no gap [s].
-    lead: ClassVar[float] = 0.05
+    #: The controller interpolates to a point so far ahead, as a command may be late before the run is stopped: the way
+    #: never ends in between [s].
+    lead: ClassVar[float] = 0.1
     stop_words: ClassVar[str] = "an empty trajectory holds the arm (a topic gives no answer)"
 
     def default_command_topic(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers import driver_of
-from dynid.drivers.joints import Columns
+from dynid.drivers.joints import Columns, Sample
 from dynid.drivers.live import LivePort
 from dynid.drivers.ros import Node
 from dynid.errors import (
@@ -22,12 +22,14 @@ from dynid.errors import (
     RateTooLow,
     ServiceMissing,
     StartPoseOff,
+    StateStale,
     TopicSilent,
     TorqueScale,
 )
 from dynid.motion import Motion
 from dynid.quality.gravity import expected_torque
 from dynid.record.recorder import Listener
+from dynid.record.watch import Rules
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -204,11 +206,28 @@ def check_start(seen: Seen, robot: Robot, motion: Motion) -> None:
     """
     if seen.moved > STILL:
         raise StartPoseOff(f"the arm is moving ({seen.moved:.2f} rad in {LISTEN:g} s)", fix="stop what moves it first")
-    away = np.abs(seen.q - motion.q[0])
-    worst = int(away.argmax())
-    if away[worst] > START_TOLERANCE:
+    _check_place(seen.q, robot, motion, "")
+
+
+def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
+    """Look again just before the first command: while a person was asked, the arm may have been moved or gone silent.
+
+    Raises:
+        StateStale: its joint states have ended.
+        StartPoseOff: it is elsewhere by now.
+    """
+    age = time.monotonic() - sample.arrival
+    if age > Rules().stale:
+        raise StateStale(f"no joint state for {age:.1f} s: the arm was not moved", fix="is the driver still there?")
+    _check_place(sample.q, robot, motion, " by now; it was moved after it was checked")
+
+
+def _check_place(q: Floats, robot: Robot, motion: Motion, when: str) -> None:
+    away = np.abs(q - motion.q[0])
+    worst = int(np.nan_to_num(away, nan=np.inf).argmax())
+    if not away[worst] <= START_TOLERANCE:
         unit = "rad" if robot.joints[worst].revolute else "m"
-        raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}")
+        raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}")
 
 
 def check_endpoints(port: LivePort) -> None:

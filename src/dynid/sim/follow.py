@@ -160,13 +160,22 @@ class VelocityFollower(Follower[Floats]):
 
 
 class PointFollower(Follower[tuple[Floats, Floats, float]]):
-    """A joint_trajectory_controller: a cubic from where it is to a point, or through all points of a trajectory."""
+    """A joint_trajectory_controller: a cubic from where it is to a point, or through all points of a trajectory.
+
+    It has no queue: a new point replaces the last one at once.
+    """
 
     def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
         super().__init__(q, dt, frequency)
         self._from = self._to = (q.copy(), np.zeros_like(q))
         self._length = self._elapsed = dt
         self._path: deque[tuple[Floats, Floats, float]] = deque()
+        self._newest: tuple[Floats, Floats, float] | None = None
+
+    def push(self, command: tuple[Floats, Floats, float]) -> None:
+        """Receive a point; a stopped arm ignores it."""
+        if not self.stopped:
+            self._newest = command
 
     @property
     def following(self) -> bool:
@@ -194,17 +203,20 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
 
     def bridge(self, periods: int) -> None:
         """Go on to the last point and stay there."""
-        self._bridged = 0
 
     def hold(self) -> None:
         """Erase the queue and stay here."""
         super().hold()
+        self._newest = None
         self._path.clear()
         self._from = self._to = (self.goal.copy(), np.zeros_like(self.goal))
         self._elapsed = self._length
 
     def move(self) -> None:
         """Go on along the cubics; hold at their end."""
+        newest, self._newest = self._newest, None
+        if newest is not None:
+            self.take(newest)
         self._elapsed += self.dt
         while self._path and self._elapsed >= self._length:
             self._elapsed -= self._length
