@@ -215,7 +215,7 @@ def torque_violations(
         Violation(
             joints[j], "torque", float(np.abs(tau[:, j]).max()), float(limit[j]), float(t[share[:, j].argmax()]), alpha
         )
-        for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING)
+        for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING).tolist()
     ]
 
 
