@@ -314,14 +314,14 @@ class Recording:
 
     def _beginning(self, port: LivePort) -> dict[str, Any]:
         from dynid.files.artifact import sha256
-        from dynid.record import manifest, preflight
+        from dynid.record import manifest
 
         facts = manifest.beginning(self.arm, self.node, self.common.header({})["command"])
         facts["driver"] = {
             "kind": port.robot.driver.kind if port.robot.driver else "generic",
             "state_topic": port.state_topic,
             "command_topic": None if self.given.listen_only else port.command_topic,
-            "parameters": preflight.parameters_of(port),
+            "parameters": port.parameters(),
         }
         if self.stored is not None and self.path is not None:
             review = self.stored.review

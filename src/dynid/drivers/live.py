@@ -102,7 +102,8 @@ class LivePort(ABC):
         """Return what the driver's parameters say about the numbers it publishes."""
         if not self.namespace or not self.node.master().hasParam(self.namespace):
             return {}
-        return dict(self.node.master().getParam(self.namespace))
+        found = self.node.master().getParam(self.namespace)
+        return found if isinstance(found, dict) else {"value": found}
 
     def gravity_removed(self) -> bool | None:
         """Return whether the driver says that its torques lack gravity; None when it does not say."""

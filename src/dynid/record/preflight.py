@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,9 +257,3 @@ def _belongs(name: str, topic: str) -> bool:
         "FRI_data",
         "j_ext_ft",
     )
-
-
-def parameters_of(port: LivePort) -> dict[str, Any]:
-    """Return the driver's parameters as plain values."""
-    found = port.parameters()
-    return found if isinstance(found, dict) else {"value": found}
