@@ -367,6 +367,14 @@ class NothingChanged(DynidError):
     fix = "check that the log moves and the options leave something free"
 
 
+class NotSimulated(DynidError):
+    """The arm under its controller could not be simulated."""
+
+    code, status = "E407", ExitStatus.DATA
+    why = "a controller with wrong gains, or parameters that belong to no arm, make a closed loop that runs away"
+    fix = "check `controller:` in the robot file, or use --method iv"
+
+
 # ---------------------------------------------------------------- 5: safety
 class LimitBroken(DynidError):
     """A motion breaks a joint limit."""

@@ -214,6 +214,19 @@ class Coupling:
 
 
 @dataclass(frozen=True)
+class Controller:
+    """Position controller of each joint: tau = kp (q_ref - q) + kd (qd_ref - qd), in DH quantities.
+
+    Attributes:
+        kp: (n,) [N m/rad or N/m].
+        kd: (n,) [N m s/rad or N s/m].
+    """
+
+    kp: tuple[float, ...]
+    kd: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class EffectSpec:
     """A torque effect that was added to the model.
 
@@ -244,6 +257,7 @@ class Robot:
         links: numbers of the links to identify, 1-based; the others keep the prior's values.
         path: file it was read from, None when made in code.
         known: bounds on masses and centres of mass.
+        controller: what follows the commanded motion, None where nobody knows.
         findings: what was noticed while reading.
     """
 
@@ -263,6 +277,7 @@ class Robot:
     coulomb: Coulomb | None = None
     effects: tuple[EffectSpec, ...] = ()
     known: Known = Known()
+    controller: Controller | None = None
     path: Path | None = field(default=None, compare=False)
     findings: tuple[Finding, ...] = field(default=(), compare=False)
 

@@ -24,6 +24,7 @@ from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
 from dynid.robot import (
     FRICTION_PARAMETERS,
     Body,
+    Controller,
     Coulomb,
     Coupling,
     Cylinders,
@@ -50,7 +51,7 @@ DRIVER_KINDS = ("kinova_gen2", "lwr4plus", "generic")
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
 _TOP = (
     "name", "convention", "angle_unit", "gravity", "mount", "base", "joints", "links", "torque", "driver", "simulator",
-    "prior", "tool", "coupling", "coulomb", "effects", "known",
+    "prior", "tool", "coupling", "coulomb", "effects", "known", "controller",
 )  # fmt: skip
 _JOINT = ("name", "type", "a", "twist", "d", "theta_offset", "limits", "motor_inertia", "friction")
 
@@ -130,6 +131,7 @@ def _robot(root: Value, path: Path) -> Robot:
         coulomb=_coulomb(top["coulomb"], unit, joints) if "coulomb" in top else None,
         effects=tuple(_effect(value, joints) for value in top["effects"].items()) if "effects" in top else (),
         known=_known(top["known"], n) if "known" in top else Known(),
+        controller=_controller(top["controller"], n) if "controller" in top else None,
         path=path,
         findings=tuple(findings),
     )
@@ -407,6 +409,18 @@ def _coulomb(value: Value, unit: str, joints: tuple[Joint, ...]) -> Coulomb:
     if min(velocity) <= 0:
         raise WrongRobotFile(f"{entry.where}: {entry.path} must be positive", where=entry.where)
     return Coulomb(shape, velocity)
+
+
+def _controller(value: Value, n: int) -> Controller:
+    """Read the gains of the position controller, one or a list each."""
+    keys = value.mapping(("kp", "kd"), required=("kp", "kd"))
+    gains: list[tuple[float, ...]] = []
+    for key in ("kp", "kd"):
+        items = keys[key].items(n) if keys[key].is_list else [keys[key]] * n
+        gains.append(tuple(item.number() for item in items))
+        if min(gains[-1]) < 0:
+            raise WrongRobotFile(f"{keys[key].where}: {keys[key].path} is negative", where=keys[key].where)
+    return Controller(*gains)
 
 
 def _effect(value: Value, joints: tuple[Joint, ...]) -> EffectSpec:

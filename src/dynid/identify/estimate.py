@@ -93,7 +93,7 @@ def estimate(
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
     """
-    whole = Part(stack, np.ones(stack.blocks, dtype=bool))
+    whole = Part(stack, np.ones(stack.blocks, dtype=bool), base.robot.controller)
     prior = prior_base(base)
     name, why = choose(whole) if method == "auto" else (method, "as asked")
     plain = replace(METHODS[name](whole, prior), why=why)
@@ -251,7 +251,7 @@ def _held_out(
     stack: Stack, base: BaseModel, holdout: HoldOut, method: str, prior: Floats
 ) -> dict[str, tuple[Floats, float]]:
     """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
-    fitted = METHODS[method](Part(stack, holdout.train), prior)
+    fitted = METHODS[method](Part(stack, holdout.train, base.robot.controller), prior)
     factors, rows = holdout.test.joint_factors(holdout.judged)
     sets = {"plain": fitted.theta, "physical": full_set(base, fitted).theta}
     return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
+from dynid.identify.closed_loop import Simulated, simulated
+from dynid.identify.didim import direct
 from dynid.identify.hac import hac_covariance
+from dynid.identify.idim_iv import simulated_instruments
 from dynid.identify.instrumental import instrumental
 from dynid.identify.least_squares import Solution, joint_rms, merge, ordinary, ridge, solve, weighted
 from dynid.identify.robust import huber, look_for_spikes
 from dynid.identify.rows import Rows
 from dynid.identify.stack import Earlier, Stack
+from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,18 +36,16 @@ class Part:
     Attributes:
         stack: the stacked logs.
         blocks: which of its blocks, (B,).
+        controller: what followed the commands, where it is known.
     """
 
     stack: Stack
     blocks: Mask
+    controller: Controller | None = None
 
     def __iter__(self) -> Iterator[Rows]:
         """Walk over the rows of the chosen blocks in order of time."""
-        for number in range(len(self.stack.sources)):
-            first = int(np.searchsorted(self.stack.logs, number))
-            for rows in self.stack.rows_of_log(number):
-                if self.blocks[first + rows.block]:
-                    yield rows
+        return self.stack.rows_of_blocks(self.blocks)
 
     @cached_property
     def factors(self) -> tuple[Floats, NDArray[np.int64]]:
@@ -110,6 +112,36 @@ def iv(part: Part, prior: Floats) -> Estimate:
     return _estimate("iv", part, fit.theta, fit.noise, covariance=fit.covariance)
 
 
+def idim_iv(part: Part, prior: Floats) -> Estimate:
+    """Instrumental variables from the arm simulated under its controller."""
+    simulate = _simulation(part, "idim-iv")
+    fit = simulated_instruments(simulate, instrumental(part, robust=True))
+    return _estimate("idim-iv", part, fit.theta, fit.noise, covariance=fit.covariance)
+
+
+def didim(part: Part, prior: Floats) -> Estimate:
+    """Direct and inverse model: the torques of the simulated arm are fitted to the measured ones."""
+    simulate = _simulation(part, "didim")
+    fit = direct(simulate, instrumental(part, robust=True).theta)
+    return _estimate("didim", part, fit.theta, fit.noise, covariance=fit.covariance)
+
+
+def _simulation(part: Part, method: str) -> Callable[[Floats], Simulated]:
+    """Return what simulates the logs with given parameters."""
+    controller = part.controller
+    if controller is None:
+        raise WrongUsage(
+            f"--method {method} needs the gains of the arm's position controller",
+            fix="`controller: {kp: [...], kd: [...]}` in the robot file, or --method iv",
+        )
+    if not part.commanded:
+        raise WrongUsage(
+            f"--method {method} needs the commanded motion, and the log has none (q_ref)",
+            fix="use --method wls, or a log recorded by dynid record",
+        )
+    return lambda theta: simulated(part.stack, part.blocks, theta, controller)
+
+
 def ridge_to_prior(part: Part, prior: Floats) -> Estimate:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
@@ -123,6 +155,8 @@ METHODS: dict[str, Callable[[Part, Floats], Estimate]] = {
     "ols": ols,
     "irls": irls,
     "iv": iv,
+    "idim-iv": idim_iv,
+    "didim": didim,
     "ridge": ridge_to_prior,
 }
 

@@ -158,6 +158,15 @@ def _entries(motion: tuple[Floats, ...], effects: Floats, observer: Observer, ke
     return kept
 
 
+def with_sources(stacked: Stack, sources: Sequence[Source]) -> Stack:
+    """Return the stack with another commanded motion in its logs; its factors do not depend on that."""
+    observer = stacked.observer
+    kept = stacked.kept
+    if kept is not None and observer is not None:
+        kept = tuple(tuple(_packed(source, observer)) for source in sources)
+    return replace(stacked, sources=tuple(sources), kept=kept)
+
+
 @dataclass(frozen=True)
 class Earlier:
     """What an earlier result keeps of its logs.
@@ -208,6 +217,14 @@ class Stack:
         packed = _packed(self.sources[number], self.observer) if self.kept is None else self.kept[number]
         for rows in packed:
             yield rows.rows(self.observer)
+
+    def rows_of_blocks(self, blocks: NDArray[np.bool_]) -> Iterator[Rows]:
+        """Yield the single rows of some blocks of time, (B,), in order of time."""
+        for number in range(len(self.sources)):
+            first = int(np.searchsorted(self.logs, number))
+            for rows in self.rows_of_log(number):
+                if blocks[first + rows.block]:
+                    yield rows
 
     def __iter__(self) -> Iterator[Rows]:
         """Walk over the rows of all logs in order of time; may be done many times."""
