@@ -49,6 +49,8 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
 }
 #: Options that do not change the parameters, or that count through the file they name.
 BESIDE = ("explained", "payload_from", "update")
+#: Methods that depend on the controller of the robot file.
+SIMULATED = ("idim-iv", "didim")
 
 
 @dynid_command(
@@ -67,7 +69,7 @@ BESIDE = ("explained", "payload_from", "update")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @click.option(
     "--method",
-    type=click.Choice(["auto", "wls", "ols", "irls", "iv", "ridge"]),
+    type=click.Choice(["auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge"]),
     default="auto",
     show_default=True,
     help="Estimator; auto takes what the log offers and says why.",
@@ -231,9 +233,10 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
     """Return the hashes that the result depends on; without logs, those of the stack that is there."""
     from dynid.files.artifact import read_header
 
+    gains = option_texts({"controller": robot.controller if options["method"] in SIMULATED else None})
     if logs:
         made_of = {key: value for key, value in options.items() if key not in BESIDE}
-        return hashes(robot, logs, made_of) | hashes_of_files(options)
+        return hashes(robot, logs, made_of) | gains | hashes_of_files(options)
     path = folder / "fullnumericregressor.npz"
     header = read_header(path) if path.is_file() else None
     if header is None:
@@ -251,7 +254,7 @@ def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: d
                 fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
             )
     fit = {key: options[key] for key in DEFAULTS if key not in (*READING_DEFAULTS, *BESIDE)}
-    return inputs | option_texts(fit) | hashes_of_files(options)
+    return inputs | option_texts(fit) | gains | hashes_of_files(options)
 
 
 def hashes_of_files(options: dict[str, Any]) -> dict[str, str]:
@@ -338,6 +341,8 @@ METHOD_TEXT = {
     "ols": "ordinary least squares",
     "irls": "weighted least squares that gives spikes little weight (Huber)",
     "iv": "instrumental variables from the commanded motion",
+    "idim-iv": "instrumental variables from the arm simulated under its controller",
+    "didim": "torques of the arm simulated under its controller, fitted to the measured ones",
     "ridge": "weighted least squares with a pull towards the prior's base parameters",
 }
 

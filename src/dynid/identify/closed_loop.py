@@ -11,7 +11,7 @@ Reads conditioned segments with a command; writes the simulated motion on the sa
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from dynid.identify.rows import Rows
 from dynid.identify.stack import Stack, with_sources
 from dynid.model.mass_matrix import Torque, mass_matrices
 from dynid.quality.condition import Segment, resampled
+from dynid.quality.filters import decimate, lowpass_kernel
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
@@ -39,6 +40,19 @@ MASS_SECONDS = 0.01
 
 
 @dataclass(frozen=True)
+class Arm:
+    """What is simulated.
+
+    Attributes:
+        torque: inverse dynamics.
+        ways: Coulomb signs of velocities, (N, n) -> (N, n).
+    """
+
+    torque: Torque
+    ways: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
 class Followed:
     """A simulated motion.
 
@@ -46,23 +60,26 @@ class Followed:
         q: positions, (N, n) [rad or m].
         qd: velocities, (N, n).
         qdd: accelerations, (N, n).
+        way: sign of the velocities as Coulomb friction has it, (N, n).
         rounds: corrections that it took.
     """
 
     q: Floats
     qd: Floats
     qdd: Floats
+    way: Floats
     rounds: int
 
 
-def follow(segment: Segment, torque: Torque, known: Floats, controller: Controller) -> Followed:
+def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cutoff: float) -> Followed:
     """Simulate the closed loop over one stretch, from the measured state at its beginning.
 
     Args:
         segment: a stretch with a command.
-        torque: inverse dynamics of the arm.
+        arm: its inverse dynamics.
         known: further torques at the segment's samples, (N, n) [N m or N].
         controller: gains of the position controller.
+        cutoff: of the filter that measured torques and positions went through, and that the simulated motion gets [Hz].
 
     Raises:
         NotSimulated: the parameters belong to no arm, or the loop is unstable.
@@ -70,7 +87,7 @@ def follow(segment: Segment, torque: Torque, known: Floats, controller: Controll
     assert segment.command is not None
     kp, kd = np.array(controller.kp), np.array(controller.kd)
     grid = float(segment.t[-1] - segment.t[0]) / max(1, len(segment) - 1)
-    inertia = mass_matrices(torque, segment.q[:: max(1, len(segment) // 200)])
+    inertia = mass_matrices(arm.torque, segment.q[:: max(1, len(segment) // 200)])
     fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(kp)[None]))).max()))
     finer = max(1, int(np.ceil(grid / min(LONGEST_STEP, STEP_OVER_TIME / fastest))))
     step = grid / finer
@@ -79,7 +96,7 @@ def follow(segment: Segment, torque: Torque, known: Floats, controller: Controll
         resampled(segment.t, x, fine) if finer > 1 else x
         for x in (kp * segment.command[0] + kd * segment.command[1], known, segment.q)
     )
-    problem = _Problem(torque, kp, kd, step, max(1, round(MASS_SECONDS / step)))
+    problem = _Problem(arm.torque, kp, kd, step, max(1, round(MASS_SECONDS / step)))
     limit = SETTLED * step * float(np.abs(segment.command[1]).max(initial=0.0))
     q, most = guess.copy(), 0
     q[1] = q[0] + step * segment.qd[0] + 0.5 * step**2 * segment.qdd[0]
@@ -89,8 +106,16 @@ def follow(segment: Segment, torque: Torque, known: Floats, controller: Controll
         q[part][2:] += (q[part][1] - guess[part][1]) * (first > 0)
         q[part], rounds = problem.solve(q[part], aim[part] - further[part], limit)
         most = max(most, rounds)
-    motion = (x[::finer] for x in _differences(q, step))
-    return Followed(*motion, most)
+    motion = _differences(q, step)
+    return Followed(*(_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.ways(motion[1]))), most)
+
+
+def _thinned(x: Floats, cutoff: float, rate: float, every: int) -> Floats:
+    """Return a signal under the filter at every so many samples, (N, n)."""
+    kernel = lowpass_kernel(cutoff, rate)[None]
+    half = min(kernel.shape[1] // 2, len(x) - 1)
+    padded = np.pad(x.T, ((0, 0), (half, half)), mode="reflect", reflect_type="odd")
+    return np.ascontiguousarray(decimate(padded, kernel, every)[0].T)
 
 
 @dataclass(frozen=True)
@@ -131,17 +156,23 @@ def simulated(stack: Stack, blocks: NDArray[np.bool_], theta: Floats, controller
     def torque(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return observer.torque(theta, q, qd, qdd)
 
-    def along(segment: Segment) -> Segment:
+    arm = Arm(torque, observer.ways)
+
+    def along(segment: Segment, cutoff: float) -> Segment:
         count = len(observer.rows) - len(observer.course_entries)
         known = np.zeros_like(segment.q)
         for entry, row, column in zip(
             observer.course_entries, observer.rows[count:], observer.cols[count:], strict=True
         ):
             known[:, row] += theta[column] * segment.effects[:, entry]
-        found = follow(segment, torque, known, controller)
-        return replace(segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd)
+        found = follow(segment, arm, known, controller, cutoff)
+        way = found.way if segment.way.size else segment.command_way
+        return replace(segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_way=way)
 
-    sources = [replace(source, segments=[along(each) for each in source.segments]) for source in stack.sources]
+    sources = [
+        replace(source, segments=[along(each, source.chosen.position_cutoff) for each in source.segments])
+        for source in stack.sources
+    ]
     return Simulated(with_sources(stack, sources), blocks)
 
 
@@ -161,7 +192,8 @@ class _Problem:
             state = tuple(x[1:-1] for x in _differences(q, h))
             missing = aim[1:-1] - self.kp * state[0] - self.kd * state[1] - self.torque(*state)
             D = self.kd + self._slope(*state)
-            change = _corrections(M, D, self.kp, missing, h)
+            with np.errstate(over="ignore", invalid="ignore"):
+                change = _corrections(M, D, self.kp, missing, h)
             q = q.copy()
             q[2:] += change
             size = float(np.abs(change).max(initial=0.0))

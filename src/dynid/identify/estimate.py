@@ -17,6 +17,7 @@ from dynid.identify.uncertainty import Knowledge, judge
 from dynid.model.mass_matrix import random_poses, sign_alarm
 from dynid.model.prior import prior_parameters
 from dynid.model.store import BaseModel
+from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +94,7 @@ def estimate(
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
     """
-    whole = Part(stack, np.ones(stack.blocks, dtype=bool), base.robot.controller)
+    whole = Part(stack, np.ones(stack.blocks, dtype=bool), controller_of(base))
     prior = prior_base(base)
     name, why = choose(whole) if method == "auto" else (method, "as asked")
     plain = replace(METHODS[name](whole, prior), why=why)
@@ -154,8 +155,12 @@ def estimate(
 
 
 def _certainty(plain: Estimate, theta: Floats, rows: NDArray[np.int64]) -> tuple[Floats, tuple[str, ...]]:
-    """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite."""
-    std_error = np.sqrt(np.maximum(np.diag(plain.covariance), 0.0))
+    """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite.
+
+    A prior may be wrong, so as far as it has pulled a parameter away from the plain estimate, as far it may err: the
+    mean square error of a shrunken estimate is its variance and its bias squared.
+    """
+    std_error = np.sqrt(np.maximum(np.diag(plain.covariance), 0.0) + (theta - plain.theta) ** 2)
     open_ = np.abs(plain.solution.weak).max(axis=1, initial=0.0) > 1e-9
     std_error[open_] = np.inf
     effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, rows.sum()))
@@ -251,10 +256,15 @@ def _held_out(
     stack: Stack, base: BaseModel, holdout: HoldOut, method: str, prior: Floats
 ) -> dict[str, tuple[Floats, float]]:
     """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
-    fitted = METHODS[method](Part(stack, holdout.train, base.robot.controller), prior)
+    fitted = METHODS[method](Part(stack, holdout.train, controller_of(base)), prior)
     factors, rows = holdout.test.joint_factors(holdout.judged)
     sets = {"plain": fitted.theta, "physical": full_set(base, fitted).theta}
     return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}
+
+
+def controller_of(base: BaseModel) -> Controller | None:
+    """Return the robot's controller where the base parameters are those of the whole arm that it moves."""
+    return None if base.robot.links else base.robot.controller
 
 
 def prior_base(base: BaseModel) -> Floats:

@@ -36,7 +36,7 @@ class Part:
     Attributes:
         stack: the stacked logs.
         blocks: which of its blocks, (B,).
-        controller: what followed the commands, where it is known.
+        controller: what followed the commands, where it is known, and the columns are the whole arm.
     """
 
     stack: Stack
@@ -131,7 +131,7 @@ def _simulation(part: Part, method: str) -> Callable[[Floats], Simulated]:
     controller = part.controller
     if controller is None:
         raise WrongUsage(
-            f"--method {method} needs the gains of the arm's position controller",
+            f"--method {method} needs the gains of the arm's position controller, and all links identified",
             fix="`controller: {kp: [...], kd: [...]}` in the robot file, or --method iv",
         )
     if not part.commanded:

@@ -137,9 +137,12 @@ def _evaluated(segment: Segment, observer: Observer, kernel: Floats, step: int, 
         spoilt = (~segment.usable[part]).T.astype(float)
         usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
     command, effects = segment.command, segment.effects[part]
+    motion = (segment.q[part], segment.qd[part], segment.qdd[part])
+    commanded = None if command is None else tuple(x[part] for x in command)
+    ways = (segment.way[part], segment.command_way[part])
     return Packed(
-        entries=_entries((segment.q[part], segment.qd[part], segment.qdd[part]), effects, observer, kernel, step),
-        command=None if command is None else _entries(tuple(x[part] for x in command), effects, observer, kernel, step),
+        entries=_entries(motion, ways[0], effects, observer, kernel, step),
+        command=None if commanded is None else _entries(commanded, ways[1], effects, observer, kernel, step),
         tau=np.ascontiguousarray(tau.T),
         usable=usable,
         follows=first > 0,
@@ -148,10 +151,18 @@ def _evaluated(segment: Segment, observer: Observer, kernel: Floats, step: int, 
     )
 
 
-def _entries(motion: tuple[Floats, ...], effects: Floats, observer: Observer, kernel: Floats, step: int) -> Floats:
-    """Return the base regressor's entries after the parallel filter, (E, M); added effects come with the segment."""
+def _entries(
+    motion: tuple[Floats, ...], way: Floats, effects: Floats, observer: Observer, kernel: Floats, step: int
+) -> Floats:
+    """Return the base regressor's entries after the parallel filter, (E, M).
+
+    Added effects come with the segment, and so do Coulomb signs where it has them: filtered as the torques were.
+    """
     q, qd, qdd = motion
     entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
+    if way.size:
+        where, joints = observer.coulomb
+        entries[where] = way.T[joints]
     if len(observer.course_entries):
         entries = np.vstack([entries, effects.T[observer.course_entries]])
     kept: Floats = decimate(entries, kernel, step)[0]

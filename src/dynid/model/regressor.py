@@ -6,6 +6,7 @@ effects that were added to the robot file. The last ones depend on the order of 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -119,6 +120,7 @@ class Observer:
         cols: column of each entry among the chosen ones, (E,).
         shape: joints and chosen columns.
         course_entries: which entries of ``Model.course`` follow those of ``blocks``.
+        coulomb: which entries are the Coulomb sign of a single joint, and of which joint, (k,) each.
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
@@ -135,6 +137,14 @@ class Observer:
         self.cols = np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))
         self.course_entries = entries
+        first = len(self._kernel.rows) + np.cumsum([0, *(len(column.rows) for column in self._extra)])
+        self._signs = [
+            (int(k), column)
+            for k, column in zip(first, self._extra, strict=False)
+            if re.fullmatch(r"fc\d+", column.name)
+        ]
+        where = [(k, column.rows[0]) for k, column in self._signs]
+        self.coulomb = tuple(np.array(where, dtype=np.intp).reshape(-1, 2).T)
 
     @staticmethod
     def _added_entries(model: Model, columns: NDArray[np.intp]) -> tuple[NDArray[np.intp], tuple[Floats, Floats]]:
@@ -153,6 +163,13 @@ class Observer:
                 state = State(q[part], qd[part], qdd[part])
                 entries = np.vstack([entries, *(entry for column in self._extra for entry in column.evaluate(state))])
             yield part, entries
+
+    def ways(self, qd: Floats) -> Floats:
+        """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""
+        found = np.zeros_like(qd)
+        for _, column in self._signs:
+            found[:, column.rows[0]] = column.evaluate(State(qd, qd, qd))[0]
+        return found
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns as one array, those of added effects zero, (N, n, p)."""

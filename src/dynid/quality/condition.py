@@ -6,7 +6,7 @@ and regressor columns alike (``dynid.identify.stack``). Gaps are cut, never brid
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,8 @@ from dynid.errors import LogTooShort
 from dynid.log import Log
 from dynid.quality.filters import decimate, derivative_kernels, lowpass_kernel
 from dynid.quality.motion import bandwidth
-from dynid.robot import Robot
+from dynid.quality.reversal import NOISE_SAMPLES, Reversals, reversals
+from dynid.robot import Coulomb, Robot
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +98,9 @@ class Segment:
         command_qdd: commanded accelerations, (N, n).
         effects: entries of the columns of added effects, (N, E).
         since: time since the log began, (N,) [s].
+        way: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); empty where it is to be
+            taken of ``qd``.
+        command_way: the same of the commanded motion, (N, n).
     """
 
     t: Floats
@@ -113,6 +117,8 @@ class Segment:
     command_qdd: Floats
     effects: Floats
     since: Floats
+    way: Floats
+    command_way: Floats
 
     @property
     def command(self) -> tuple[Floats, Floats, Floats] | None:
@@ -148,6 +154,7 @@ def condition(
     exclude: Sequence[tuple[float, float]] = (),
     *,
     measured_velocity: bool = False,
+    coulomb: Coulomb | None = None,
     rest_speed: Floats | None = None,
 ) -> list[Segment]:
     """Resample, filter and differentiate a log, one segment a stretch without gaps.
@@ -156,6 +163,8 @@ def condition(
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
         exclude: stretches to leave out, in seconds of the log's own time.
+        coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
+            sign to those who evaluate the columns.
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,); rows
             of a joint that stays slower for a while do not count.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
@@ -171,7 +180,7 @@ def condition(
     cuts = np.flatnonzero((np.diff(index) > 1) | (np.diff(log.t[index]) > (GAP_SAMPLES + 0.5) * step)) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
     parts = [part for part in np.split(index, cuts) if len(part) > needed]
-    segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None) for part in parts]
+    segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb) for part in parts]
     if not segments:
         longest = max((len(part) for part in np.split(index, cuts)), default=0) * step
         raise LogTooShort(
@@ -196,50 +205,77 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     return replace(segment, usable=usable)
 
 
-def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool) -> Segment:
+@dataclass(frozen=True)
+class _Stretch:
+    """One stretch of a log on an even grid.
+
+    Attributes:
+        log: the log.
+        index: its samples, (N,).
+        grid: the even times, (count,) [s].
+        even: whether the samples lie on the grid as they are.
+    """
+
+    log: Log
+    index: NDArray[np.intp]
+    grid: Floats
+    even: bool
+
+    def column(self, x: NDArray[Any], wanted: slice) -> NDArray[Any]:
+        """Return a signal of the log on part of the grid."""
+        if self.even:
+            return x[self.index[wanted]]
+        return resampled(self.log.t[self.index], x[self.index], self.grid[wanted])
+
+
+def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
     """Filter one stretch, block by block so that only the thinned result is stored."""
     t = log.t[index]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
     grid = t[0] + np.arange(count) / chosen.rate
     even = count == len(t) and float(np.abs(t - grid).max()) < EVEN / chosen.rate
+    stretch = _Stretch(log, index, grid, even)
     kernels, step = chosen.first_kernels, chosen.first_step
     taps = kernels.shape[1]
     outputs = (count - taps) // step + 1
     per_block = max(1, BLOCK // step)
+    sharp = None
+    if coulomb is not None:
+        some = stretch.column(log.qd if measured and log.qd is not None else log.q, slice(0, NOISE_SAMPLES))
+        sharp = reversals(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
     pieces = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        pieces.append(_block(log, index, grid[wanted], wanted if even else None, kernels, step, measured))
+        pieces.append(_block(stretch, wanted, kernels, step, measured, sharp))
     columns = [list(parts) for parts in zip(*pieces, strict=True)]
     pieces.clear()
     # Why one after the other: of a long log, pieces and joined arrays would not fit into memory together.
     joined: list[Any] = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
-    joined += [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
-    return Segment(*joined)
+    way, command_way = joined.pop(), joined.pop()
+    return Segment(*joined, np.zeros((len(joined[0]), 0)), joined[0] - log.t[0], way, command_way)
 
 
 def _block(
-    log: Log, index: NDArray[np.intp], grid: Floats, even: slice | None, kernels: Floats, step: int, measured: bool
+    stretch: _Stretch, wanted: slice, kernels: Floats, step: int, measured: bool, sharp: Reversals | None
 ) -> tuple[NDArray[Any], ...]:
-    taps = kernels.shape[1]
+    log, grid, taps = stretch.log, stretch.grid[wanted], kernels.shape[1]
     half = (taps - 1) // 2
-
-    def column(x: Floats) -> Floats:
-        return x[index[even]] if even is not None else resampled(log.t[index], x[index], grid)
-
-    q, tau = column(log.q), column(log.tau)
+    q, tau = stretch.column(log.q, wanted), stretch.column(log.tau, wanted)
     filtered = decimate(np.ascontiguousarray(q.T), kernels, step)
     if measured and log.qd is not None:
-        filtered[1:] = decimate(np.ascontiguousarray(column(log.qd).T), kernels[:2], step)
+        filtered[1:] = decimate(np.ascontiguousarray(stretch.column(log.qd, wanted).T), kernels[:2], step)
     smooth_tau = decimate(np.ascontiguousarray(tau.T), kernels[:1], step)[0]
     centres = slice(half, half + (filtered.shape[2] - 1) * step + 1, step)
     clipped = log.extra.get("clipped")
     usable = np.ones(tau.shape, dtype=bool)[centres]
     if clipped is not None:
-        spoilt = column(clipped).astype(float)
+        spoilt = stretch.column(clipped, wanted).astype(float)
         usable = decimate(np.ascontiguousarray(spoilt.T), np.ones((1, taps)), step)[0].T < 0.5
-    raw_qd = column(log.qd) if log.qd is not None else np.gradient(q, grid, axis=0)
+    raw_qd = stretch.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
+    command = log.extra.get("q_ref")
+    # Why: a command has no noise, but where it is a staircase its corners are no reversals.
+    of_command = None if command is None or sharp is None else replace(sharp, measured=False)
     return (
         grid[centres],
         *(np.ascontiguousarray(x.T) for x in filtered),
@@ -249,18 +285,39 @@ def _block(
         q[centres].copy(),
         raw_qd[centres].copy(),
         tau[centres].copy(),
-        *_command(log, column, kernels, step, len(grid[centres])),
+        *_command(stretch, wanted, kernels, step, len(grid[centres])),
+        _way(stretch, command, wanted, kernels, step, of_command, len(grid[centres])),
+        _way(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp, len(grid[centres])),
     )
 
 
+def _way(
+    stretch: _Stretch,
+    x: Floats | None,
+    wanted: slice,
+    kernels: Floats,
+    step: int,
+    sharp: Reversals | None,
+    count: int,
+) -> Floats:
+    """Return which way the joints move, under the position filter; an empty array without ``sharp``."""
+    if sharp is None or x is None:
+        return np.empty((count, 0))
+    start = max(0, wanted.start - sharp.margin)
+    around = stretch.column(x, slice(start, wanted.stop + sharp.margin))
+    ways = sharp.ways(around)[wanted.start - start :][: wanted.stop - wanted.start]
+    return np.ascontiguousarray(decimate(np.ascontiguousarray(ways.T), kernels[:1], step)[0].T)
+
+
 def _command(
-    log: Log, column: Callable[[Floats], Floats], kernels: Floats, step: int, count: int
+    stretch: _Stretch, wanted: slice, kernels: Floats, step: int, count: int
 ) -> tuple[Floats, Floats, Floats]:
     """Return the commanded motion under the position filter; empty arrays where the log has none."""
-    command = log.extra.get("q_ref")
+    command = stretch.log.extra.get("q_ref")
     if command is None:
         return (np.empty((count, 0)),) * 3
-    q, qd, qdd = (np.ascontiguousarray(x.T) for x in decimate(np.ascontiguousarray(column(command).T), kernels, step))
+    on_grid = np.ascontiguousarray(stretch.column(command, wanted).T)
+    q, qd, qdd = (np.ascontiguousarray(x.T) for x in decimate(on_grid, kernels, step))
     return q, qd, qdd
 
 

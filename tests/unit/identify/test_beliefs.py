@@ -47,8 +47,14 @@ def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
 def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
     plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
     write_urdf(robot, plant.bodies, shop.folder / "arm.urdf")
-    masses = [link["mass_kg"] for link in links(shop, "--prior", "arm.urdf")]
-    assert masses == pytest.approx([body.mass for body in plant.bodies], rel=0.05)
+    true = np.array([body.mass for body in plant.bodies])
+    # Why root mean square: noise may move one link's mass by 10 % at the cost of its neighbour, over five such logs.
+    with_prior, without = (
+        np.sqrt(np.mean((np.array([link["mass_kg"] for link in links(shop, *options)]) / true - 1) ** 2))
+        for options in (("--prior", "arm.urdf"), ())
+    )
+    assert with_prior < 0.05
+    assert without > 3 * with_prior
 
 
 def test_a_range_upside_down_is_refused(shop):
