@@ -32,7 +32,7 @@ LONGEST_STEP, STEP_OVER_TIME = 2e-3, 0.4
 #: Steps that are solved together; a longer motion goes on from where the last ones ended.
 TOGETHER = 8192
 #: Corrections at most, and the size of the last one at which they end, in largest commanded speeds times the step.
-ROUNDS, SETTLED = 25, 1e-4
+ROUNDS, SETTLED = 25, 1e-3
 #: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where Coulomb friction turns.
 NEAR = 2e-3
 #: A mass matrix serves this long [s]: the arm turns by less than a degree.
@@ -107,7 +107,8 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         q[part], rounds = problem.solve(q[part], aim[part] - further[part], limit)
         most = max(most, rounds)
     motion = _differences(q, step)
-    return Followed(*(_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.ways(motion[1]))), most)
+    smooth = [_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.ways(motion[1]))]
+    return Followed(smooth[0], smooth[1], smooth[2], smooth[3], most)
 
 
 def _thinned(x: Floats, cutoff: float, rate: float, every: int) -> Floats:
@@ -188,10 +189,15 @@ class _Problem:
         """Return the motion from its first two samples on, and the number of corrections."""
         h = self.step
         M = np.repeat(mass_matrices(self.torque, q[:: self.thinning]), self.thinning, axis=0)[1 : len(q) - 1]
+        before: Floats | None = None
         for k in range(1, ROUNDS + 1):
             state = tuple(x[1:-1] for x in _differences(q, h))
-            missing = aim[1:-1] - self.kp * state[0] - self.kd * state[1] - self.torque(*state)
+            tau = self.torque(*state)
+            missing = aim[1:-1] - self.kp * state[0] - self.kd * state[1] - tau
             D = self.kd + self._slope(*state)
+            if before is not None:
+                D = np.maximum(D, self.kd + self._chord(state, tau, before))
+            before = state[1]
             with np.errstate(over="ignore", invalid="ignore"):
                 change = _corrections(M, D, self.kp, missing, h)
             q = q.copy()
@@ -207,6 +213,17 @@ class _Problem:
         """Return the slope of each joint's torque by the speeds, never negative, (N, n)."""
         more, less = (self.torque(q, qd + side, qdd) for side in (NEAR, -NEAR))
         return np.maximum((more - less) / (2 * NEAR), 0.0)
+
+
+    def _chord(self, state: tuple[Floats, ...], tau: Floats, before: Floats) -> Floats:
+        """Return the slope of each joint's torque from its speed in the last round to the present one, (N, n).
+
+        Why: beyond a reversal friction is flat, and a tangent would jump over the step to and fro for ever.
+        """
+        q, qd, qdd = state
+        apart = qd - before
+        apart = np.where(np.abs(apart) > 1e-9, apart, np.inf)
+        return np.asarray((tau - self.torque(q, before, qdd)) / apart)
 
 
 def _corrections(M: Floats, D: Floats, K: Floats, missing: Floats, h: float) -> Floats:

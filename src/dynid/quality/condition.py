@@ -252,8 +252,8 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool, 
     pieces.clear()
     # Why one after the other: of a long log, pieces and joined arrays would not fit into memory together.
     joined: list[Any] = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
-    way, command_way = joined.pop(), joined.pop()
-    return Segment(*joined, np.zeros((len(joined[0]), 0)), joined[0] - log.t[0], way, command_way)
+    joined[-2:-2] = [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
+    return Segment(*joined)
 
 
 def _block(
@@ -286,23 +286,17 @@ def _block(
         raw_qd[centres].copy(),
         tau[centres].copy(),
         *_command(stretch, wanted, kernels, step, len(grid[centres])),
-        _way(stretch, command, wanted, kernels, step, of_command, len(grid[centres])),
-        _way(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp, len(grid[centres])),
+        _way(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp),
+        _way(stretch, command, wanted, kernels, step, of_command),
     )
 
 
 def _way(
-    stretch: _Stretch,
-    x: Floats | None,
-    wanted: slice,
-    kernels: Floats,
-    step: int,
-    sharp: Reversals | None,
-    count: int,
+    stretch: _Stretch, x: Floats | None, wanted: slice, kernels: Floats, step: int, sharp: Reversals | None
 ) -> Floats:
     """Return which way the joints move, under the position filter; an empty array without ``sharp``."""
     if sharp is None or x is None:
-        return np.empty((count, 0))
+        return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
     start = max(0, wanted.start - sharp.margin)
     around = stretch.column(x, slice(start, wanted.stop + sharp.margin))
     ways = sharp.ways(around)[wanted.start - start :][: wanted.stop - wanted.start]
