@@ -105,7 +105,8 @@ def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -
 def tables(done: dict[str, dict[str, list[float]]]) -> None:
     """Print one table an arm, and the coverage."""
     for name in ("lwr", "tx40"):
-        print(f"\n{name}: parameter error % (physical set) / unseen torque % (physical set); d_beta, d_tau; inside %; s")
+        head = "parameter error % (physical set) / unseen torque % (physical set); d_beta, d_tau; inside %; s"
+        print(f"\n{name}: {head}")
         for regime in REGIMES:
             runs = [found for key, found in done.items() if key.startswith(f"{name}/{regime}/")]
             if not runs:
