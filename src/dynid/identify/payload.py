@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
 from dynid.identify.consistent import DEFAULT_GAMMA, fit_consistent
+from dynid.identify.least_squares import merge
 from dynid.identify.physics import BODY_PARAMETERS, basis, make_physics, pseudo_inertia
 from dynid.identify.result import Identification, StoredResult
 from dynid.model.prior import body_of
@@ -94,8 +95,21 @@ def find_payload(loaded: Identification, unloaded: StoredResult) -> Payload:
         )
     K = reduction.K[:, last_link(reduction, unloaded.robot.n)]
     empty = unloaded.identification
-    information = of_change(empty.covariance, loaded.covariance, friction(loaded.names))
-    return fitted_body(K, loaded.plain - empty.plain, information)
+    if not empty.factors.size:
+        raise WrongUsage(f"{unloaded.path} holds no triangular factors", fix="identify the unloaded log again")
+    information = of_change(_information(empty), _information(loaded), friction(loaded.names))
+    return fitted_body(K, loaded.plain - empty.plain, information, empty.covariance + loaded.covariance)
+
+
+def _information(found: Identification) -> Floats:
+    """Return what a log says about its base parameters, as smooth as its rows and as honest as its covariance.
+
+    Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens to be
+    too small its inverse would trust the log most.
+    """
+    A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
+    inflation = float(np.sum((A @ found.covariance) * A)) / max(1, found.rank)
+    return np.asarray(A.T @ A) / max(inflation, 1e-300)
 
 
 def last_link(reduction: Reduction, n: int) -> NDArray[np.intp]:
@@ -115,15 +129,15 @@ def of_change(before: Floats, after: Floats, free: NDArray[np.bool_]) -> Floats:
     """Return the information about the change of parameters between two estimates, (p, p).
 
     Args:
-        before: covariance of the first estimate, (p, p); directions of no variance are those that nothing is known of.
+        before: information of the first estimate, (p, p).
         after: of the second.
-        free: parameters that the first says nothing about, (p,).
+        free: parameters of which the first shall say nothing, (p,).
     """
     kept = ~free
     old = np.zeros_like(before)
-    old[np.ix_(kept, kept)] = _inverse(before[np.ix_(kept, kept)])
-    new = _inverse(after)
-    return np.asarray(new - new @ _inverse(old + new) @ new)
+    shared = before[np.ix_(kept, free)]
+    old[np.ix_(kept, kept)] = before[np.ix_(kept, kept)] - shared @ _inverse(before[np.ix_(free, free)]) @ shared.T
+    return np.asarray(after - after @ _inverse(old + after) @ after)
 
 
 def _inverse(matrix: Floats) -> Floats:
@@ -134,13 +148,14 @@ def _inverse(matrix: Floats) -> Floats:
     return np.asarray(scale[:, None] * inner * scale)
 
 
-def fitted_body(K: Floats, change: Floats, information: Floats) -> Payload:
+def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floats) -> Payload:
     """Return the possible body that explains a change of base parameters best.
 
     Args:
         K: change of the base parameters by each of the ten parameters, (p, 10).
         change: of the base parameters, (p,).
-        information: how well it is known, (p, p).
+        information: what the parts of the change are weighted by, (p, p).
+        covariance: honest covariance of the change, (p, p).
     """
     diagonal = np.diagonal(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -154,10 +169,13 @@ def fitted_body(K: Floats, change: Floats, information: Floats) -> Payload:
     wide = math.sqrt(max(1.0, misfit))
     x = fit_consistent(R / wide, r / wide, physics).x
     inverse = np.linalg.inv(pseudo_inertia(x))
-    curved = np.einsum("ab,kbc,cd,lda->kl", inverse, basis(), inverse, basis())
-    covariance = np.linalg.inv(R.T @ R / wide**2 + DEFAULT_GAMMA * curved)
+    prior = DEFAULT_GAMMA * np.einsum("ab,kbc,cd,lda->kl", inverse, basis(), inverse, basis())
+    bread = np.linalg.inv(R.T @ R / wide**2 + prior)
+    pull = K.T @ information / wide**2
+    # Why widened once more: what no body explains is no noise, and the covariance does not know of it.
+    posterior = bread @ (wide**2 * pull @ covariance @ pull.T + prior) @ bread
     J = _shown_by(x)
-    return Payload(body_of(x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit)
+    return Payload(body_of(x), np.sqrt(np.diagonal(J @ posterior @ J.T)), misfit)
 
 
 def _ball(phi: Floats) -> Body:
