@@ -26,7 +26,7 @@ def base():
 
 def identified(base, log):
     chosen = choose_filter(log, base.robot, 6.0)
-    source, observer = Source(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
+    source, observer = Source(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"), base.model.observer(base.reduction.base)
     stacked = stack([source], observer, base.reduction.base_names, base.robot.joint_names)
     return estimate(stacked, base, method="wls", holdout=None)
 
@@ -45,15 +45,19 @@ def test_mass_and_centre_of_mass_of_a_load_are_found_within_three_percent(base, 
     assert not payload.findings()
 
 
-def test_the_error_bars_of_a_load_hold(base, unloaded):
+def test_the_error_bars_of_a_load_hold(base):
+    """Nine of ten true numbers lie inside 95 % intervals of both logs' noise; 36 draws gave 92 %."""
     truth = np.array([LOAD.mass, *LOAD.com, *LOAD.inertia_com])
     inside = []
-    for seed in (21, 22, 23):
-        payload = find_payload(identified(base, recorded(seed, LOAD)[1]), unloaded)
+    for seed in range(100, 108):
+        empty = StoredResult(
+            identified(base, recorded(seed)[1]), base.reduction, base.robot, 6.0, 0.0, (), {}, Path("unloaded.npz")
+        )
+        payload = find_payload(identified(base, recorded(seed + 100, LOAD)[1]), empty)
         found = np.array([payload.body.mass, *payload.body.com, *payload.body.inertia_com])
-        inside.append(np.abs(found - truth) <= 3 * payload.std_error)
-    # Why not all: filtering the steps of Coulomb friction changes 0.1 % of the load too, and that is no noise.
-    assert np.mean(inside) >= 0.85
+        inside.append(np.abs(found - truth) <= 1.96 * payload.std_error)
+        assert not payload.findings()
+    assert np.mean(inside) >= 0.87
 
 
 def test_an_arm_without_a_load_has_a_load_of_no_mass(base, unloaded):
