@@ -1,7 +1,7 @@
 """Two arms under their position controllers in Pinocchio, with known truth, for benchmarks/estimators.py.
 
-The LWR of docs/explanation/estimators.md, and an arm with the geometry, masses, friction, rotors and controller of BIRDy's
-TX40. Encoder noise is fed back. Nothing here uses dynid's equations of motion.
+The LWR of docs/explanation/estimators.md, and an arm with the geometry, masses, friction, rotors and controller of
+BIRDy's TX40. Encoder noise is fed back. Nothing here uses dynid's equations of motion.
 
 Source: Leboutet et al. 2021, "Inertial parameter identification in robotics: a survey" (BIRDy).
 """
@@ -140,7 +140,9 @@ def _plant(robot: Robot, values: dict[str, float]) -> pin.Model:
     for i, joint in enumerate(robot.joints):
         turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0, 0, joint.d]))
         bend = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0, 0]))
-        place, after = (before * turn, bend) if robot.convention == "standard" else (before * bend * turn, pin.SE3.Identity())
+        place, after = (
+            (before * turn, bend) if robot.convention == "standard" else (before * bend * turn, pin.SE3.Identity())
+        )
         parent = plant.addJoint(parent, pin.JointModelRZ(), place, joint.name)
         m, *rest = (values[f"{p}{i + 1}"] for p in BODY_PARAMETERS)
         c, (xx, xy, xz, yy, yz, zz) = np.array(rest[:3]) / m, rest[3:]
@@ -159,7 +161,9 @@ def command(arm: Arm, t: np.ndarray, seed: int | None = None) -> tuple[np.ndarra
     sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
     q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
     middle = (q.max(axis=0) + q.min(axis=0)) / 2
-    limits = [(joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration) for joint in arm.robot.joints]
+    limits = [
+        (joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration) for joint in arm.robot.joints
+    ]
     sizes = zip((q - middle, qd, qdd), np.array(limits).T, strict=True)
     scale = np.min([limit / np.abs(x).max(axis=0) for x, limit in sizes], axis=0)
     return (q - middle) * scale, qd * scale, qdd * scale
@@ -181,7 +185,7 @@ def recorded(name: str, regime: str, seed: int) -> Log:
     weights[0] = weights[-1] = 0.5
     start = len(weights) // 2
     padded = np.concatenate([np.repeat(tau[:1], start, axis=0), tau, np.repeat(tau[-1:], len(weights), axis=0)])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)[:: every][: SECONDS * LOGGED]
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)[::every][: SECONDS * LOGGED]
     measured = windows @ weights / weights.sum() + torque * rng.standard_normal((SECONDS * LOGGED, arm.robot.n))
     if regime == "spikes":
         hit = rng.random(measured.shape) < 0.01
@@ -206,7 +210,9 @@ def _driven(arm: Arm, reference, noise) -> tuple[np.ndarray, np.ndarray]:
         u = tau[k] = kp * (reference[0][k] - seen[k]) + kd * (reference[1][k] - speed)
         for _ in range(substeps):
             # Why the midpoint: with Euler's steps positions lag by half a step, which looks like viscous friction.
-            mid = qd + 0.5 * h * pin.aba(plant, scratch, q, qd, u - arm.viscous * qd - arm.coulomb * np.tanh(qd / SLOPE))
+            mid = qd + 0.5 * h * pin.aba(
+                plant, scratch, q, qd, u - arm.viscous * qd - arm.coulomb * np.tanh(qd / SLOPE)
+            )
             drive = u - arm.viscous * mid - arm.coulomb * np.tanh(mid / SLOPE)
             qdd = pin.aba(plant, scratch, q + 0.5 * h * qd, mid, drive)
             q, qd = q + h * mid, qd + h * qdd

@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
 from scipy import signal
 
+from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
 from dynid.identify.estimate import prior_base
 from dynid.identify.fullset import full_set
 from dynid.identify.least_squares import ordinary, relative_error
@@ -36,7 +36,14 @@ DRAWS, COUNTED, OF_TX40 = 10, 40, 5
 COVERAGE = ("standard", "lwr_like", "high_position")
 FIGURES = ("error", "d_beta", "d_tau", "unseen", "inside", "seconds", "physical_error", "physical_unseen")
 #: Largest parameter error that is asked for [%].
-TARGETS = {"low_position": 0.5, "standard": 0.5, "high_torque": 0.5, "high_position": 1.5, "high_both": 1.5, "spikes": 0.6}
+TARGETS = {
+    "low_position": 0.5,
+    "standard": 0.5,
+    "high_torque": 0.5,
+    "high_position": 1.5,
+    "high_both": 1.5,
+    "spikes": 0.6,
+}
 
 
 def jobs() -> Iterator[tuple[str, str, int]]:
@@ -116,7 +123,8 @@ def tables(done: dict[str, dict[str, list[float]]]) -> None:
             for method in ("OLS 50 Hz", *PLAIN, *SIMULATED, "auto"):
                 rows = [found[method] for found in runs if method in found]
                 e, b, t, u, i, s, pe, pu = np.mean(rows, axis=0)
-                print(f"  {method:10s} {e:8.3f} ({pe:7.3f}) / {u:7.3f} ({pu:7.3f})   {b:6.2f} {t:6.2f}   {i:5.1f}  {s:5.2f}")
+                errors = f"{e:8.3f} ({pe:7.3f}) / {u:7.3f} ({pu:7.3f})"
+                print(f"  {method:10s} {errors}   {b:6.2f} {t:6.2f}   {i:5.1f}  {s:5.2f}")
 
 
 def main() -> None:

@@ -38,9 +38,7 @@ RATE, TORQUE_NOISE = 500.0, (0.05, 0.05, 0.05)
 def logged(encoder_deg, seed=0, seconds=12.0):
     rng = np.random.default_rng(seed)
     motion = sines(ROBOT, SineSpec(seconds, 10.0, 0.8, 0.8, 0.8, -9.0), 1 / RATE, rng)
-    return follow_motion(
-        ROBOT, BODIES, FRICTION, ROTOR, motion, GAINS, np.deg2rad(encoder_deg), TORQUE_NOISE, rng
-    )
+    return follow_motion(ROBOT, BODIES, FRICTION, ROTOR, motion, GAINS, np.deg2rad(encoder_deg), TORQUE_NOISE, rng)
 
 
 @pytest.fixture(scope="module")

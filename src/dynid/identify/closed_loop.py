@@ -214,7 +214,6 @@ class _Problem:
         more, less = (self.torque(q, qd + side, qdd) for side in (NEAR, -NEAR))
         return np.maximum((more - less) / (2 * NEAR), 0.0)
 
-
     def _chord(self, state: tuple[Floats, ...], tau: Floats, before: Floats) -> Floats:
         """Return the slope of each joint's torque from its speed in the last round to the present one, (N, n).
 

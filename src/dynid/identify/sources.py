@@ -74,9 +74,7 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     turns = zip(coulomb.velocity, robot.joints, strict=True)
     rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in turns])
     measured = reading.velocity == "measured"
-    segments = condition(
-        aligned, chosen, reading.exclude, measured_velocity=measured, coulomb=coulomb, rest_speed=rest
-    )
+    segments = condition(aligned, chosen, reading.exclude, measured_velocity=measured, coulomb=coulomb, rest_speed=rest)
     source = Source([on_time(s, delay_of(robot)) for s in without_known(segments, model)], chosen, path.name)
     return with_effects(source, model), log
 

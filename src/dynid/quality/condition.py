@@ -303,9 +303,7 @@ def _way(
     return np.ascontiguousarray(decimate(np.ascontiguousarray(ways.T), kernels[:1], step)[0].T)
 
 
-def _command(
-    stretch: _Stretch, wanted: slice, kernels: Floats, step: int, count: int
-) -> tuple[Floats, Floats, Floats]:
+def _command(stretch: _Stretch, wanted: slice, kernels: Floats, step: int, count: int) -> tuple[Floats, Floats, Floats]:
     """Return the commanded motion under the position filter; empty arrays where the log has none."""
     command = stretch.log.extra.get("q_ref")
     if command is None:

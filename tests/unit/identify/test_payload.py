@@ -26,7 +26,10 @@ def base():
 
 def identified(base, log):
     chosen = choose_filter(log, base.robot, 6.0)
-    source, observer = Source(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"), base.model.observer(base.reduction.base)
+    source, observer = (
+        Source(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"),
+        base.model.observer(base.reduction.base),
+    )
     stacked = stack([source], observer, base.reduction.base_names, base.robot.joint_names)
     return estimate(stacked, base, method="wls", holdout=None)
 
