@@ -129,3 +129,7 @@ def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
     assert done.status == 0, done.err
     log = read_log(Path(lab.folder) / "out" / KINOVA / "log.bag", robot=load_robot(KINOVA))
     assert np.diff(log.t).max() >= 0.0199, "a dropped message is a gap in the stamps"
+    arm = slice(load_robot(KINOVA).n)
+    derived = np.gradient(log.q, log.t, axis=0)[:, arm]
+    doubled = np.sum(log.qd[:, arm] * derived, axis=0) / np.sum(derived**2, axis=0)
+    np.testing.assert_allclose(doubled, 2, rtol=0.1, err_msg="kinova-ros doubles the firmware's velocity")
