@@ -462,7 +462,7 @@ class MasterSilent(DynidError):
 
     code, status = "E602", ExitStatus.MACHINE
     why = "topics are found through the master"
-    fix = "start roscore, or set ROS_MASTER_URI and ROS_IP"
+    fix = "start one with: rosmaster --core (or roscore), or set ROS_MASTER_URI and ROS_IP"
 
 
 class TopicSilent(DynidError):

@@ -79,7 +79,7 @@ def ros_checks() -> Iterator[Check]:
     uri = master_uri()
     answered = master_answers(uri)
     state = "answers" if answered else "does not answer"
-    yield Check("ROS master", answered, f"{uri} {state}", "record: start roscore, or set ROS_MASTER_URI")
+    yield Check("ROS master", answered, f"{uri} {state}", "record: start rosmaster --core, or set ROS_MASTER_URI")
 
 
 def master_answers(uri: str) -> bool:

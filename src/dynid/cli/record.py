@@ -271,18 +271,18 @@ class Recording:
         assert listener.latest is not None
         check_place(listener.latest, self.arm, motion)
         reference = playing.Reference(motion, listener.latest.q - motion.q[0])
-        with self.terminal.progress() as bar:
-            bar.stage("moving")
 
-            def glance(time: float, watch: Watch) -> bool:
-                bar.advance(time, reference.duration, f"largest error {watch.largest_deviation:.3f} rad")
-                return key_pressed(self.common)
+        def run(recorder: Recorder) -> Outcome:
+            with self.terminal.progress() as bar:
+                bar.stage("moving")
 
-            return self._record(
-                listener,
-                port,
-                lambda recorder: session.play(port, reference, Rules(self.given.max_deviation), recorder, glance),
-            )
+                def glance(time: float, watch: Watch) -> bool:
+                    bar.advance(time, reference.duration, f"largest error {watch.largest_deviation:.3f} rad")
+                    return key_pressed(self.common)
+
+                return session.play(port, reference, Rules(self.given.max_deviation), recorder, glance)
+
+        return self._record(listener, port, run)
 
     def _listen_only(self, listener: Listener, port: LivePort) -> ExitStatus:
         from dynid.record import session

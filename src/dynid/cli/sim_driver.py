@@ -152,11 +152,9 @@ def _told(common: Common, arm: Robot, facts: dict[str, Any]) -> ExitStatus:
     terminal.emit_json({"schema": "dynid/sim-driver/1", "robot": arm.name, **facts})
     terminal.fact("published", f"{facts['published']} joint states, {facts['dropped']} dropped")
     if facts["commands"]:
-        shares = [100 * facts[f"{name}_share"] for name in ("velocity", "acceleration")]
-        terminal.fact(
-            "received",
-            f"{facts['commands']} commands; velocity {shares[0]:.0f} %, acceleration {shares[1]:.0f} % of the limits",
-        )
+        shares = {name: facts[f"{name}_share"] for name in ("velocity", "acceleration")}
+        used = [f"{name} {100 * share:.0f} % of the limits" for name, share in shares.items() if share is not None]
+        terminal.fact("received", f"{facts['commands']} commands; {', '.join(used) or 'the robot file has no limits'}")
     if facts["stop_acceleration_share"]:
         share = 100 * facts["stop_acceleration_share"]
         terminal.fact("stops", f"braking took {share:.0f} % of the acceleration limits; this driver brakes as it can")
@@ -255,7 +253,11 @@ def _pose(robot: Robot, given: str | None) -> Floats:
     try:
         pose = np.array([float(word) for word in given.split(",")])
     except ValueError:
-        raise WrongUsage(f"--pose {given} is neither a file nor numbers", fix="--pose 0,0.5,0,1,0,0.5,0") from None
+        plan = given.endswith(".npz")
+        raise WrongUsage(
+            f"--pose {given} is neither a file nor numbers",
+            fix=f"plan it first: dynid trajectory {robot.slug}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
+        ) from None
     if len(pose) != robot.n:
         raise WrongUsage(
             f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints", fix="give one a joint [rad]"

@@ -62,10 +62,13 @@ class Received:
             "commands": len(self.times),
             "command_rate_hz": float((len(self.times) - 1) / (self.times[-1] - self.times[0])) if len(step) else None,
             "longest_interval_s": float(step.max()) if len(step) else None,
-            "velocity_share": float(max(shares["velocity"])),
-            "acceleration_share": float(max(shares["acceleration"])),
+            **{f"{name}_share": self._largest(name, values) for name, values in shares.items()},
             "violations": broken,
         }
+
+    def _largest(self, name: str, shares: list[float]) -> float | None:
+        """Return the largest share; None where no joint has such a limit."""
+        return max(shares) if any(getattr(joint.limits, name) for joint in self.robot.joints) else None
 
     def _shares(self, name: str) -> list[float]:
         peaks = np.abs({"velocity": self.velocities, "acceleration": self.accelerations}[name]).max(axis=0)
