@@ -1,0 +1,83 @@
+"""Gains of drives and a load, from an arm that Pinocchio moves in closed loop with the noise of real sensors."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from follower import follow_motion
+
+from dynid.files.robotfile import load_robot
+from dynid.identify.drives import Load, find_gains
+from dynid.identify.estimate import estimate
+from dynid.identify.payload import find_payload, last_link
+from dynid.identify.result import StoredResult
+from dynid.identify.stack import Source, stack
+from dynid.model.prior import joined
+from dynid.model.store import obtain_base_model
+from dynid.quality.condition import choose_filter, condition
+from dynid.robot import Body, Controller
+from dynid.sim.plant import read_plant
+from dynid.sim.sines import SineSpec, sines
+
+PLANT = read_plant(Path(__file__).parents[2] / "trajectories" / "lwr4plus_truth.yaml")
+ROBOT = load_robot("kuka_lwr4plus")
+ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
+CONTROLLER = Controller((2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8))
+LOAD = Body(1.8, (0.03, -0.02, 0.09), (0.006, 0.0004, -0.0003, 0.005, 0.0002, 0.004))
+GAINS = np.array([11.0, 9.5, 8.0, 7.0, 3.5, 3.0, 2.4])
+RATE, ENCODER = 500.0, np.deg2rad(1e-3)
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    return obtain_base_model(ROBOT, tmp_path_factory.mktemp("lwr"))
+
+
+def logged(seed, load=None, seconds=25.0):
+    rng = np.random.default_rng(seed)
+    motion = sines(ROBOT, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / RATE, rng)
+    bodies = PLANT.bodies if load is None else (*PLANT.bodies[:-1], joined(PLANT.bodies[-1], load))
+    return follow_motion(
+        ROBOT, bodies, PLANT.friction, ROTOR, motion, CONTROLLER, ENCODER, PLANT.sensors.torque_noise, rng
+    )
+
+
+def stacked(base, log):
+    chosen = choose_filter(log, ROBOT, 6.0)
+    rest = np.array(ROBOT.coulomb_shape.velocity)
+    segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape, rest_speed=rest)
+    observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
+    return stack([Source(segments, chosen, "log")], observer, names, ROBOT.joint_names)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return logged(31), logged(32, LOAD)
+
+
+def test_the_load_is_found_within_three_percent_and_inside_its_error_bars(base, logs):
+    empty, loaded = (estimate(stacked(base, log), base, holdout=None) for log in logs)
+    stored = StoredResult(empty, base.reduction, ROBOT, 6.0, 0.0, (), {}, Path("unloaded.npz"))
+    payload = find_payload(loaded, stored)
+    assert payload.body.mass == pytest.approx(LOAD.mass, rel=0.03)
+    assert np.linalg.norm(np.subtract(payload.body.com, LOAD.com)) < 0.03 * np.linalg.norm(LOAD.com)
+    found = np.array([payload.body.mass, *payload.body.com, *payload.body.inertia_com])
+    truth = np.array([LOAD.mass, *LOAD.com, *LOAD.inertia_com])
+    assert np.mean(np.abs(found - truth) <= 1.96 * payload.std_error) >= 0.8
+
+
+def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_three_percent(base, logs):
+    def in_amperes(log):
+        return stacked(base, replace(log, tau=log.tau / GAINS, tau_unit="A"))
+
+    K = base.reduction.K[:, last_link(base.reduction, ROBOT.n)]
+    found = find_gains(
+        in_amperes(logs[0]), np.full(7, np.nan), Load(in_amperes(logs[1]), K[:, 0] * LOAD.mass, K[:, 1:])
+    )
+    assert found.gain == pytest.approx(GAINS, rel=0.03)
+    empty, loaded = (
+        estimate(stacked(base, replace(log, tau=log.tau / GAINS * found.gain)), base, holdout=None) for log in logs
+    )
+    stored = StoredResult(empty, base.reduction, ROBOT, 6.0, 0.0, (), {}, Path("unloaded.npz"))
+    assert find_payload(loaded, stored).body.mass == pytest.approx(LOAD.mass, rel=0.03)
