@@ -31,8 +31,8 @@ from dynid.log import Log
 from dynid.quality.condition import choose_filter, condition
 
 PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
-#: Draws of each regime; more where the coverage of the intervals is counted.
-DRAWS, COUNTED, OF_TX40 = 10, 40, 5
+#: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.
+DRAWS, COUNTED, OF_TX40, OF_SIMULATED = 10, 40, 3, 3
 COVERAGE = ("standard", "lwr_like", "high_position")
 FIGURES = ("error", "d_beta", "d_tau", "unseen", "inside", "seconds", "physical_error", "physical_unseen")
 #: Largest parameter error that is asked for [%].
@@ -68,7 +68,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     part = Part(rows, np.ones(rows.blocks, dtype=bool), arm.robot.controller)
     prior = prior_base(arm.base)
     found = {"OLS 50 Hz": butterworth(arm, log)}
-    for method in (*PLAIN, *SIMULATED) if draw < DRAWS else PLAIN:
+    for method in (*PLAIN, *SIMULATED) if draw < OF_SIMULATED else PLAIN:
         start = time.perf_counter()
         each = METHODS[method](part, prior)
         seconds = made + time.perf_counter() - start
@@ -122,6 +122,8 @@ def tables(done: dict[str, dict[str, list[float]]]) -> None:
             print(f" {regime}, {len(runs)} draws{asked}")
             for method in ("OLS 50 Hz", *PLAIN, *SIMULATED, "auto"):
                 rows = [found[method] for found in runs if method in found]
+                if not rows:
+                    continue
                 e, b, t, u, i, s, pe, pu = np.mean(rows, axis=0)
                 errors = f"{e:8.3f} ({pe:7.3f}) / {u:7.3f} ({pu:7.3f})"
                 print(f"  {method:10s} {errors}   {b:6.2f} {t:6.2f}   {i:5.1f}  {s:5.2f}")

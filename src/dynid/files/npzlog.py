@@ -125,7 +125,7 @@ def _units(path: Path, header: dict[str, Any]) -> dict[str, str]:
 def _floats(path: Path, key: str, array: NDArray[Any]) -> Floats:
     if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array) or not array.size:
         raise LogLayout(f"{path.name}: array '{key}' holds no numbers", where=str(path))
-    return array.astype(float)
+    return array.astype(float, copy=False)
 
 
 def _columns(path: Path, key: str, array: NDArray[Any], shape: tuple[int, int]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -51,7 +52,8 @@ def hac_covariance(
         The covariance and the lags used.
     """
     sensitivity: Floats | float = 0.0
-    pulls: list[list[Floats]] = []
+    # Why arrays that grow in place: of a long log, pieces and joined scores would not fit into memory together.
+    pulls: list[array[float]] = []
     rows = 0
     for segment in segments:
         residual = segment.residual(theta)
@@ -60,10 +62,11 @@ def hac_covariance(
         left = (Z * (inside / noise**2)[:, :, None]).reshape(-1, len(theta))
         sensitivity = sensitivity + left.T @ segment.W.reshape(-1, len(theta))
         if not (segment.follows and pulls):
-            pulls.append([])
-        pulls[-1].append(scores(Z, np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual, noise))
+            pulls.append(array("d"))
+        bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
+        pulls[-1].frombytes(scores(Z, bounded, noise).tobytes())
         rows += int(segment.mask.sum())
-    series = [np.concatenate(pieces) for pieces in pulls]
+    series = [np.frombuffer(pull).reshape(-1, len(theta)) for pull in pulls]
     lags = automatic_lags(series) if lags is None else lags
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:

@@ -22,6 +22,8 @@ Ints = NDArray[np.int64]
 
 #: Memory of the residuals that is always enough for arms [s]; longer than one period of any friction transient.
 DEFAULT_MEMORY = 0.1
+#: Samples whose sums over lags are made together.
+PIECE = 8192
 #: Relative standard error up to which a parameter is known well, and up to which roughly.
 WELL, ROUGHLY = 0.10, 0.30
 #: Change of torque, in standard deviations of a single sample, that nobody would notice.
@@ -57,9 +59,15 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
     total: Floats | float = 0.0
     for one in series:
         width = min(lags + 1, len(one))
-        running = np.cumsum(np.pad(one, ((width, width - 1), (0, 0))), axis=0)
-        sums = running[width:] - running[:-width]
-        total = total + sums.T @ sums / width
+        # Why in pieces: the sums of a long log would need as much memory again as its scores.
+        for first in range(0, len(one) + width - 1, PIECE):
+            last = min(first + PIECE, len(one) + width - 1)
+            inside = one[max(0, first - width + 1) : last]
+            ends = (max(0, width - 1 - first), max(0, last - len(one)))
+            running = np.cumsum(np.pad(inside, (ends, (0, 0))), axis=0)
+            sums = running[width - 1 :].copy()
+            sums[1:] -= running[:-width]
+            total = total + sums.T @ sums / width
     return np.asarray(total)
 
 
@@ -73,10 +81,9 @@ def automatic_lags(series: Sequence[Floats]) -> int:
         Lags in samples.
     """
     length = sum(len(one) for one in series)
-    before = np.concatenate([one[:-1] for one in series])
-    after = np.concatenate([one[1:] for one in series])
-    power = np.sum(before**2, axis=0)
-    rho = np.sum(before * after, axis=0) / np.where(power > 0.0, power, 1.0)
+    power = np.sum([np.einsum("kp,kp->p", one[:-1], one[:-1]) for one in series], axis=0)
+    together = np.sum([np.einsum("kp,kp->p", one[:-1], one[1:]) for one in series], axis=0)
+    rho = together / np.where(power > 0.0, power, 1.0)
     rho = np.clip(rho, -0.97, 0.97)  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
     innovation = 1.0 - rho**2  # columns scaled to unit variance
     top = np.sum(4 * rho**2 * innovation**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))

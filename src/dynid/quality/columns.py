@@ -81,6 +81,8 @@ def in_amperes(log: Log, robot: Robot) -> bool:
 def selected(log: Log, robot: Robot) -> Log:
     """Return the log with the robot's columns only, in chain order, still in the driver's quantities."""
     columns, _ = matched(log, robot)
+    if list(columns) == list(range(log.n)):
+        return replace(log, names=robot.joint_names)
     extra = {key: value[:, columns] if key == "q_ref" else value for key, value in log.extra.items()}
     qd = log.qd[:, columns] if log.qd is not None else None
     return replace(log, q=log.q[:, columns], tau=log.tau[:, columns], qd=qd, names=robot.joint_names, extra=extra)
@@ -97,15 +99,20 @@ def in_si(log: Log, robot: Robot) -> Log:
         return np.where(turning == angular, table[name], 1.0)
 
     position = factor(unit["position"], POSITION)
-    extra = {key: value * position if key == "q_ref" else value for key, value in log.extra.items()}
+    extra = {key: _mapped(value, position) if key == "q_ref" else value for key, value in log.extra.items()}
     return replace(
         log,
-        q=log.q * position,
-        qd=log.qd * factor(unit["velocity"], VELOCITY) if log.qd is not None else None,
-        tau=log.tau * EFFORT[unit["effort"]],
+        q=_mapped(log.q, position),
+        qd=_mapped(log.qd, factor(unit["velocity"], VELOCITY)) if log.qd is not None else None,
+        tau=_mapped(log.tau, np.array(EFFORT[unit["effort"]])),
         tau_unit="A" if in_amperes(log, robot) else "Nm",
         extra=extra,
     )
+
+
+def _mapped(x: Floats, factor: Floats, offset: Floats | float = 0.0) -> Floats:
+    """Return factor x + offset; x itself where that is nothing: a long log is not copied for it."""
+    return x if np.all(factor == 1.0) and np.all(offset == 0.0) else x * factor + offset
 
 
 def to_dh(log: Log, robot: Robot) -> Log:
@@ -135,9 +142,9 @@ def to_dh(log: Log, robot: Robot) -> Log:
     sign, offset = _map(robot)
     extra = dict(log.extra)
     if reference is not None:
-        extra["q_ref"] = reference * sign + offset
+        extra["q_ref"] = _mapped(reference, sign, offset)
     return replace(
-        log, q=q * sign + offset, tau=tau * sign, qd=qd * sign if qd is not None else None,
+        log, q=_mapped(q, sign, offset), tau=_mapped(tau, sign), qd=_mapped(qd, sign) if qd is not None else None,
         tau_unit=unit, units={}, motor_side=False, dh=True, extra=extra,
     )  # fmt: skip
 

@@ -92,7 +92,6 @@ class Segment:
         usable: False where a sample under the filter was clipped or excluded, (N, n).
         raw_q: unfiltered position at the same times, (N, n).
         raw_qd: unfiltered velocity: the driver's where there is one, otherwise plain differences, (N, n).
-        raw_tau: unfiltered torques, (N, n).
         command_q: commanded positions under the same filter, (N, n); empty where the log has none.
         command_qd: commanded velocities, (N, n).
         command_qdd: commanded accelerations, (N, n).
@@ -111,7 +110,6 @@ class Segment:
     usable: NDArray[np.bool_]
     raw_q: Floats
     raw_qd: Floats
-    raw_tau: Floats
     command_q: Floats
     command_qd: Floats
     command_qdd: Floats
@@ -243,15 +241,15 @@ def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool, 
     if coulomb is not None:
         some = stretch.column(log.qd if measured and log.qd is not None else log.q, slice(0, NOISE_SAMPLES))
         sharp = reversals(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
-    pieces = []
+    # Why filled in place: of a long log, pieces and joined arrays would not fit into memory together.
+    joined: list[Any] = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        pieces.append(_block(stretch, wanted, kernels, step, measured, sharp))
-    columns = [list(parts) for parts in zip(*pieces, strict=True)]
-    pieces.clear()
-    # Why one after the other: of a long log, pieces and joined arrays would not fit into memory together.
-    joined: list[Any] = [np.concatenate(columns.pop(0)) for _ in range(len(columns))]
+        block = _block(stretch, wanted, kernels, step, measured, sharp)
+        joined = joined or [np.empty((outputs, *x.shape[1:]), dtype=x.dtype) for x in block]
+        for whole, part in zip(joined, block, strict=True):
+            whole[first:last] = part
     joined[-2:-2] = [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
     return Segment(*joined)
 
@@ -281,10 +279,8 @@ def _block(
         *(np.ascontiguousarray(x.T) for x in filtered),
         np.ascontiguousarray(smooth_tau.T),
         usable,
-        # Why copies: views would keep the whole block.
-        q[centres].copy(),
-        raw_qd[centres].copy(),
-        tau[centres].copy(),
+        q[centres],
+        raw_qd[centres],
         *_command(stretch, wanted, kernels, step, len(grid[centres])),
         _way(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp),
         _way(stretch, command, wanted, kernels, step, of_command),

@@ -34,6 +34,8 @@ FLAT_SHARE = 3.0
 REPEAT_SHARE = 0.2
 #: No sensor reads more in any unit; a flipped bit in a bag, which carries no checksum, does.
 LARGEST = 1e9
+#: A percentile of speeds needs no more samples than this.
+SPEED_SAMPLES = 100_000
 #: Bad samples closer than this [s] go into one --exclude; more stretches than MOST_STRETCHES into one for all.
 STRETCH = 0.2
 MOST_STRETCHES = 4
@@ -86,6 +88,12 @@ def _stretches(t: Floats) -> str:
     return " ".join(f"--exclude {max(p[0] - _MARGIN, 0):.3f}-{p[-1] + _MARGIN:.3f}" for p in parts)
 
 
+def _usual_speed(log: Log) -> Floats:
+    """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
+    every = max(1, len(log) // SPEED_SAMPLES)
+    return np.asarray(np.percentile(np.abs(speed(log)[::every]), 95, axis=0))
+
+
 def check_degrees(log: Log, robot: Robot) -> None:
     """Raise when positions [declared rad] break the limits but would keep them as degrees; needs increasing time.
 
@@ -98,7 +106,7 @@ def check_degrees(log: Log, robot: Robot) -> None:
     if units(log, robot)["position"] != "rad":
         return
     as_degrees = to_dh(replace(log, q=np.radians(log.q)), robot)
-    fast, slow = (np.percentile(np.abs(speed(each)), 95, axis=0) for each in (as_is, as_degrees))
+    fast, slow = (_usual_speed(each) for each in (as_is, as_degrees))
     for j, joint in enumerate(robot.joints):
         if not joint.revolute:
             continue
