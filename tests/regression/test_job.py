@@ -1,0 +1,117 @@
+"""The regression job of docs/how-to/ci-regression.md on every log: it passes, on another BLAS too, and sees 2 %."""
+
+import json
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.data
+SHIPPED = Path(__file__).parents[2] / "trajectories"
+#: Job, robot, log, and which of its joints (from 0) gets a torque column that is 2 % too large.
+LOGS = (
+    ("lwr_shipped", "kuka_lwr4plus", SHIPPED / "lwr4plus_identify.bag", 5),
+    ("kinova_shipped", "kinova_gen2", SHIPPED / "kinova_gen2_identify.bag", 3),
+    ("lwr", "kuka_lwr4plus", "kuka_lwr4plus/run1.bag", 6),
+    ("ur10", "ur10", "ur10_salerno/exc.npz", 4),
+    ("tx40", "staubli_tx40", "tx40/exc.npz", 0),
+    ("panda", "franka_panda", "panda_salerno/exc.npz", 1),
+)
+#: OpenBLAS picks its kernels by processor; these round differently, as two machines do.
+ONE = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"}
+OTHER = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "2"}
+#: Members of an answer that say when and where, not what.
+ELSEWHERE = {"seconds", "folder", "wrote", "reused", "name"}
+
+
+def batch(path, logs, **more):
+    jobs = [{"name": name, "robot": robot, "logs": str(log), **_of(name, more)} for (name, robot, *_), log in logs]
+    path.write_text(json.dumps({"jobs": jobs}))
+
+
+def _of(name, more):
+    return {"baseline": f"{more['baseline']}/{name}", "tolerance": "1%"} if more else {}
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory, runner, recordings):
+    """A folder where all logs were identified, and those results are what is expected from now on."""
+    folder = tmp_path_factory.mktemp("job")
+    (folder / "home").mkdir()
+    run = runner(folder, folder / "home")
+    run.logs = [(row, recordings / row[2]) for row in LOGS]
+    batch(folder / "first.yaml", run.logs)
+    ended = run("run", "first.yaml", "-o", "expected", "--json", **ONE)
+    assert ended.status == 0, ended.err
+    run.first = json.loads(ended.out)
+    batch(folder / "batch.yaml", run.logs, baseline="expected")
+    return run
+
+
+def verdict(answer):
+    """Return an answer without when and where."""
+    if isinstance(answer, dict):
+        return {key: verdict(value) for key, value in answer.items() if key not in ELSEWHERE}
+    return [verdict(value) for value in answer] if isinstance(answer, list) else answer
+
+
+def differences(one, other, place=""):
+    """Yield where two answers differ: words, counts and truths at all, numbers by more than rounding."""
+    if type(one) is not type(other):
+        yield place
+    elif isinstance(one, dict):
+        yield from [f"{place}/{key}" for key in one.keys() ^ other.keys()]
+        for key in one.keys() & other.keys():
+            yield from differences(one[key], other[key], f"{place}/{key}")
+    elif isinstance(one, list):
+        if len(one) != len(other):
+            yield place
+        for k, pair in enumerate(zip(one, other, strict=False)):
+            yield from differences(*pair, f"{place}/{k}")
+    elif isinstance(one, float):
+        if not math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-9):
+            yield f"{place}: {one} {other}"
+    elif one != other:
+        yield f"{place}: {one} {other}"
+
+
+def test_the_job_passes_on_another_blas_with_the_same_verdicts(job):
+    """Ranks, classes, findings, choices and outcomes are the same; numbers differ by rounding."""
+    ended = job("run", "batch.yaml", "-o", "again", "--json", "--junit", "again.xml", **OTHER)
+    assert ended.status == 0, ended.err
+    answer = json.loads(ended.out)
+    assert [each["outcome"] for each in answer["jobs"]] == ["passed"] * len(LOGS)
+    suite = ET.parse(job.folder / "again.xml").getroot()
+    assert [suite.get(key) for key in ("tests", "failures", "errors")] == [str(len(LOGS)), "0", "0"]
+    for one, other in zip(job.first["jobs"], answer["jobs"], strict=True):
+        assert list(differences(*(verdict(x["answers"]["identify"]) for x in (one, other)))) == []
+
+
+def test_a_torque_column_times_1_02_fails_in_every_log(job):
+    """Each failure names the joint whose column it was."""
+    logs = []
+    for row, log in job.logs:
+        where = f"scaled_{row[0]}"
+        if log.suffix == ".bag":
+            assert job("check", str(log), "--robot", row[1], "--convert", "-o", where).status == 0
+            log = job.folder / where / "log.npz"
+        with np.load(log) as archive:
+            arrays = dict(archive)
+        key = "tau" if "tau" in arrays else "tau_motor"
+        arrays[key] = arrays[key] * np.where(np.arange(arrays[key].shape[1]) == row[3], 1.02, 1.0)
+        np.savez(job.folder / f"{where}.npz", **arrays)
+        logs.append((row, job.folder / f"{where}.npz"))
+    batch(job.folder / "scaled.yaml", logs, baseline="expected")
+    ended = job("run", "scaled.yaml", "-o", "scaled", "--json", "--junit", "scaled.xml", **ONE)
+    assert ended.status == 1, ended.err
+    answer = json.loads(ended.out)
+    assert [each["outcome"] for each in answer["jobs"]] == ["beyond a limit"] * len(LOGS)
+    suite = ET.parse(job.folder / "scaled.xml").getroot()
+    assert [suite.get(key) for key in ("tests", "failures", "errors")] == [str(len(LOGS)), str(len(LOGS)), "0"]
+    for row, each in zip(LOGS, answer["jobs"], strict=True):
+        moved = {one["name"] for one in each["answers"]["compare"][0]["comparisons"][0]["beyond_tolerance"]}
+        joints = {name.removesuffix(" torque_rms_nm") for name in moved if name.endswith(" torque_rms_nm")}
+        wanted = each["answers"]["identify"][0]["joints"][row[3]]["joint"]
+        assert joints == {wanted}
