@@ -286,6 +286,32 @@ def test_a_torque_at_rest_where_nothing_weighs_is_worth_zeroing(dynid):
 
 
 # ---------------------------------------------------------------- what the data can tell
+def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid):
+    """The elbow follows the shoulder but for a millirad: all parameters show, most of them in noise."""
+    twolink.write_arm(dynid.folder)
+
+    def nearly(columns):
+        t = columns["t"]
+        waves = (np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t))
+        apart = (np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t))
+        for key, wave, own in zip(("q", "qd", "qdd"), waves, apart, strict=True):
+            columns[key] = 0.6 * np.column_stack([wave, wave]) + 0.001 * np.column_stack([0 * own, own])
+        columns["tau"] = twolink.torque(columns["q"], columns["qd"], columns.pop("qdd"))
+        return columns
+
+    twolink.write_log(dynid.folder / "log.csv", 1, nearly)
+    refused(
+        dynid("identify", "arm.yaml", "log.csv", "-q"),
+        "E402",
+        4,
+        r"condition number \d+ \(good: below 100\)",
+        "dynid trajectory",
+    )
+    run = dynid("identify", "arm.yaml", "log.csv", "--drop-weak")
+    assert run.status == 0, run.err
+    assert "W402" in run.err
+
+
 def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(dynid):
     """Both joints follow one sine: accelerations, speeds and poses are tied to each other."""
     twolink.write_arm(dynid.folder)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, RankDeficient
+from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient
 from dynid.identify.fullset import full_set
 from dynid.identify.least_squares import joint_rms, relative_error
 from dynid.identify.methods import METHODS, Estimate, Part, choose
@@ -24,6 +24,8 @@ Mask = NDArray[np.bool_]
 
 #: Beyond this condition number with normalised columns, a percent of noise becomes tens of percent of parameter.
 LARGE_CONDITION = 1000.0
+#: A parameter that differs from its prior by less than this share has not moved.
+UNCHANGED = 1e-9
 #: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
 CONTRADICTION = 1.5
 #: A physical set may be this much worse on held-out rows and still be preferred: it can be simulated and extrapolates.
@@ -93,6 +95,8 @@ def estimate(
 
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
+        PoorlyExcited: they determine all, but some only through what is left of noise.
+        NothingChanged: the physical set in force is the prior although the torques say otherwise.
     """
     whole = Part(stack, np.ones(stack.blocks, dtype=bool), controller_of(base))
     prior = prior_base(base)
@@ -105,6 +109,8 @@ def estimate(
         feasible, choice = _physical_wins(base, method, held)
     else:
         choice = "as asked"
+    if feasible:
+        _require_change(prior, plain.theta, physical.theta)
     theta = physical.theta if feasible else plain.theta
     factors, rows = whole.factors
     rms = joint_rms(factors, rows, theta)
@@ -181,10 +187,28 @@ def _excitation_findings(stack: Stack, plain: Estimate, drop_weak: bool) -> tupl
         return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
     condition = plain.solution.condition_number_scaled
     if condition > LARGE_CONDITION:
-        advice = "plan a motion that tells more: dynid trajectory"
-        text = f"condition number {condition:.0f} (good: below 100): {advice}"
+        text = f"condition number {condition:.0f} (good: below 100): parameters are {condition / 100:.0f} x noisier"
+        if not drop_weak:
+            fix = "plan a motion that tells more: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
+            raise PoorlyExcited(text, fix=fix)
         return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
     return ()
+
+
+def _require_change(prior: Floats, plain: Floats, physical: Floats) -> None:
+    """Refuse a physical set that is still where its search began; a log of the prior itself moves nothing either.
+
+    Raises:
+        NothingChanged: with the number of parameters.
+    """
+    believed = np.isfinite(prior)
+
+    def same(theta: Floats) -> NDArray[np.bool_]:
+        return np.asarray(np.isclose(theta, prior, rtol=UNCHANGED, atol=1e-12)[believed])
+
+    if believed.any() and same(physical).all() and not same(plain).all():
+        count = int(believed.sum())
+        raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
 
 
 def _sensor_findings(base: BaseModel) -> list[Finding]:

@@ -6,13 +6,15 @@ carries weight in which pose.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers import driver_of
 from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
-from dynid.quality.motion import MOVING_SPEED, moving, per_joint, rests, speed
+from dynid.quality.motion import MOVING_SPEED, moving, per_joint, rests
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -26,6 +28,12 @@ LEAST_CHANGE = 1.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 LEAST_SHARE_KNOWN = 0.1
 LEAST_SHARE_UNKNOWN = 0.03
+#: A load whose change is, but for this share, also that of friction or inertia tells nothing.
+DISTINCT = 0.2
+#: Positions are smoothed over this time before they are differentiated [s].
+SMOOTHING = 0.15
+#: Samples from the middle of a log that moves all the time: a minute at 500 Hz says it as well as an hour.
+MOST_SAMPLES = 30_000
 #: Mass of a link about which nothing is known [kg].
 UNKNOWN_MASS = 1.0
 #: A joint carries no weight when its expected torque is below this share of the largest of any joint.
@@ -41,9 +49,13 @@ def expected_torque(q: Floats, robot: Robot) -> Floats:
         q: joint positions, (N, n).
         robot: the arm.
     """
+    return _carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
+
+
+def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats]) -> Floats:
+    """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3)."""
     rotations, origins = _frames(q, robot)
     masses, offsets = _masses(robot)
-    gravity = np.array(robot.gravity)
     before = np.concatenate([np.zeros((len(q), 1, 3)), origins[:, :-1]], axis=1)
     points = 0.5 * (before + origins)
     for k, offset in enumerate(offsets):
@@ -53,11 +65,12 @@ def expected_torque(q: Floats, robot: Robot) -> Floats:
     standard = robot.convention == "standard"
     axes = np.concatenate([base[0], rotations[:, :-1]], axis=1)[..., 2] if standard else rotations[..., 2]
     anchors = np.concatenate([base[1], origins[:, :-1]], axis=1) if standard else origins
+    pushed = accelerations(points)
     torque = np.zeros(q.shape)
     for i, joint in enumerate(robot.joints):
         for k in range(i, robot.n):
             way = np.cross(axes[:, i], points[:, k] - anchors[:, i]) if joint.revolute else axes[:, i]
-            torque[:, i] -= masses[k] * (way @ gravity)
+            torque[:, i] += masses[k] * np.sum(way * pushed[:, k], axis=1)
     return torque
 
 
@@ -110,24 +123,16 @@ def check_gravity(log: Log, robot: Robot) -> None:
     at_rest = len(poses) >= LEAST_POSES
     if at_rest:
         q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
-        friction: list[Floats] = [np.zeros_like(q)]
+        besides: list[Floats] = []
     elif moving(log, robot).any():
-        # Why: a long log says it no better than a thousand samples of it do.
-        some = slice(None, None, max(1, len(log) // 1000))
-        q, tau, v = log.q[some], log.tau[some], speed(log)[some]
-        friction = [v, np.tanh(v / per_joint(MOVING_SPEED, robot))]
+        q, tau, besides = _in_motion(log, robot)
     else:
         return
     load = expected_torque(q, robot)
     change = np.ptp(load, axis=0)
     loaded = np.flatnonzero((change > SIGNIFICANT * change.max()) & (change > LEAST_CHANGE))
-    if not len(loaded):
-        return
-    shares = []
-    for j in loaded:
-        columns = np.column_stack([load[:, j], np.ones(len(load)), *(part[:, j] for part in friction)])
-        shares.append(abs(float(np.linalg.lstsq(columns, tau[:, j], rcond=None)[0][0])))
-    if max(shares) < (LEAST_SHARE_KNOWN if robot.prior is not None else LEAST_SHARE_UNKNOWN):
+    shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
+    if shares and max(shares) < (LEAST_SHARE_KNOWN if robot.prior is not None else LEAST_SHARE_UNKNOWN):
         heaviest = int(loaded[np.argmax(change[loaded])])
         seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
         raise GravityRemoved(
@@ -136,6 +141,36 @@ def check_gravity(log: Log, robot: Robot) -> None:
             where=log.topic,
             fix=driver_of(robot).gravity_fix,
         )
+
+
+def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
+    """Return positions, torques and what else makes torque, (N, n) each, at some thousand instants of a motion."""
+    first = max(0, (len(log) - MOST_SAMPLES) // 2)
+    part = slice(first, first + MOST_SAMPLES)
+    width = max(3, round(SMOOTHING * (len(log) - 1) / float(np.ptp(log.t))))
+    kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
+    q, tau = (np.apply_along_axis(np.convolve, 0, x, kernel, "valid") for x in (log.q[part], log.tau[part]))
+    t = np.convolve(log.t[part], kernel, "valid")
+
+    def slope(x: Floats) -> Floats:
+        return np.asarray(np.gradient(x, t, axis=0))
+
+    v, a = slope(q), slope(slope(q))
+    inertia = _carried(q, robot, lambda points: slope(slope(points)))
+    # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
+    some = slice(2, -2, max(1, len(q) // 1000))
+    friction = np.tanh(v / per_joint(MOVING_SPEED, robot))
+    return q[some], tau[some], [v[some], friction[some], a[some], inertia[some]]
+
+
+def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:
+    """Return the measured change with the load over the expected one; -1 when the rest could explain it as well."""
+    rest = np.column_stack([np.ones(len(load)), *besides])
+    rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
+    own = load - rest @ np.linalg.lstsq(rest, load, rcond=1e-9)[0]
+    if np.linalg.norm(own) < DISTINCT * np.linalg.norm(load - load.mean()):
+        return -1.0
+    return abs(float(own @ tau / (own @ own)))
 
 
 def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import RankDeficient
+from dynid.errors import NothingChanged, RankDeficient
 from dynid.files.robotfile import load_robot
 from dynid.identify import numeric
 from dynid.identify.estimate import estimate, last_share, prior_base
+from dynid.identify.methods import Part, wls
+from dynid.identify.physics import full_set
 from dynid.identify.result import load, save
 from dynid.identify.sources import without_known
 from dynid.identify.stack import Source, rows_of, stack
@@ -201,3 +203,15 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
         terms = base.reduction.terms(k)
         assert values[k] == pytest.approx(sum(factor * links.get(name, 0.0) for name, factor in terms.items()))
     assert np.isnan(values[names.index("fv1")])
+
+
+def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
+    """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
+    found = stacked(base, simulated(base))
+    believed = prior_base(base)
+    start = np.where(np.isfinite(believed), believed, 0.0)
+    unmoved = replace(full_set(base, wls(Part(found, np.ones(found.blocks, dtype=bool)), believed)), theta=start)
+    monkeypatch.setattr("dynid.identify.estimate.full_set", lambda *given: unmoved)
+    with pytest.raises(NothingChanged, match="nothing changed: the physical set equals the prior in"):
+        estimate(found, base, method="wls", holdout=None, feasible=True)
+    assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"
