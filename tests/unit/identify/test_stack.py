@@ -9,8 +9,8 @@ from dynid.errors import NothingChanged, RankDeficient
 from dynid.files.robotfile import load_robot
 from dynid.identify import numeric
 from dynid.identify.estimate import estimate, last_share, prior_base
+from dynid.identify.fullset import full_set
 from dynid.identify.methods import Part, wls
-from dynid.identify.physics import full_set
 from dynid.identify.result import load, save
 from dynid.identify.sources import without_known
 from dynid.identify.stack import Source, rows_of, stack
