@@ -90,3 +90,11 @@ def test_masking_numbers_hides_nothing_else():
     assert alike("rms 0.42 N m\n", "rms 0.43 N m\n")
     assert not alike("rms 0.42 N m\n", "rms 0.42 N\n")
     assert alike("a\n...\nb\n", "a\nx\ny\nb\n")
+
+
+def test_commands_stand_in_blocks_that_are_run_or_said_to_need_more():
+    """An indented block would be neither; the reference of commands has its examples from the code."""
+    for page in pages():
+        if page != ROOT / "docs/reference/cli.md":
+            outside = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.M | re.S)
+            assert re.findall(r"^ {4,}\$?\s*(dynid|rosmaster|python3?) .*$", outside, re.M) == [], name(page)
