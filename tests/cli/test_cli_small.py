@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from dynid.cli import terminal
 from dynid.cli.explain import codes
 from dynid.cli.reference import cli_page, errors_page
 from dynid.files.artifact import Artifact, write_artifact
@@ -145,3 +147,16 @@ def test_a_damaged_result_is_an_input_error(dynid, content):
     done = dynid("check", "r.npz")
     assert (done.status, done.out) == (3, "")
     assert "Traceback" not in done.err
+
+
+def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch):
+    """What goes to a file or a pipe keeps its lines whole."""
+    console = Console(width=80)
+    line = "filter     " + "word " * 30
+    assert terminal.folded(line, console, 11) == [line]
+    monkeypatch.setattr(terminal, "is_terminal", lambda stream: True)
+    first, *more = terminal.folded(line, console, 11)
+    assert first.startswith("filter     word")
+    assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
+    assert all(part.startswith(" " * 11 + "word") for part in more)
+    assert terminal.folded(line, console, None) == [line]

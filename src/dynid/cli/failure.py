@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import IO, Any, NoReturn, TextIO
 
 import click
 
@@ -55,7 +55,7 @@ def use_color(stream: TextIO, mode: str) -> bool:
     return not plain and is_terminal(stream)
 
 
-def is_terminal(stream: TextIO | None) -> bool:
+def is_terminal(stream: IO[str] | None) -> bool:
     """Return whether a stream is an open terminal."""
     try:
         return stream is not None and stream.isatty()

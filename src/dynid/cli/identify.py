@@ -82,7 +82,7 @@ SIMULATED = ("idim-iv", "didim")
 @click.option(
     "--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back."
 )
-@click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters.")
+@click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters, or only just.")
 @click.option(
     "--explain", "explained", is_flag=True, help="Show how cut-off and delay change the parameters; needs a LOG."
 )
@@ -474,7 +474,8 @@ def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
     for row in parameter_table(found, base):
         error = row["std_error"]
         value = "not determined" if error is None else f"{row['value']:.4g}"
-        prior = "-" if row["prior"] is None else f"{row['prior']:.4g}"
+        # Why: a centre of mass turned into its DH frame is off an axis by rounding, such as -2.1e-20.
+        prior = "-" if row["prior"] is None else f"{row['prior']:.4g}" if abs(row["prior"]) > ROUNDING else "0"
         rows.append(
             [
                 row["name"],
@@ -489,6 +490,8 @@ def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
     return rows
 
 
+#: Believed values below this are zero.
+ROUNDING = 1e-12
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
 #: Figures that --fail-if may name.
 FIGURES = (

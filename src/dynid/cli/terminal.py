@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from enum import Enum
@@ -29,6 +30,12 @@ if TYPE_CHECKING:
 
 #: Width of the first column of stage lines.
 LABEL = 11
+#: Labels of lines that are copied from the terminal, and so never folded.
+COPYABLE = ("wrote", "next", "")
+#: How far the further lines of a warning are moved in.
+FINDING_INDENT = 2
+#: Spaces between the columns of a table: two, or one where the terminal is narrow.
+GAPS = (2, 1)
 #: Width of tables that go to a file or a pipe: nothing is folded there.
 UNLIMITED = 400
 
@@ -78,11 +85,12 @@ class Terminal:
             self._copy.close()
 
     # ------------------------------------------------------------ stderr
-    def say(self, text: str, style: str = "") -> None:
-        """Say a line on stderr."""
+    def say(self, text: str, style: str = "", indent: int | None = None) -> None:
+        """Say a line on stderr; with an indent it is folded at words where the terminal ends."""
         line = visible(text)
         self._copied(line)
-        self.err.print(Text(line, style=style), soft_wrap=True)
+        for part in folded(line, self.err, indent):
+            self.err.print(Text(part, style=style), soft_wrap=True)
 
     def stage(self, name: str, text: str) -> None:
         """Say what a stage found: a short label and a sentence; not with --quiet."""
@@ -90,7 +98,7 @@ class Terminal:
         if self.common.quiet:
             self._copied(visible(line))
         else:
-            self.say(line)
+            self.say(line, indent=None if name in COPYABLE else LABEL)
 
     def detail(self, name: str, text: str, level: int = 1) -> None:
         """Say a stage only with -v (level 1) or -vv (level 2); it always reaches --log-file."""
@@ -114,9 +122,12 @@ class Terminal:
             self._copied(line)
             return
         self._copied(line)
-        head, _, rest = line.partition(" ")
+        head = line.partition(" ")[0]
         style = "yellow" if finding.level == "warning" else "cyan"
-        self.err.print(Text.assemble((head, style), " ", rest), soft_wrap=True)
+        first, *more = folded(line, self.err, FINDING_INDENT)
+        self.err.print(Text.assemble((head, style), first[len(head) :]), soft_wrap=True)
+        for part in more:
+            self.err.print(Text(part), soft_wrap=True)
 
     def findings(self, findings: Sequence[Finding]) -> None:
         """Say several findings."""
@@ -133,15 +144,16 @@ class Terminal:
             self._copy.flush()
 
     # ------------------------------------------------------------ stdout
-    def answer(self, text: str = "", style: str = "") -> None:
-        """Print lines of the answer on stdout; nothing with --json."""
+    def answer(self, text: str = "", style: str = "", indent: int | None = None) -> None:
+        """Print lines of the answer on stdout, with an indent folded as ``say`` does; nothing with --json."""
         if not self.common.json:
             for line in text.split("\n"):
-                self.out.print(Text(visible(line), style=style), soft_wrap=True)
+                for part in folded(visible(line), self.out, indent):
+                    self.out.print(Text(part, style=style), soft_wrap=True)
 
     def fact(self, name: str, text: str) -> None:
         """Print a line of the answer: a short label and a sentence; nothing with --json."""
-        self.answer(f"{name:<{LABEL}}{text}")
+        self.answer(f"{name:<{LABEL}}{text}", indent=None if name in COPYABLE else LABEL)
 
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, numbers: bool = True) -> None:
         """Print a table on stdout; nothing with --json.
@@ -153,15 +165,15 @@ class Terminal:
         """
         if self.common.json:
             return
-        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-        for i, column in enumerate(columns):
-            table.add_column(Text(visible(column)), justify="right" if numbers and i else "left", no_wrap=True)
-        for row in rows:
-            table.add_row(*(_cell(cell) for cell in row))
-        if table.__rich_measure__(self.out, self.out.options.update(width=UNLIMITED)).maximum > self.out.width:
-            self._records(columns, rows)
-        else:
-            self._print_trimmed(table)
+        for gap in GAPS:
+            table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")
+            for i, column in enumerate(columns):
+                table.add_column(Text(visible(column)), justify="right" if numbers and i else "left", no_wrap=True)
+            for row in rows:
+                table.add_row(*(_cell(cell) for cell in row))
+            if table.__rich_measure__(self.out, self.out.options.update(width=UNLIMITED)).maximum <= self.out.width:
+                return self._print_trimmed(table)
+        return self._records(columns, rows)
 
     def _records(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
         """Print one line a cell, because the table is wider than the terminal."""
@@ -180,6 +192,18 @@ class Terminal:
         """Print the one JSON object on stdout; nothing without --json."""
         if self.common.json:
             self.out.out(json.dumps(plain(answer), indent=2, allow_nan=False), highlight=False)
+
+
+def folded(line: str, console: Console, indent: int | None) -> list[str]:
+    """Return a line in parts that fit the terminal, broken between words, all but the first moved in.
+
+    A line without an indent, and one that goes to a file or a pipe, stays whole.
+    """
+    if indent is None or not is_terminal(console.file) or len(line) <= console.width:
+        return [line]
+    return textwrap.wrap(
+        line, console.width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _console(stream: TextIO, mode: str) -> Console:
