@@ -13,9 +13,9 @@ import zlib
 from dataclasses import replace
 from pathlib import Path
 
-import hidden_effects as hidden
 import numpy as np
 
+import hidden_effects as hidden
 from dynid.files.robotfile import load_robot
 from dynid.gap.final import fit_picks, shrink
 from dynid.gap.search import Options, search
