@@ -71,4 +71,9 @@ def hac_covariance(
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
-    return HonestCovariance(sandwich(bread, long_run_variance(series, lags), rows, lags / sum(map(len, series))), lags)
+    meat, white = long_run_variance(series, lags), long_run_variance(series, 0)
+    variances = (np.einsum("ap,pq,aq->a", bread, each, bread, optimize=True) for each in (meat, white))
+    longer, single = (np.maximum(each, np.finfo(float).tiny) for each in variances)
+    # Why: rows that remember their neighbours are worth as many fewer as their long-run variance is larger.
+    independent = rows / max(1.0, float(np.mean(longer / single)))
+    return HonestCovariance(sandwich(bread, meat, independent, lags / sum(map(len, series))), lags)

@@ -22,6 +22,8 @@ Ints = NDArray[np.int64]
 
 #: Memory of the residuals that is always enough for arms [s]; longer than one period of any friction transient.
 DEFAULT_MEMORY = 0.1
+#: A fit never takes away more than the rest of this share of its errors.
+LEAST_LEFT = 0.2
 #: Samples whose sums over lags are made together.
 PIECE = 8192
 #: Relative standard error up to which a parameter is known well, and up to which roughly.
@@ -92,13 +94,14 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     return int(min(np.ceil(bandwidth), max(1, length // 4)))
 
 
-def sandwich(bread: Floats, meat: Floats, rows: int, memory: float = 0.0) -> Floats:
+def sandwich(bread: Floats, meat: Floats, rows: float, memory: float = 0.0) -> Floats:
     """Return the covariance B M B^T of the parameters.
 
     Args:
         bread: sensitivity of the parameters to the scores, (p, p): inverse of W^T S W, or of Z^T S W.
         meat: from ``long_run_variance``, (p, p).
-        rows: number of rows, for the small-sample factor rows / (rows - p).
+        rows: how many independent rows these are worth. Residuals are smaller than errors by the share p / rows that
+            the fit has taken away, so each is divided by 1 - p / rows, as a jackknife does (MacKinnon, White 1985).
         memory: lags over the length of the series; a covariance estimated with long lags is itself uncertain, and is
             widened so that 1.96 standard errors are a 95 % interval (Kiefer, Vogelsang 2005, Bartlett kernel).
 
@@ -108,7 +111,8 @@ def sandwich(bread: Floats, meat: Floats, rows: int, memory: float = 0.0) -> Flo
     p = len(bread)
     b = min(memory, 1.0)
     widening = (1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.9600
-    return np.asarray(bread @ meat @ bread.T) * widening**2 * (rows / max(rows - p, 1))
+    left = max(1.0 - p / max(rows, 1.0), LEAST_LEFT)
+    return np.asarray(bread @ meat @ bread.T) * (widening / left) ** 2
 
 
 def effective_samples(residual: Floats) -> float:
