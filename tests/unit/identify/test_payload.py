@@ -31,7 +31,7 @@ def identified(base, log):
         base.model.observer(base.reduction.base),
     )
     stacked = stack([source], observer, base.reduction.base_names, base.robot.joint_names)
-    return estimate(stacked, base, method="wls", holdout=None)
+    return estimate(stacked, base, method="wls", holdout=None, drop_weak=True)
 
 
 @pytest.fixture(scope="module")
