@@ -1,168 +1,316 @@
-"""Exciting motions in one table: every family and every cost, random search and the paper's recipe on the same budget.
+"""Exciting motions in one table: every family and every cost, random search and the paper's recipe, for two arms.
 
-Run: python benchmarks/excitation.py [kuka_lwr4plus|kinova_gen2] [seconds]. 10 s from rest to rest inside 95 % of the
-position range and the whole of the speed and acceleration limits; no floor, so that figures compare with others.
-Columns: viscous and Coulomb friction, no offset: 62 base columns (48 of the links and rotors, 14 of friction); "43" are
-the rigid ones. Torque error: expected rms on 6 other motions after 1,000 samples with 0.1 N m of white noise.
+Run: python benchmarks/excitation.py            the cells that benchmarks/excitation.json lacks, then excitation.md
+     python benchmarks/excitation.py --fresh    all of them, about half an hour of one core
+Budgets are processor time of one process, so a busy machine changes the waiting, not the table. 10 s from rest to rest
+inside 95 % of the position range and the whole of the speed and acceleration limits; no floor, so that figures compare
+with others. Viscous and Coulomb friction, no offset: 62 base columns, of which 43 are the rigid ones (no friction, no
+rotor). Error: expected rms torque error on 6 other motions after 1,000 samples with 0.1 N m of white noise. Limits are
+judged on positions at 10 kHz and their differences, by no code of the planner.
 """
 
+import os
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
+import json
+import platform
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from dynid.files.robotfile import load_robot
+from dynid.model.adjoint import Adjoint
 from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
-from dynid.trajectory.basis import Fourier, Quintic
+from dynid.model.regressor import Model, build_model
+from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.cost import Cost, figures
 from dynid.trajectory.feasible import Bounds, Shaping, bounds
-from dynid.trajectory.limits import check
-from dynid.trajectory.objective import Problem
-from dynid.trajectory.optimise import Search, optimise
+from dynid.trajectory.objective import Objective, Problem
+from dynid.trajectory.optimise import beginning, descend
 from dynid.trajectory.plan import Trajectory, through
 from dynid.trajectory.predict import held_out, predict
 
-DURATION = 10.0
-NOISE = 0.1
-FAMILIES = {
+HERE = Path(__file__).parent
+STORE, TABLE = HERE / "excitation.json", HERE / "excitation.md"
+ARMS = {"kuka_lwr4plus": "KUKA LWR4+", "kinova_gen2": "Kinova Gen2"}
+DURATION, NOISE = 10.0, 0.1
+#: Processor seconds of a cell that only stands in the grid, and of the long comparison, arm by arm.
+SHORT, LONG = 8.0, {"kuka_lwr4plus": 120.0, "kinova_gen2": 60.0}
+FAMILIES: dict[str, Basis] = {
     "quintic, 6 waypoints": Quintic.even(DURATION, 5),
     "quintic, 11 waypoints": Quintic.even(DURATION, 10),
     "spline, 14 control points": Quintic.even(DURATION, 9, smooth=True),
     "Fourier, 5 harmonics": Fourier(DURATION, 5),
     "Fourier, 8 harmonics": Fourier(DURATION, 8),
 }
+#: The figure by which a cost is compared with random search.
+FIGURE = {
+    "I-optimal": "error", "D-optimal": "error", "cond": "cond", "cond, normalised": "scaled",
+    "cond, rigid columns": "rigid", "Eq. 14 along the path": "cond",
+}  # fmt: skip
+LONG_COSTS = ("I-optimal", "D-optimal", "cond", "cond, normalised", "cond, rigid columns")
+#: Peak speeds and accelerations of FloBaRoID's recorded LWR4+ motion of 25 s, after a 5 Hz filter.
+RECORDED = ((0.49, 0.78, 0.85, 0.64, 0.77, 0.92, 0.64), (0.78, 2.75, 1.33, 0.97, 2.77, 1.39, 0.96))
+HEADER = "| motion | cond 62 | cond 43 | normalised 62 | error mN m | limits broken | length s | starts |"
 
 
 @dataclass(frozen=True)
 class Bench:
-    """One arm with its columns and the motions it is judged on."""
+    """One arm with its columns, its limits and the motions it is judged on."""
 
-    name: str
-    model: object
+    model: Model
     base: np.ndarray
     rigid: np.ndarray
     limits: Bounds
     other: np.ndarray
-    seconds: float
+    costs: dict[str, tuple[np.ndarray, Cost]]
 
-    def row(self, label: str, trajectory: Trajectory, spent: float) -> str:
-        """Return one line of the table, judged on 1,000 samples."""
+    def row(self, trajectory: Trajectory, starts: int) -> dict[str, float]:
+        """Return the figures of one motion, judged on 1,000 samples."""
         motion = trajectory.motion(np.linspace(0, trajectory.duration, 1000))
         found = predict(self.model, self.base, motion, np.full(self.model.robot.n, NOISE), self.other)
         W = self.model.observer(self.rigid).dense(motion.q, motion.qd, motion.qdd).reshape(-1, len(self.rigid))
-        rigid = figures(W.T @ W).condition
-        broken = len(check(trajectory, self.model.robot, self.limits).violations)
-        f = found.figures
-        error = 1e3 * found.torque_error
-        cells = (f"{f.condition:8.1f}", f"{rigid:8.1f}", f"{f.condition_scaled:8.2f}", f"{error:8.1f}")
-        return f"| {label:<52} | {' | '.join(cells)} | {broken:3d} | {trajectory.duration:5.0f} | {spent:4.0f} |"
+        return {
+            "cond": found.figures.condition,
+            "rigid": figures(W.T @ W).condition,
+            "scaled": found.figures.condition_scaled,
+            "error": 1e3 * found.torque_error,
+            "broken": broken(trajectory, self.limits),
+            "length": trajectory.duration,
+            "starts": starts,
+        }
 
 
-def bench(name: str, seconds: float) -> Bench:
+def broken(trajectory: Trajectory, limits: Bounds, rate: float = 1e4) -> int:
+    """Count the broken limits of positions at 10 kHz and their differences.
+
+    Differences are averages of the true rates over a step, so a motion inside its limits passes without any tolerance
+    but rounding (a second difference of 3 rad at 10 kHz: 1e-7 of the limit).
+    """
+    t = np.arange(0.0, trajectory.duration, 1 / rate)
+    q = trajectory.motion(t).q
+    qd, qdd = np.diff(q, axis=0) * rate, np.diff(q, 2, axis=0) * rate**2
+    over = [(q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)]
+    over += [np.abs(qd) > limits.velocity * (1 + 1e-6), np.abs(qdd) > limits.acceleration * (1 + 1e-6)]
+    return int(sum(part.any(axis=0).sum() for part in over))
+
+
+def bench(name: str) -> Bench:
     """Prepare an arm."""
     robot = load_robot(name)
     robot = replace(robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints))
     model = build_model(robot)
-    base = reduce(model).base
-    names = model.parameter_names
+    base, names = reduce(model).base, model.parameter_names
     rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
     limits = bounds(robot, 0.05, 0.0)
-    return Bench(name, model, base, rigid, limits, held_out(model, base, limits, seed=77, motions=6), seconds)
+    costs = {
+        "I-optimal": (base, Cost("i", V=held_out(model, base, limits, seed=0))),
+        "D-optimal": (base, Cost("d")),
+        "cond": (base, Cost("condition")),
+        "cond, normalised": (base, Cost("condition", normalised=True)),
+        "cond, rigid columns": (rigid, Cost("condition")),
+        "Eq. 14 along the path": (base, Cost("paper")),
+    }
+    return Bench(model, base, rigid, limits, held_out(model, base, limits, seed=77, motions=6), costs)
 
 
-def searched(b: Bench, basis: object, columns: np.ndarray, cost: Cost) -> tuple[Trajectory, float]:
-    """Search for a motion."""
-    begin = time.perf_counter()
-    found = optimise(Problem(b.model, columns, basis, b.limits, cost), Search(10_000, b.seconds, seed=0))
-    return Trajectory(basis, found[0].coefficients), time.perf_counter() - begin
+class _Over(Exception):
+    """The processor time is spent."""
 
 
-def random_search(b: Bench, basis: object, cost: Cost) -> tuple[Trajectory, float]:
-    """Take the best of random motions, each scaled to its limits in the same way."""
-    begin = time.perf_counter()
+def searched(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[str, float]:
+    """Search as ``dynid trajectory`` does, in one process, and judge the best."""
+    columns, function = b.costs[cost]
+    end = time.process_time() + seconds
+    objective = Objective(Problem(b.model, columns, basis, b.limits, function))
+    best, kept, start = np.inf, None, 0
+
+    def note(met, *, last: bool) -> None:
+        nonlocal best, kept
+        if met.value < best:
+            best, kept = met.value, met.x
+        if time.process_time() > end and kept is not None:
+            raise _Over
+
+    try:
+        while True:
+            descend(objective, beginning(objective, 0, start), best, note)
+            start += 1
+    except _Over:
+        return b.row(Trajectory(basis, objective.shaping.coefficients(kept)), start + 1)
+
+
+def random_search(b: Bench, basis: Basis, costs: tuple[str, ...], seconds: float) -> dict[str, dict[str, float]]:
+    """Take the best of random motions for each cost, each motion scaled to its limits as in the search."""
+    end, count = time.process_time() + seconds, 0
     t = DURATION * (np.arange(200) + 0.5) / 200
     shaping, observer, rng = Shaping(basis, b.limits, t), b.model.observer(b.base), np.random.default_rng(0)
-    best, kept = np.inf, None
-    while time.perf_counter() - begin < b.seconds:
-        x = shaping.random(rng)
+    among = np.searchsorted(b.base, b.rigid)
+    best = dict.fromkeys(costs, (np.inf, None))
+    while time.process_time() < end:
+        x, count = shaping.random(rng), count + 1
         W = observer.dense(*shaping.motion(x)).reshape(-1, len(b.base))
-        value = cost.value(W.T @ W)[0]
-        if value < best:
-            best, kept = value, x
-    return Trajectory(basis, shaping.coefficients(kept)), time.perf_counter() - begin
+        G = W.T @ W
+        for cost in costs:
+            value = b.costs[cost][1].value(G[np.ix_(among, among)] if "rigid" in cost else G)[0]
+            if value < best[cost][0]:
+                best[cost] = (value, x)
+    return {c: b.row(Trajectory(basis, shaping.coefficients(x)), count) for c, (_, x) in best.items()}
 
 
-def papers_recipe(b: Bench, points: int) -> tuple[Trajectory, float, float]:
-    """Choose free measurement points for Eq. 14, then join them by quintics and stretch the intervals to the limits."""
+def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, float, int]:
+    """Choose free measurement points for Eq. 14, then join them by quintics as the paper does."""
     from scipy.optimize import minimize
 
-    from dynid.model.adjoint import Adjoint
-
-    begin = time.perf_counter()
+    end, count = time.process_time() + seconds, 0
     n = b.model.robot.n
     adjoint, cost, rng = Adjoint(b.model, b.base, points), Cost("paper"), np.random.default_rng(0)
     half, middle = (b.limits.upper - b.limits.lower) / 2, (b.limits.upper + b.limits.lower) / 2
     scale = (half, b.limits.velocity, b.limits.acceleration)
+    best, kept = np.inf, np.zeros(0)
 
-    def objective(x: np.ndarray, power: float = np.inf) -> tuple[float, np.ndarray]:
+    def objective(x: np.ndarray, power: float) -> tuple[float, np.ndarray]:
+        nonlocal best, kept
+        if time.process_time() > end and kept.size:
+            raise _Over
         u = np.tanh(x.reshape(3, points, n))
         W = adjoint.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
         rows = W.reshape(-1, len(b.base))
         value, slope = cost.value(rows.T @ rows, power)
+        if np.isinf(power) and value < best:
+            best, kept = value, x.copy()
         g = adjoint.pull(2 * (rows @ slope).reshape(W.shape))
         pulled = np.stack([part * s for part, s in zip((g.q, g.qd, g.qdd), scale, strict=True)])
         return value, (pulled * (1 - u**2)).ravel()
 
-    best, kept = np.inf, None
-    while time.perf_counter() - begin < b.seconds:
-        x = rng.standard_normal(3 * points * n)
-        for power in (2.0, 8.0, np.inf):
-            x = minimize(lambda x, p=power: objective(x, p), x, jac=True, method="L-BFGS-B", options={"maxiter": 60}).x
-        value = objective(x)[0]
-        if value < best:
-            best, kept = value, x
+    try:
+        while True:
+            x, count = rng.standard_normal(3 * points * n), count + 1
+            for power in (2.0, 8.0, np.inf):
+                options = {"maxiter": 60}
+                x = minimize(objective, x, args=(power,), jac=True, method="L-BFGS-B", options=options).x
+    except _Over:
+        pass
     u = np.tanh(kept.reshape(3, points, n))
-    W = b.model.observer(b.base).dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2]).reshape(-1, len(b.base))
+    rates = [middle + half * u[0], scale[1] * u[1], scale[2] * u[2]]
+    W = b.model.observer(b.base).dense(*rates).reshape(-1, len(b.base))
+    for rate in rates[1:]:
+        rate[[0, -1]] = 0.0
     knots = np.linspace(0, 2.0 * (points - 1), points)
     basis = Quintic(tuple(knots.tolist()))
     phi = np.vstack([basis.matrix(knots, order) for order in range(3)])
-    rates = [middle + half * u[0], scale[1] * u[1], scale[2] * u[2]]
-    for rate in rates[1:]:
-        rate[[0, -1]] = 0.0
-    joined = Trajectory(basis, np.linalg.lstsq(phi, np.vstack(rates), rcond=None)[0])
-    return joined, figures(W.T @ W).condition, time.perf_counter() - begin
+    return Trajectory(basis, np.linalg.lstsq(phi, np.vstack(rates), rcond=None)[0]), figures(W.T @ W).condition, count
+
+
+class Store:
+    """Finished cells on disk, so that an interrupted run goes on where it was."""
+
+    def __init__(self, *, fresh: bool) -> None:
+        there = STORE.is_file() and not fresh
+        self.cells = json.loads(STORE.read_text())["cells"] if there else {}
+
+    def cell(self, arm: str, part: str, label: str, make: Callable[[], dict[str, float]]) -> dict[str, float]:
+        """Return a cell, made now when it is not there yet."""
+        key = f"{arm}; {part}; {label}"
+        if key not in self.cells:
+            begin = time.process_time()
+            found = make()
+            self.put(arm, part, label, found | {"processor_s": round(time.process_time() - begin, 1)})
+        return self.cells[key]
+
+    def put(self, arm: str, part: str, label: str, found: dict[str, float]) -> None:
+        """Keep a cell."""
+        self.cells[f"{arm}; {part}; {label}"] = found
+        machine = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
+        STORE.write_text(json.dumps({"machine": machine, "cells": self.cells}, indent=1) + "\n")
+        print(f"{arm}; {part}: {line(label, found)}", flush=True)
+
+
+def line(label: str, f: dict[str, float]) -> str:
+    """Return one line of the table."""
+    figures_ = f"{f['cond']:.1f} | {f['rigid']:.1f} | {f['scaled']:.2f} | {f['error']:.1f}"
+    return f"| {label} | {figures_} | {f['broken']} | {f['length']:.0f} | {f['starts']} |"
+
+
+def grid(b: Bench, store: Store, arm: str) -> dict[str, str]:
+    """Fill the grid; return the best family of each cost by the figure it is after."""
+    found = {
+        cost: {f: store.cell(arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: searched(b, y, c, SHORT))
+               for f, basis in FAMILIES.items()}
+        for cost in b.costs
+    }  # fmt: skip
+    return {cost: min(rows, key=lambda f, c=cost: rows[f][FIGURE[c]]) for cost, rows in found.items()}
+
+
+def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
+    """Compare search, random search and the paper's recipe on the same budget."""
+    seconds = LONG[arm]
+    for cost in LONG_COSTS:
+        basis = FAMILIES[families[cost]]
+        store.cell(arm, "long", f"{families[cost]}; {cost}", lambda c=cost, y=basis: searched(b, y, c, seconds))
+    family = families["cond"]
+    first = f"random search, {family}; {LONG_COSTS[0]}"
+    if f"{arm}; long; {first}" not in store.cells:
+        for cost, row in random_search(b, FAMILIES[family], LONG_COSTS, seconds).items():
+            store.put(arm, "long", first.replace(LONG_COSTS[0], cost), row)
+    if not any("paper" in key and key.startswith(f"{arm}; long") for key in store.cells):
+        joined, there, count = papers_recipe(b, 24, seconds)
+        label = f"the paper's recipe, 24 points (cond {there:.1f} at them), joined"
+        store.put(arm, "long", label, b.row(joined, count))
+        safe = through(joined.motion(np.array(joined.basis.knots)).q, b.limits)
+        store.put(arm, "long", "the same points of the paper's, intervals stretched to the limits", b.row(safe, count))
+
+
+def slower(b: Bench, store: Store, arm: str) -> None:
+    """How slow may the limits be and still beat what FloBaRoID stored, and the limits of what FloBaRoID recorded."""
+    basis = FAMILIES["quintic, 6 waypoints"]
+    for s in (0.9, 0.8, 0.7):
+        rates = replace(b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration)
+        less = replace(b, limits=rates)
+        label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
+        store.cell(arm, "slower", label, lambda y=less: searched(y, basis, "cond", 2 * SHORT))
+    speed, acceleration = (np.array(part) for part in RECORDED)
+    less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
+    long_basis = Quintic.even(25.0, 10)
+    label = "limits = peaks of FloBaRoID's recorded motion, 25 s; cond"
+    store.cell(arm, "slower", label, lambda: searched(less, long_basis, "cond", 2 * SHORT))
+
+
+def table(store: Store) -> str:
+    """Return the page."""
+    machine = json.loads(STORE.read_text())["machine"]
+    columns = len(HEADER.split("|")) - 2
+    text = ["# Exciting motions", "", f"Made by `python benchmarks/excitation.py`; {machine}.", ""]
+    text += __doc__.splitlines()[4:]
+    parts = {
+        "grid": "every family and cost, {:.0f} s of processor time each",
+        "long": "search, random search and the paper's recipe, {:.0f} s of processor time each",
+        "slower": "slower limits, {:.0f} s of processor time each",
+    }
+    for arm, title in ARMS.items():
+        for part, words in parts.items():
+            rows = {k.split("; ", 2)[2]: v for k, v in store.cells.items() if k.startswith(f"{arm}; {part};")}
+            if rows:
+                seconds = {"grid": SHORT, "long": LONG[arm], "slower": 2 * SHORT}[part]
+                text += ["", f"## {title}: {words.format(seconds)}", "", HEADER, "| --- |" + " --- |" * (columns - 1)]
+                text += [line(label, row) for label, row in rows.items()]
+    return "\n".join(text) + "\n"
 
 
 def main() -> None:
-    """Print the table."""
-    name = sys.argv[1] if len(sys.argv) > 1 else "kuka_lwr4plus"
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 60.0
-    b = bench(name, seconds)
-    V = held_out(b.model, b.base, b.limits, seed=0)
-    costs = {
-        "I-optimal": (b.base, Cost("i", V=V)),
-        "D-optimal": (b.base, Cost("d")),
-        "condition number": (b.base, Cost("condition")),
-        "condition, columns normalised": (b.base, Cost("condition", normalised=True)),
-        "condition of the rigid columns": (b.rigid, Cost("condition")),
-        "Eq. 14 along the path": (b.base, Cost("paper")),
-    }
-    print(f"{name}, {seconds:.0f} s for each row, {len(b.base)} columns, {len(b.rigid)} rigid", flush=True)
-    print("| motion | cond 62 | cond 43 | scaled 62 | error mN m | limits broken | s | search s |", flush=True)
-    print("|---|---|---|---|---|---|---|---|", flush=True)
-    for cost_name, (columns, cost) in costs.items():
-        for family, basis in FAMILIES.items():
-            print(b.row(f"{family}; {cost_name}", *searched(b, basis, columns, cost)), flush=True)
-    for cost_name in ("I-optimal", "condition number"):
-        found, spent = random_search(b, FAMILIES["quintic, 6 waypoints"], costs[cost_name][1])
-        print(b.row(f"random search, quintic, 6 waypoints; {cost_name}", found, spent), flush=True)
-    for points in (16, 24, 40):
-        joined, at_points, spent = papers_recipe(b, points)
-        print(b.row(f"paper's recipe, {points} points, cond {at_points:.1f} there", joined, spent), flush=True)
-        safe = through(joined.motion(np.array(joined.basis.knots)).q, b.limits)
-        print(b.row("  the same points at stretched intervals, least jerk", safe, spent), flush=True)
+    """Fill the store and write the table."""
+    store = Store(fresh="--fresh" in sys.argv)
+    for arm in ARMS:
+        b = bench(arm)
+        long(b, store, arm, grid(b, store, arm))
+        if arm == "kuka_lwr4plus":
+            slower(b, store, arm)
+    TABLE.write_text(table(store))
 
 
 if __name__ == "__main__":
