@@ -177,11 +177,13 @@ class TorqueSource:
         source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
         gain: N m per A of each joint; None where unknown.
         relative: whether only the ratios of the gains are known; torques are then counted as amperes.
+        noise: standard deviation of each joint's torque [N m or N]; None where nobody has measured it.
     """
 
     source: str = "joint_sensor"
     gain: tuple[float | None, ...] | None = None
     relative: bool = False
+    noise: tuple[float, ...] | None = None
 
     @property
     def complete(self) -> bool:

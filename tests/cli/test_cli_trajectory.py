@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -152,6 +153,65 @@ def test_gui_without_a_display_is_status_6_and_pictures_are_the_default(dynid):
     folder = dynid.folder / "out" / "kuka_lwr4plus"
     assert (folder / "preview.png").stat().st_size > 20_000
     assert (folder / "preview.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def errors_of(done):
+    assert done.status == 0, done.err
+    return np.array(list(json.loads(done.out)["predicted_std_error"].values()))
+
+
+def test_twice_the_same_motion_before_makes_every_predicted_error_smaller_by_the_root_of_three(planned):
+    run, answer, _ = planned
+    earlier = ("--earlier", "out/kuka_lwr4plus/trajectory.npz") * 2
+    done = run("trajectory", "kuka_lwr4plus", *QUICK, *earlier, "--json", "-o", "third")
+    assert "the new motion completes what it tells" in done.err
+    alone = np.array(list(answer["predicted_std_error"].values()))
+    assert np.allclose(errors_of(done), alone / np.sqrt(3), rtol=1e-6)
+
+
+def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_smaller(dynid):
+    bag = str(Path(__file__).parents[2] / "trajectories" / "kinova_gen2_identify.bag")
+    assert dynid("identify", "kinova_gen2", bag, "--no-report", "-o", "before").status == 0
+    words = ("trajectory", "kinova_gen2", *QUICK, "--json")
+    alone = errors_of(dynid(*words, "--noise", "0.1", "-o", "alone"))
+    log = errors_of(dynid(*words, "--noise", "0.1", "--earlier", bag, "-o", "log"))
+    result = dynid(*words, "--earlier", "before/parameters.npz", "-o", "result")
+    assert np.all(log < alone)
+    assert np.all(errors_of(result) < alone)
+    assert json.loads(result.out)["torque_noise_from"] == "as an earlier identification found it"
+
+
+@pytest.fixture
+def noisy(dynid):
+    """Writes the LWR4+ to a file of its own, with a torque noise."""
+    text = (Path(__file__).parents[2] / "robots" / "kuka_lwr4plus.yaml").read_text()
+
+    def make(noise):
+        told = text.replace("{source: joint_sensor}", f"{{source: joint_sensor, noise: {noise}}}")
+        (dynid.folder / "arm.yaml").write_text(told)
+
+    return make
+
+
+def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins(dynid, noisy):
+    answers = []
+    for noise, words in (("0.1", ()), ("0.3", ()), ("0.3", ("--noise", "0.1"))):
+        noisy(noise)
+        done = dynid("trajectory", "arm.yaml", *QUICK, *words, "--json", "--force")
+        assert done.status == 0, done.err
+        answers.append(json.loads(done.out))
+    errors = [np.array(list(answer["predicted_std_error"].values())) for answer in answers]
+    assert [answer["torque_noise_from"] for answer in answers] == ["from the robot file"] * 2 + ["given with --noise"]
+    assert np.allclose(errors[1], 3 * errors[0], rtol=1e-6)
+    assert np.allclose(errors[2], errors[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("noise", ["-0.1", "[0.1, 0.1]", "[0.1, 0.1, 0.1, null, 0.1, 0.1, 0.1]"])
+def test_noise_that_is_not_one_positive_number_a_joint_is_refused_with_the_line(dynid, noisy, noise):
+    noisy(noise)
+    done = dynid("trajectory", "arm.yaml", *QUICK)
+    assert done.status == 3
+    assert "arm.yaml:43: torque.noise" in done.err
 
 
 @pytest.mark.parametrize(

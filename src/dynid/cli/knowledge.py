@@ -29,8 +29,17 @@ def kind_of(path: Path) -> str:
     return str((header or {}).get("schema", "log")).rsplit("/", 1)[0]
 
 
+def noise_source(robot: Robot, text: str | None, earlier: Sequence[Path]) -> str:
+    """Return where the torque noise comes from, in words."""
+    if text is not None:
+        return "given with --noise"
+    if any(kind_of(path) == RESULT for path in earlier):
+        return "as an earlier identification found it"
+    return "from the robot file" if robot.torque.noise is not None else "assumed: 0.3 % of the rating"
+
+
 def noise_of(robot: Robot, text: str | None, earlier: Sequence[Path]) -> Floats:
-    """Return the torque noise of every joint: as given, as an earlier identification found it, or assumed, (n,)."""
+    """Return every joint's torque noise from the first of its sources that there is (``noise_source``), (n,)."""
     from dynid.trajectory.predict import default_noise
 
     if text is not None:

@@ -40,6 +40,7 @@ def answer_of(task: Task, shop: Workshop, verdict: Verdict) -> dict[str, Any]:
     """Return the JSON answer, the prediction included."""
     from dataclasses import asdict
 
+    from dynid.cli.knowledge import noise_source
     from dynid.trajectory.predict import ladder, predict
 
     assert verdict.check is not None
@@ -77,6 +78,7 @@ def answer_of(task: Task, shop: Workshop, verdict: Verdict) -> dict[str, Any]:
         "expected_torque_error_nm": found.torque_error,
         "ladder": [asdict(rung) for rung in rungs],
         "torque_noise_nm": wishes.noise.tolist(),
+        "torque_noise_from": noise_source(base.robot, task.options["noise"], task.options["earlier"]),
         "selected_samples": None if verdict.selected is None else len(verdict.selected),
         "weakest": _weakest(shop, found.std_error),
         "search": verdict.search,
@@ -125,6 +127,9 @@ def show(common: Common, shop: Workshop, verdict: Verdict, facts: dict[str, Any]
     terminal.stage("excitation", f"{words}   smallest singular value {smallest:.2g}")
     error, weakest = facts["expected_torque_error_nm"], facts["weakest"]
     terminal.stage("predicted", f"torque error {error:.2g} N m on other motions; weakest: {weakest}")
+    low, high = min(facts["torque_noise_nm"]), max(facts["torque_noise_nm"])
+    size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
+    terminal.stage("noise", f"{size} N m a sample, {facts['torque_noise_from']}")
     _show_ladder(common, facts)
     for path in verdict.pictures:
         terminal.stage("preview", str(path))

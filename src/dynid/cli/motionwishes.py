@@ -36,11 +36,12 @@ def inputs_of(robot: Robot, plan: Path | None, options: dict[str, Any], seed: in
 
 
 def limits_hash(robot: Robot) -> str:
-    """Return a hash of what a plan depends on beyond the model: limits, base pose, prior."""
+    """Return a hash of what a plan depends on beyond the model: limits, base pose, prior, noise."""
     from dataclasses import asdict
 
     parts: list[Any] = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
     parts += [asdict(robot.prior) if robot.prior else None, asdict(robot.tool) if robot.tool else None]
+    parts.append(robot.torque.noise)
     return input_hashes({}, {"limits": parts})["options"]
 
 

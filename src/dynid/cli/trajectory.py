@@ -121,7 +121,9 @@ class Task:
     type=click.Path(path_type=Path, exists=True),
     help="Logs, parameters.npz or trajectory.npz whose knowledge the motion completes.",
 )
-@click.option("--noise", metavar="NM[,NM...]", help="Torque noise of the joints [N m] (default: 0.3 % of the rating).")
+@click.option(
+    "--noise", metavar="NM[,NM...]", help="Torque noise [N m] (default: the robot file's, or 0.3 % of the rating)."
+)
 @click.option(
     "--rate", type=click.FloatRange(1, 2000), default=100.0, show_default=True, help="Rate of samples and log [Hz]."
 )

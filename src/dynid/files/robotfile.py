@@ -268,20 +268,27 @@ def _torque(value: Value | None, n: int) -> TorqueSource:
         return TorqueSource()
     if not value.is_mapping:
         return TorqueSource(value.choice(TORQUE_SOURCES))
-    keys = value.mapping(("source", "gain", "relative"))
+    keys = value.mapping(("source", "gain", "relative", "noise"))
     relative = "relative" in keys and keys["relative"].flag()
     source = keys["source"].choice(TORQUE_SOURCES) if "source" in keys else "joint_sensor"
+    noise = _positive(keys["noise"], n, "it is a standard deviation in N m") if "noise" in keys else None
+    measured = None if noise is None else tuple(float(x) for x in noise if x is not None)
+    if measured is not None and len(measured) < n:
+        raise WrongRobotFile(f"{keys['noise'].where}: torque.noise: a joint has none", where=keys["noise"].where)
     if "gain" not in keys or keys["gain"].is_null:
-        return TorqueSource(source)
-    gain = keys["gain"]
-    entries = gain.items(n) if gain.is_list else [gain] * n
-    gains = tuple(None if item.is_null else item.number() for item in entries)
-    for item, number in zip(entries, gains, strict=True):
+        return TorqueSource(source, noise=measured)
+    gains = _positive(keys["gain"], n, "reverse a current with `sign:` under `driver:`")
+    return TorqueSource(source, gains, relative, measured)
+
+
+def _positive(value: Value, n: int, fix: str) -> tuple[float | None, ...]:
+    """Return one positive number a joint, given as a list or as one for all; None where null is written."""
+    entries = value.items(n) if value.is_list else [value] * n
+    numbers = tuple(None if item.is_null else item.number() for item in entries)
+    for item, number in zip(entries, numbers, strict=True):
         if number is not None and number <= 0:
-            fix = "reverse a current with `sign:` under `driver:`"
-            text = f"{item.where}: {item.path} = {number:g} must be positive"
-            raise WrongRobotFile(text, where=item.where, fix=fix)
-    return TorqueSource(source, gains, relative)
+            raise WrongRobotFile(f"{item.where}: {item.path} = {number:g} must be positive", where=item.where, fix=fix)
+    return numbers
 
 
 def _driver(value: Value, unit: str, joints: tuple[Joint, ...]) -> DriverSpec:

@@ -31,7 +31,9 @@ LADDER = (0.2, 0.5, 1.0)
 
 
 def default_noise(robot: Robot) -> Floats:
-    """Return the torque noise that is assumed for each joint when none is given, (n,) [N m or N]."""
+    """Return the torque noise of each joint: the robot file's, or what is assumed without one, (n,) [N m or N]."""
+    if robot.torque.noise is not None:
+        return np.array(robot.torque.noise)
     return np.array([NOISE_SHARE * j.limits.torque if j.limits.torque else NOISE for j in robot.joints])
 
 

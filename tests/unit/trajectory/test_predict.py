@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
+from dynid.trajectory.basis import Quintic
+from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
+from dynid.trajectory.objective import Objective, Problem
+from dynid.trajectory.optimise import beginning, descend
+from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import (
     believed,
     default_noise,
@@ -60,6 +65,24 @@ def test_earlier_logs_make_every_error_smaller(lwr, other):
     alone = predict(lwr.model, lwr.reduction.base, second, noise, other)
     both = predict(lwr.model, lwr.reduction.base, second, noise, other, known)
     assert np.all(both.std_error < alone.std_error)
+
+
+def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_without_it(lwr, other):
+    columns, noise = lwr.reduction.base, default_noise(lwr.robot)
+    moved = random_trajectory(lwr.robot, 4).sampled(100)
+    for part in (moved.q, moved.qd, moved.qdd):
+        part[:, 4:] = 0.0  # the earlier log, long and good, left the wrist still
+    known = 1000 * information_of(lwr.model, columns, moved, noise)[1]
+    basis, limit = Quintic.even(5.0, 3), bounds(lwr.robot, 0.1)
+    both = []
+    for knowledge in (known, None):
+        problem = Problem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
+        objective = Objective(problem)
+        met = descend(objective, beginning(objective, 0, 0), last=120)
+        plan = Trajectory(basis, objective.shaping.coefficients(met.x))
+        both.append(predict(lwr.model, columns, plan.sampled(100), noise, other, known))
+    aware, unaware = both
+    assert aware.torque_error < 0.95 * unaware.torque_error
 
 
 def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
