@@ -1,7 +1,7 @@
 """Exciting motions in one table: every family and every cost, random search and the paper's recipe, for two arms.
 
 Run: python benchmarks/excitation.py            the cells that benchmarks/excitation.json lacks, then excitation.md
-     python benchmarks/excitation.py --fresh    all of them, about half an hour of one core
+     python benchmarks/excitation.py --fresh    all of them, about 20 minutes of one core
 Budgets are processor time of one process, so a busy machine changes the waiting, not the table. 10 s from rest to rest
 inside 95 % of the position range and the whole of the speed and acceleration limits; no floor, so that figures compare
 with others. Viscous and Coulomb friction, no offset: 62 base columns, of which 43 are the rigid ones (no friction, no
@@ -40,7 +40,7 @@ STORE, TABLE = HERE / "excitation.json", HERE / "excitation.md"
 ARMS = {"kuka_lwr4plus": "KUKA LWR4+", "kinova_gen2": "Kinova Gen2"}
 DURATION, NOISE = 10.0, 0.1
 #: Processor seconds of a cell that only stands in the grid, and of the long comparison, arm by arm.
-SHORT, LONG = 8.0, {"kuka_lwr4plus": 120.0, "kinova_gen2": 60.0}
+SHORT, LONG = 8.0, {"kuka_lwr4plus": 45.0, "kinova_gen2": 30.0}
 FAMILIES: dict[str, Basis] = {
     "quintic, 6 waypoints": Quintic.even(DURATION, 5),
     "quintic, 11 waypoints": Quintic.even(DURATION, 10),
@@ -273,12 +273,12 @@ def slower(b: Bench, store: Store, arm: str) -> None:
         rates = replace(b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration)
         less = replace(b, limits=rates)
         label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
-        store.cell(arm, "slower", label, lambda y=less: searched(y, basis, "cond", 2 * SHORT))
+        store.cell(arm, "slower", label, lambda y=less: searched(y, basis, "cond", SHORT))
     speed, acceleration = (np.array(part) for part in RECORDED)
     less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
     long_basis = Quintic.even(25.0, 10)
     label = "limits = peaks of FloBaRoID's recorded motion, 25 s; cond"
-    store.cell(arm, "slower", label, lambda: searched(less, long_basis, "cond", 2 * SHORT))
+    store.cell(arm, "slower", label, lambda: searched(less, long_basis, "cond", SHORT))
 
 
 def table(store: Store) -> str:
@@ -296,7 +296,7 @@ def table(store: Store) -> str:
         for part, words in parts.items():
             rows = {k.split("; ", 2)[2]: v for k, v in store.cells.items() if k.startswith(f"{arm}; {part};")}
             if rows:
-                seconds = {"grid": SHORT, "long": LONG[arm], "slower": 2 * SHORT}[part]
+                seconds = {"grid": SHORT, "long": LONG[arm], "slower": SHORT}[part]
                 text += ["", f"## {title}: {words.format(seconds)}", "", HEADER, "| --- |" + " --- |" * (columns - 1)]
                 text += [line(label, row) for label, row in rows.items()]
     return "\n".join(text) + "\n"

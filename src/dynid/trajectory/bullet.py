@@ -28,10 +28,15 @@ FAR = 0.3
 AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
 #: Size of a rendered picture; the tiny renderer needs no graphics library.
 WIDTH, HEIGHT = 480, 360
+#: From where the camera looks, in Bullet's angles, and its field of view upwards [deg].
+YAW, PITCH, VIEW = 50.0, -20.0, 50.0
+#: Tiles of the floor along each side, and the side's length over the arm's reach: size and depth are seen by them.
+TILES, FLOOR = 6, 2.4
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
 #: Colours of the links in turn, told apart by colour-blind people too.
 _BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
+_TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
 
 
 class World:
@@ -58,19 +63,33 @@ class World:
         self._sign, self._offset = np.ones(len(self._joints)), np.zeros(len(self._joints))
         self._things: dict[str, int] = {}
         if job["floor"] is not None:
-            self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], (0.85, 0.85, 0.82, 1))
+            self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], None)
+            self._tiles(job["floor"], job["foot"], FLOOR * job["reach"] / TILES)
         for number, (lower, upper) in enumerate(job["obstacles"], start=1):
             self._things[f"obstacle {number}"] = self._box(lower, upper, (0.8, 0.45, 0.2, 0.9))
         for k in range(-1, count):
             color = _BLUE if k % 2 else _ORANGE
             pybullet.changeVisualShape(self._arm, k, rgbaColor=color)
 
-    def _box(self, lower: list[float], upper: list[float], color: tuple[float, ...]) -> int:
+    def _box(self, lower: list[float], upper: list[float], color: tuple[float, ...] | None) -> int:
+        """Place a box; without a colour it is felt and not seen."""
+        # Why: a body without a visual shape is drawn as it is felt; a speck in the middle of the box is not seen.
         half = (np.subtract(upper, lower) / 2).tolist()
         shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
-        look = self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color)
+        look = self._look(half if color else [1e-4] * 3, color or _TILES[0])
         middle = (np.add(lower, upper) / 2).tolist()
         return int(self._bullet.createMultiBody(0, shape, look, middle))
+
+    def _look(self, half: list[float], color: tuple[float, ...]) -> int:
+        return int(self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color))
+
+    def _tiles(self, height: float, foot: list[float], side: float) -> None:
+        """Lay tiles in two tones around the foot of the arm; they are seen and not felt."""
+        looks = [self._look([side / 2, side / 2, side / 50], color) for color in _TILES]
+        for i in range(TILES):
+            for j in range(TILES):
+                x, y = (foot[axis] + (k - (TILES - 1) / 2) * side for axis, k in enumerate((i, j)))
+                self._bullet.createMultiBody(0, -1, looks[(i + j) % 2], [x, y, height - side / 50])
 
     def place(self, q: Floats) -> None:
         """Put the arm at a pose in DH values."""
@@ -150,12 +169,12 @@ class World:
         order = np.argsort(least)
         return [{"pair": watched[i][0], "distance_m": float(least[i]), "index": int(where[i])} for i in order]
 
-    def picture(self, q: Floats, reach: float) -> NDArray[np.uint8]:
-        """Return a picture of a pose, (HEIGHT, WIDTH, 3)."""
+    def picture(self, q: Floats, target: list[float], distance: float) -> NDArray[np.uint8]:
+        """Return a picture of a pose, (HEIGHT, WIDTH, 3), of a camera so far from what it looks at."""
         bullet = self._bullet
         self.place(q)
-        view = bullet.computeViewMatrixFromYawPitchRoll([0, 0, 0.3 * reach], 1.7 * reach, 50, -20, 0, 2)
-        projection = bullet.computeProjectionMatrixFOV(50, WIDTH / HEIGHT, 0.05, 20)
+        view = bullet.computeViewMatrixFromYawPitchRoll(target, distance, YAW, PITCH, 0, 2)
+        projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 20)
         light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
         image = bullet.getCameraImage(WIDTH, HEIGHT, view, projection, **light)[2]
         return np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
@@ -178,7 +197,7 @@ def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> No
 
     def frames(count: int) -> Iterable[tuple[float, NDArray[np.uint8]]]:
         for k in np.linspace(0, len(poses) - 1, count).round().astype(int):
-            yield float(times[k]), world.picture(poses[k], job["reach"])
+            yield float(times[k]), world.picture(poses[k], *job["camera"])
 
     traces = (job["labels"], times, poses, job["lower"], job["upper"])
     if job["picture"]:

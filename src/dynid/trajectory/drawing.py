@@ -22,7 +22,9 @@ COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#00
 TRACES, MARGIN = 230, 150
 #: Time that one picture of the animation is shown [ms].
 SHOWN = 100
-_TITLE = 22
+_TITLE = 26
+#: Space between the poses of a still [pixels].
+_GAP = 4
 
 
 def still(path: Path, pictures: list[Picture], traces: Traces, title: str) -> None:
@@ -32,14 +34,15 @@ def still(path: Path, pictures: list[Picture], traces: Traces, title: str) -> No
     columns = 3
     height, width = pictures[0][1].shape[:2]
     rows = -(-len(pictures) // columns)
-    sheet = Image.new("RGB", (columns * width, _TITLE + rows * height + TRACES), "white")
+    across, down = width + _GAP, height + _GAP
+    sheet = Image.new("RGB", (columns * across - _GAP, _TITLE + rows * down + TRACES), "white")
     draw = ImageDraw.Draw(sheet)
-    draw.text((8, 4), title, "black", font_size=14)
+    draw.text((8, 3), title, "black", font_size=16)
     for k, (time, picture) in enumerate(pictures):
-        corner = (k % columns * width, _TITLE + k // columns * height)
+        corner = (k % columns * across, _TITLE + k // columns * down)
         sheet.paste(Image.fromarray(picture), corner)
         draw.text((corner[0] + 8, corner[1] + 6), f"t = {time:.1f} s", "black", font_size=16)
-    box = (0, _TITLE + rows * height, sheet.width, sheet.height)
+    box = (0, _TITLE + rows * down, sheet.width, sheet.height)
     _traces(draw, box, traces, [time for time, _ in pictures])
     _save(sheet, path)
 

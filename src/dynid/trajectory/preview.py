@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.robot import Robot
-from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE
+from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
 from dynid.trajectory.clearance import Scene, joint_axes, link_poses
 from dynid.trajectory.feasible import CONTINUOUS
 from dynid.trajectory.plan import Trajectory
@@ -31,6 +31,8 @@ RATE, POSES = 100.0, 3000
 PATIENCE = 600.0
 #: Time within which a window opens [s].
 OPENING = 60.0
+#: Poses that the camera keeps in view, and the share of the picture that they fill at most.
+SEEN, FILLED = 200, 0.92
 #: Poses at which the axes of a URDF are compared with the DH table.
 COMPARED = 10
 
@@ -196,6 +198,8 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Loo
         "floor": scene.floor,
         "obstacles": [[box.lower, box.upper] for box in scene.obstacles],
         "reach": float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints)) or 1.0,
+        "foot": list(robot.base_xyz),
+        "camera": _camera(robot, q),
         "picture": str(look.picture.resolve()) if look and look.picture else None,
         "animation": str(look.animation.resolve()) if look and look.animation else None,
         "title": look.title if look else "",
@@ -208,6 +212,21 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Loo
         axes = np.concatenate(joint_axes(robot, *link_poses(robot, random[:COMPARED])), axis=2)
         np.savez(job.with_suffix(".npz"), t=t, q=q, random=random, axes=axes)
         yield job
+
+
+def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
+    """Return what the camera looks at and from how far, so that the arm fills the picture and never leaves it."""
+    origins = link_poses(robot, q[:: max(1, len(q) // SEEN)])[1].reshape(-1, 3)
+    points = np.vstack([origins, [robot.base_xyz]])
+    yaw, pitch = np.radians([YAW, PITCH])
+    ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
+    right = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    axes = np.array([right, np.cross(right, ahead), ahead])
+    seen = points @ axes.T
+    middle = (seen.max(axis=0) + seen.min(axis=0)) / 2
+    opening = FILLED * np.tan(np.radians(VIEW / 2)) * np.array([WIDTH / HEIGHT, 1.0])
+    away = np.abs(seen - middle)[:, :2] / opening - (seen - middle)[:, 2:]
+    return (middle @ axes).tolist(), float(max(away.max(), 0.3))
 
 
 def _urdf_joints(urdf: Path) -> list[str]:

@@ -12,6 +12,12 @@ from dynid.trajectory.feasible import Bounds, bounds
 from dynid.trajectory.limits import check, require
 from dynid.trajectory.plan import Trajectory
 
+#: Torque limits that about half of the random plans keep [N m].
+TORQUES = {
+    "lwr": np.array([15.2, 64.2, 11.3, 20.1, 0.407, 0.402, 0.033]),
+    "gen2": np.array([2.0, 20.0, 3.7, 6.5, 0.98, 1.04, 0.003]),
+}
+
 
 def scaled(limit, **factors):
     return Bounds(**{name: value * factors.get(name, 1.0) for name, value in vars(limit).items()})
@@ -72,6 +78,36 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
     with pytest.raises(LimitBroken) as caught:
         require(check(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0)))
     assert "too heavy" in caught.value.fix
+
+
+@pytest.mark.parametrize("arm", ["lwr", "gen2"])
+def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request, tmp_path):
+    pin = pytest.importorskip("pinocchio")
+    from dynid.sim.urdf import write_urdf
+    from dynid.trajectory.predict import believed
+
+    base = request.getfixturevalue(arm)
+    write_urdf(base.robot, None, tmp_path / "arm.urdf")
+    other = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    data, theta, observer = other.createData(), believed(base.model, base.reduction), base.model.observer
+    limit = replace(bounds(base.robot), torque=TORQUES[arm])
+
+    def torque(motion):
+        return observer(base.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
+
+    passed = 0
+    for seed in range(20):
+        plan = random_trajectory(base.robot, seed, Quintic.even(2.0, 3))
+        fine = plan.sampled(10_000)
+        # Why: Pinocchio holds the angle of a joint without end as cosine and sine.
+        poses = [pin.integrate(other, pin.neutral(other), q) for q in fine.q]
+        tau = np.array([pin.rnea(other, data, *state) for state in zip(poses, fine.qd, fine.qdd, strict=True)])
+        found = check(plan, base.robot, limit, torque)
+        broken = {v.joint for v in found.violations if v.quantity == "torque"}
+        share = np.abs(tau).max(axis=0) / limit.torque
+        assert broken == {base.robot.joint_names[j] for j in np.flatnonzero(share > 1)}
+        passed += not broken
+    assert 2 <= passed <= 18
 
 
 def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2):
