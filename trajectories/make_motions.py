@@ -2,7 +2,8 @@
 
 Run: python trajectories/make_motions.py            plan, write the pictures, leave the motions unreviewed
      python trajectories/make_motions.py --accept   the same after the pictures were looked at
-The number of starts ends the search, not the time, so the seed fixes what is found, up to rounding.
+The number of starts ends the search, not the time, so the seed fixes what is found: the same machine makes the same
+bytes of every motion, however busy it is.
 """
 
 import shutil

@@ -80,6 +80,28 @@ def test_waypoints_beyond_a_limit_end_with_status_5_the_numbers_and_a_way_out(dy
     assert not (dynid.folder / "out" / "kuka_lwr4plus" / "trajectory.npz").exists()
 
 
+def test_waypoints_in_degrees_are_seen_as_such(dynid):
+    (dynid.folder / "deg.csv").write_text("0,0,0,0,0,0,0\n0,30,0,0,0,0,0\n")
+    done = dynid("trajectory", "kuka_lwr4plus", "--from-waypoints", "deg.csv", "--preview", "none")
+    assert done.status == 3
+    assert "error[E307] deg.csv: lwr_1_joint is 30 rad at waypoint 2" in done.err
+    assert "angle_unit: deg" in done.err
+
+
+def test_arm_built_lower_than_the_wanted_distance_is_planned_and_still_kept_off_the_floor(dynid):
+    text = "name: low\nconvention: standard\njoints:\n  - {a: 0.4, d: 0.1, twist: 90 deg}\n  - {a: 0.3}\n"
+    (dynid.folder / "low.yaml").write_text(text)
+    words = ("--preview", "none", "--duration", "6", "--segments", "4")
+    done = dynid("trajectory", "low.yaml", *words, "--seconds", "60", "--restarts", "3", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["closest_m"] > 0.03
+    (dynid.folder / "down.csv").write_text("0,0.5\n0,-0.5\n0,0.5\n")
+    down = dynid("trajectory", "low.yaml", "--from-waypoints", "down.csv", "--preview", "none", "-o", "down")
+    assert down.status == 5
+    assert "error[E502]" in down.err
+    assert "floor" in down.err
+
+
 def test_waypoints_into_the_floor_end_with_status_5_and_the_pair(dynid):
     (dynid.folder / "floor.csv").write_text("0,0,0,0,0,0,0\n0,1.8,0,-0.4,0,0,0\n0,0,0,0,0,0,0\n")
     done = dynid("trajectory", "kuka_lwr4plus", "--from-waypoints", "floor.csv", "--preview", "none")

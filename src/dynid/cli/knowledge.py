@@ -35,7 +35,8 @@ def noise_source(robot: Robot, text: str | None, earlier: Sequence[Path]) -> str
         return "given with --noise"
     if any(kind_of(path) == RESULT for path in earlier):
         return "as an earlier identification found it"
-    return "from the robot file" if robot.torque.noise is not None else "assumed: 0.3 % of the rating"
+    known = robot.torque.noise is not None
+    return "from the robot file" if known else "assumed (0.3 % of the rating, 0.1 N m without one)"
 
 
 def noise_of(robot: Robot, text: str | None, earlier: Sequence[Path]) -> Floats:

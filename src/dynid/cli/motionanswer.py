@@ -143,7 +143,8 @@ def show(common: Common, shop: Workshop, verdict: Verdict, facts: dict[str, Any]
 
 def _found_how(search: dict[str, Any]) -> str:
     """Say how the search ended and what makes the same plan again."""
-    done = f"{search['finished_starts']} starts finished"
+    count = search["finished_starts"]
+    done = f"{count} start{'s' * (count != 1)} finished"
     how = {
         "no search": "a random motion",
         "all starts": f"all {done}",

@@ -12,12 +12,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, TimeNotIncreasing
+from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, PositionInDegrees, TimeNotIncreasing
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
 Floats = NDArray[np.float64]
+#: What is said beside a file of waypoints that cannot be used.
+_LAYOUT = {
+    "why": "a motion goes through one pose a row, one column a joint",
+    "fix": "one row a waypoint, positions in rad or m in the order of the joints, or a heading with their names and t",
+}
+#: Positions beyond two turns each way are no angles in radians that an arm would be asked for.
+TURNS = 4 * np.pi
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 #: Options that PLAN.yaml may set, all as numbers or words of the command line.
@@ -93,6 +100,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         LogLayout: a row is not numbers, or a column is missing.
         JointCountDiffers: another number of columns than joints.
         TimeNotIncreasing: the times do not rise.
+        PositionInDegrees: angles beyond two turns.
     """
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
@@ -105,22 +113,34 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     if header is not None:
         names = [name.removeprefix("q_") for name in header]
         if len(names) != rows.shape[1]:
-            raise LogLayout(f"{path} has {len(names)} headings over {rows.shape[1]} columns", where=str(path))
+            what = f"{path} has {len(names)} headings over {rows.shape[1]} columns"
+            raise LogLayout(what, where=str(path), **_LAYOUT)
         times = rows[:, names.index("t")] if "t" in names else None
         missing = [name for name in robot.joint_names if name not in names]
         if missing:
-            raise LogLayout(f"{path} has no column {missing[0]}; it has {', '.join(names)}", where=str(path))
+            what = f"{path} has no column {missing[0]}; it has {', '.join(names)}"
+            raise LogLayout(what, where=str(path), **_LAYOUT)
         rows = rows[:, [names.index(name) for name in robot.joint_names]]
     elif rows.shape[1] == robot.n + 1:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
         raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
+    turning = [joint.revolute for joint in robot.joints]
+    far = np.abs(rows) * turning
+    if far.size and far.max() > TURNS:
+        row, j = np.unravel_index(far.argmax(), far.shape)
+        raise PositionInDegrees(
+            f"{path}: {robot.joint_names[j]} is {rows[row, j]:g} rad at waypoint {row + 1}",
+            where=str(path),
+            why="the waypoints are probably in degrees; a CSV holds radians",
+            fix="write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578",
+        )
     return _checked(Waypoints(rows, times), str(path))
 
 
 def _checked(waypoints: Waypoints, where: str) -> Waypoints:
     if len(waypoints.q) < 2:
-        raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where)
+        raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where, **_LAYOUT)
     if waypoints.times is not None:
         falling = np.flatnonzero(np.diff(waypoints.times) <= 0)
         if len(falling):
@@ -141,5 +161,6 @@ def _numbers(cells: list[list[str]], path: Path, first: int) -> Floats:
     width = len(cells[0]) if cells else 0
     for k, row in enumerate(cells):
         if len(row) != width or not all(_is_number(cell) and np.isfinite(float(cell)) for cell in row):
-            raise LogLayout(f"{path}: row {first + k} is not {width} numbers: {','.join(row)[:60]}", where=str(path))
+            what = f"{path}: row {first + k} is not {width} numbers: {','.join(row)[:60]}"
+            raise LogLayout(what, where=str(path), **_LAYOUT)
     return np.array(cells, dtype=float).reshape(len(cells), width)

@@ -62,6 +62,7 @@ class World:
         self._joints = [self._index[name] for name in job["joints"]]
         self._sign, self._offset = np.ones(len(self._joints)), np.zeros(len(self._joints))
         self._things: dict[str, int] = {}
+        self._room = dict(zip(self._joints, job["room"], strict=True))
         if job["floor"] is not None:
             self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], None)
             self._tiles(job["floor"], job["foot"], FLOOR * job["reach"] / TILES)
@@ -167,7 +168,12 @@ class World:
                 if distance < least[i]:
                     least[i], where[i] = distance, k
         order = np.argsort(least)
-        return [{"pair": watched[i][0], "distance_m": float(least[i]), "index": int(where[i])} for i in order]
+        return [self._found(watched[i], float(least[i]), int(where[i])) for i in order]
+
+    def _found(self, row: tuple[str, int, int, int], distance: float, index: int) -> dict[str, Any]:
+        name, body, link, _ = row
+        room = self._room.get(link) if body == self._things.get("floor") else None
+        return {"pair": name, "distance_m": distance, "index": index, "room_m": room}
 
     def picture(self, q: Floats, target: list[float], distance: float) -> NDArray[np.uint8]:
         """Return a picture of a pose, (HEIGHT, WIDTH, 3), of a camera so far from what it looks at."""

@@ -26,6 +26,8 @@ POSES = 300
 USUAL = 0.2
 #: Distance of neighbouring spheres over their radius: the string is at its thinnest 20 % thinner than the cylinder.
 SPACING = 1.2
+#: An arm that is built lower than the wanted distance need only stay this much below what its best pose reaches [m].
+BUILT = 1e-3
 #: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
 SCALE = 0.05
 WEIGHT = 100.0
@@ -130,11 +132,13 @@ class Contact:
         what: the two things, such as ``"link 4 - base"``.
         distance: clearance beyond the sum of radii, negative when they overlap [m].
         index: sample where it is least.
+        wanted: what it should be at least [m].
     """
 
     what: str
     distance: float
     index: int
+    wanted: float
 
 
 @dataclass
@@ -172,6 +176,16 @@ class Spheres:
         low = (points[:, :, 2] - self._radii - floor < self.scene.distance).mean(axis=0) >= USUAL
         # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
         self._lifted = ~(low & (self.links == 0))
+        best = (points[:, self._lifted, 2] - self._radii[self._lifted]).max(axis=0) - floor
+        # Why: a shoulder may be built lower than the wanted distance; no motion lifts it.
+        self._above_floor = np.minimum(self.scene.distance, best - BUILT)
+
+    def room(self) -> list[float | None]:
+        """Return the distance to the floor that each link is wanted to keep as it is built [m]; None without a say."""
+        links = self.links[self._lifted]
+        if self.scene.floor is None:
+            return [None] * self.robot.n
+        return [float(self._above_floor[links == i].min()) if (links == i).any() else None for i in range(self.robot.n)]
 
     def _random_poses(self) -> Floats:
         lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in self.robot.joints]).T
@@ -224,7 +238,7 @@ class Spheres:
             np.add.at(pull, (sample, self._first[pair]), force)
             np.add.at(pull, (sample, self._second[pair]), -force)
         if scene.floor is not None:
-            extra, slope = _charge(self._floor_distance(points), scene.distance)
+            extra, slope = _charge(self._floor_distance(points), self._above_floor)
             total, pull[:, self._lifted, 2] = total + extra, pull[:, self._lifted, 2] + slope
         for box in scene.obstacles:
             distance, direction = self._box_distance(points, box)
@@ -261,23 +275,25 @@ class Spheres:
         if distance.size:
             k, pair = np.unravel_index(distance.argmin(), distance.shape)
             names = f"link {self.links[self._first[pair]] + 1} - link {self.links[self._second[pair]] + 1}"
-            found.append(Contact(names, float(distance[k, pair]), int(k)))
+            found.append(Contact(names, float(distance[k, pair]), int(k), self.scene.self_distance))
         if self.scene.floor is not None:
             distance = self._floor_distance(points)
-            k, s = np.unravel_index(distance.argmin(), distance.shape)
-            found.append(Contact(f"link {self.links[self._lifted][s] + 1} - floor", float(distance[k, s]), int(k)))
+            k, s = np.unravel_index((distance - self._above_floor).argmin(), distance.shape)
+            what, wanted = f"link {self.links[self._lifted][s] + 1} - floor", float(self._above_floor[s])
+            found.append(Contact(what, float(distance[k, s]), int(k), wanted))
         for number, box in enumerate(self.scene.obstacles, start=1):
             distance = self._box_distance(points, box)[0]
             k, s = np.unravel_index(distance.argmin(), distance.shape)
-            found.append(Contact(f"link {self.links[s] + 1} - obstacle {number}", float(distance[k, s]), int(k)))
+            what = f"link {self.links[s] + 1} - obstacle {number}"
+            found.append(Contact(what, float(distance[k, s]), int(k), self.scene.distance))
         if self.scene.workspace is not None:
             tool, workspace = origins[:, -1], self.scene.workspace
             room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
-            found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin())))
+            found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin()), 0.0))
         return found
 
 
-def _charge(distance: Floats, wanted: float) -> tuple[float, Floats]:
-    """Return the penalty on distances below the wanted one, (N, ...), and its gradient."""
+def _charge(distance: Floats, wanted: float | Floats) -> tuple[float, Floats]:
+    """Return the penalty on distances below the wanted ones, (N, ...), and its gradient."""
     lack = np.maximum(wanted - distance, 0.0) / SCALE
     return WEIGHT * float(np.sum(lack**2)) / len(distance), -2 * WEIGHT / SCALE / len(distance) * lack

@@ -134,7 +134,8 @@ def refuse(violations: Sequence[Violation], margin: float, slower: Callable[[flo
     if not violations:
         return
     worst = max(violations, key=lambda v: v.value / v.limit if v.limit else np.inf)
-    more = f"; {len(violations) - 1} more limits are broken" if len(violations) > 1 else ""
+    others = len(violations) - 1
+    more = f"; {others} more limit{'s are' if others > 1 else ' is'} broken" if others else ""
     kept = f" with {100 * margin:g} % margin" if margin else ""
     helps = [v.alpha for v in violations]
     if all(alpha is not None for alpha in helps):

@@ -39,6 +39,8 @@ HOPELESS = 0.35
 #: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
 #: the work without a start's fate depending on how many there are. More processes than that are not used.
 LANES = 8
+#: No cost of a motion that determines all parameters is so large; penalties are.
+PENALISED = 50.0
 #: Seconds between two reports of the best so far.
 REPORT = 0.5
 
@@ -167,6 +169,8 @@ def _require_met(replay: tuple[int, int], best: dict[int, Met]) -> None:
 def describe(problem: Problem, value: float) -> str:
     """Return a cost in words."""
     cost = problem.cost
+    if value > PENALISED:
+        return "none that keeps clear yet"
     if cost.kind == "condition":
         return f"condition number {np.exp(value):.1f}"
     if cost.kind == "i":

@@ -194,7 +194,7 @@ def clear_pose(shop: Workshop) -> Floats:
     rng = np.random.default_rng(0)
     lower, upper = np.maximum(shop.limits.lower, CONTINUOUS[0]), np.minimum(shop.limits.upper, CONTINUOUS[1])
     q = rng.uniform(lower, upper, (CLEAR_POSES, len(lower)))
-    room = [min((c.distance for c in shop.spheres.contacts(pose[None])), default=0.0) for pose in q]
+    room = [min((c.distance - c.wanted for c in shop.spheres.contacts(pose[None])), default=0.0) for pose in q]
     return np.asarray(q[int(np.argmax(room))])
 
 
@@ -206,14 +206,11 @@ def judged(shop: Workshop, trajectory: Trajectory) -> None:
         Collision: contact of the arm's spheres.
     """
     require(check(trajectory, shop.base.robot, shop.limits, shop.torque, shop.wishes.speed), shop.wishes.margin)
-    scene = shop.wishes.scene
     motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
     for contact in shop.spheres.contacts(motion.q):
-        wanted = scene.self_distance if contact.what.count("link") == 2 else scene.distance
-        wanted = 0.0 if contact.what.startswith("tool") else wanted
-        if contact.distance < wanted:
+        if contact.distance < contact.wanted:
             what = f"{contact.what}: {1000 * contact.distance:.0f} mm at t = {motion.t[contact.index]:.1f} s"
-            raise Collision(f"{what}; wanted are {1000 * wanted:.0f} mm")
+            raise Collision(f"{what}; wanted are {1000 * contact.wanted:.0f} mm")
 
 
 def first_accepted(

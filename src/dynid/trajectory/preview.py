@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.robot import Robot
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
-from dynid.trajectory.clearance import Scene, joint_axes, link_poses
+from dynid.trajectory.clearance import Scene, Spheres, joint_axes, link_poses
 from dynid.trajectory.feasible import CONTINUOUS
 from dynid.trajectory.plan import Trajectory
 
@@ -45,11 +45,13 @@ class Distance:
         pair: their names, such as ``"link_5 - base"``.
         distance: negative when they overlap [m].
         time: when [s].
+        room: distance that the arm can keep as it is built [m]; None where nothing is known against the wanted one.
     """
 
     pair: str
     distance: float
     time: float
+    room: float | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def measure(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: 
             raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
         found = json.loads(answer.read_text(encoding="utf-8"))
     _require_axes(robot, found["axis_errors"], urdf)
-    return tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]])) for d in found["distances"])
+    rows = found["distances"]
+    return tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]]), d["room_m"]) for d in rows)
 
 
 def require_clear(
@@ -137,9 +140,11 @@ def require_clear(
 
 
 def wanted(distance: Distance, scene: Scene) -> float:
-    """Return the wanted distance of a pair [m]."""
+    """Return the wanted distance of a pair [m]: of arms that are built lower than wanted, what they can keep."""
     outside = distance.pair.endswith("floor") or " - obstacle" in distance.pair
-    return scene.distance if outside else scene.self_distance
+    if not outside:
+        return scene.self_distance
+    return scene.distance if distance.room is None else min(scene.distance, distance.room)
 
 
 @contextmanager
@@ -200,6 +205,7 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Loo
         "reach": float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints)) or 1.0,
         "foot": list(robot.base_xyz),
         "camera": _camera(robot, q),
+        "room": Spheres(robot, scene).room(),
         "picture": str(look.picture.resolve()) if look and look.picture else None,
         "animation": str(look.animation.resolve()) if look and look.animation else None,
         "title": look.title if look else "",

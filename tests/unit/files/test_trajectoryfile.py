@@ -21,6 +21,7 @@ from dynid.files.trajectoryfile import (
 from dynid.motion import Motion
 from dynid.robot import DriverSpec, JointMap
 
+SHIPPED = Path(__file__).parents[3] / "trajectories"
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "kuka_lwr4plus.yaml")
 
 
@@ -86,3 +87,13 @@ def test_joint_trajectory_speaks_the_drivers_language(tmp_path):
     assert np.allclose(np.array(sign) * point["velocities"], stored().motion.qd[3], atol=1e-8)
     assert len(point["accelerations"]) == 7
     assert point["time_from_start"] == {"secs": 0, "nsecs": 30_000_000}
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED.glob("*_alpha*.npz")))
+def test_shipped_motions_are_reviewed_have_a_picture_and_say_how_to_make_them_again(name):
+    found = read_trajectory(SHIPPED / f"{name}.npz")
+    assert found.reviewed
+    assert (SHIPPED / f"{name}.png").is_file()
+    assert found.alpha == float(name.rpartition("alpha")[2])
+    if found.alpha == 1.0:
+        assert found.facts["answer"]["search"]["again"] == "--seed 1"

@@ -5,10 +5,12 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dynid
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
 from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
@@ -159,5 +161,6 @@ with window(plan, robot, Path("arm.urdf"), Scene()):
     print("open")
 """
     words = ["xvfb-run", "-a", "-s", "-screen 0 640x480x24", sys.executable, "-c", script]
-    done = subprocess.run(words, cwd=tmp_path, env=os.environ, capture_output=True, text=True, timeout=120)
+    env = {**os.environ, "PYTHONPATH": str(Path(dynid.__file__).parents[1])}
+    done = subprocess.run(words, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "open\n"), done.stderr
