@@ -86,6 +86,14 @@ def test_pictures_of_the_docs_are_used():
         assert picture.name in text
 
 
+def test_rows_on_the_page_of_exciting_motions_are_those_of_the_benchmark():
+    made = (ROOT / "benchmarks/excitation.md").read_text().splitlines()
+    page = (ROOT / "docs/explanation/exciting-motions.md").read_text().splitlines()
+    shown = [line for line in page if line[:1] == "|"]
+    assert len(shown) > 20
+    assert set(shown) <= set(made)
+
+
 def test_masking_numbers_hides_nothing_else():
     assert alike("rms 0.42 N m\n", "rms 0.43 N m\n")
     assert not alike("rms 0.42 N m\n", "rms 0.42 N\n")
