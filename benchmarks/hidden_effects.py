@@ -25,6 +25,10 @@ CATALOGUE = (
 )  # fmt: skip
 OUTSIDE = ("ringing", "contacts", "wandering", "odd_cross", "load_viscous", "sum_angle", "dead_band")
 CHANGES = ("payload", "coulomb_change", "viscous_change", "torque_offset", "tool_force", "base_tilt")
+#: What a model that is fitted again absorbs, and what recordings have without anything being missing.
+DECOYS = ("plain", "spikes", "loud_when_fast", "joint_at_rest", "heavier_tool", "more_friction", "drifting_tracking")
+#: What recorders do to stamps and rows.
+MESSES = ("uneven", "late_stamps", "drop_outs", "one_repeat", "uneven and drop_outs", "slow")
 WHOLE_ARM = ("base_tilt", "torque_delay", "tool_force", "payload")
 
 
@@ -126,7 +130,8 @@ def motion(arm, plan, t, rng, wobble=1e-3):
         loop = 1 / (1 - (f[j] / 5.0) ** 2 + 1.6j * f[j] / 5.0)
         small = 2 * np.pi * rng.uniform(0.1, 2.5, 8)
         w = np.append(w, small)
-        weight = np.append(size[j] * loop * np.exp(1j * phase[j]), wobble / 2 * np.exp(1j * rng.uniform(0, 7, 8)))
+        tremble = wobble / 2 if size[j].any() else 0.0  # a joint that rests is held by its friction
+        weight = np.append(size[j] * loop * np.exp(1j * phase[j]), tremble * np.exp(1j * rng.uniform(0, 7, 8)))
         wave = weight * np.exp(1j * np.outer(t, w))
         q[:, j], qd[:, j], qdd[:, j] = wave.imag.sum(1), (1j * w * wave).imag.sum(1), (-(w**2) * wave).imag.sum(1)
     return q + centre, qd, qdd
@@ -141,6 +146,7 @@ class Case:
     joint: int
     size: float
     seed: int
+    extra: str = "plain"
     facts: dict = field(default_factory=dict)
 
 
@@ -257,8 +263,55 @@ def scale_of(case, arm):
     return {"encoder_offset": 0.03, "joint_elasticity": soft, "torque_delay": 0.004, "base_tilt": 0.003, "payload": 0.02}.get(case.effect, 1.0)
 
 
+def prepared(case, arm, plans):
+    """Change the true arm or its motions as a decoy asks for."""
+    if case.extra == "heavier_tool":
+        arm.load(0.8)
+    if case.extra == "more_friction":
+        arm.coulomb, arm.viscous = 1.3 * arm.coulomb, 0.8 * arm.viscous
+    if case.extra == "joint_at_rest":
+        for _, size, _ in plans:
+            size[case.joint % (arm.n - 1) + 1] = 0.0
+    if case.extra == "slow":
+        for f, _, _ in plans:
+            f *= 0.6
+
+
+def sampling(case, seconds, rng):
+    """Return the times of the samples, (N,) [s]."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    return t + rng.uniform(-0.3, 0.3, len(t)) / RATE if "uneven" in case.extra else t
+
+
+def recorded(case, t, q, tau, rng):
+    """Return a log as a recorder leaves it: stamps that come late, rows that are lost."""
+    kept = np.ones(len(t), dtype=bool)
+    if "drop_outs" in case.extra:
+        kept = rng.random(len(t)) > 0.01
+        for at in rng.uniform(t[0] + 2, t[-1] - 2, 2):
+            kept &= np.abs(t - at) > rng.uniform(0.05, 0.4)
+    if "late_stamps" in case.extra:
+        t = np.maximum.accumulate(t + rng.exponential(0.1 / RATE, len(t))) + 1e-7 * np.arange(len(t))
+    return t[kept], q[kept], tau[kept]
+
+
+def noisy(case, white, qd, rng):
+    """Draw torque noise: white and coloured, and what a decoy adds, (N, n)."""
+    coloured = np.zeros_like(qd)
+    drive = rng.normal(size=qd.shape)
+    for k in range(1, len(qd)):
+        coloured[k] = 0.96 * coloured[k - 1] + 0.28 * drive[k]
+    noise = white * rng.normal(size=qd.shape) + 0.15 * white * coloured
+    if case.extra == "spikes":
+        hit = rng.random(qd.shape) < 5e-4
+        noise += hit * white * rng.choice([-12.0, 12.0], qd.shape)
+    if case.extra == "loud_when_fast":
+        noise *= 0.7 + np.abs(qd) / np.abs(qd).max(axis=0).clip(1e-9)
+    return noise
+
+
 def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed=None, start_at=0.0):
-    """Return a list of logs (t, q, tau), the names of the true effect's joints, and the oracle's torque.
+    """Return a list of logs (t, q, tau); without ``hide`` the same motion and noise without the effect.
 
     The visible size is relative to the noise: the effect's torque is scaled so that its rms after a crude baseline
     (offset, position, velocity, sign, acceleration of the joint) is taken off equals ``case.size`` times the noise.
@@ -273,11 +326,12 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
     clock = start_at
     scale = None
     tilt = None
-    for _ in range(trajectories):
-        plan = sines(arm, seconds, plans_rng)
-        for _ in range(repeats):
-            t = np.arange(round(seconds * RATE)) / RATE
-            q, qd, qdd = motion(arm, plan, t, rng)
+    plans = [sines(arm, seconds, plans_rng) for _ in range(trajectories)]
+    prepared(case, arm, plans)
+    for number, plan in enumerate(plans):
+        for _ in range(1 if case.extra == "one_repeat" and number else repeats):
+            t = sampling(case, seconds, rng)
+            q, qd, qdd = motion(arm, plan, t, rng, 4e-3 if case.extra == "drifting_tracking" else 1e-3)
             gravity = arm.model.gravity.linear.copy()
             size = case.size * scale_of(case, arm) if hide else 0.0
             if case.effect == "base_tilt":
@@ -306,13 +360,9 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
                 tau[:, case.joint] += case.size * 0.3 * white[case.joint] * wander
             if case.effect == "torque_delay" and size:
                 tau = np.stack([np.interp(t - size, t, column) for column in tau.T], axis=1)
-            coloured = np.zeros_like(tau)
-            drive = rng.normal(size=tau.shape)
-            for k in range(1, len(t)):
-                coloured[k] = 0.96 * coloured[k - 1] + 0.28 * drive[k]
-            tau = tau + white * rng.normal(size=tau.shape) + 0.15 * white * coloured
+            tau = tau + noisy(case, white, qd, rng)
             step = 1.7e-5 if case.arm == "lwr4plus" else 1e-4
-            logs.append((clock + t, np.round(shown / step) * step, tau))
+            logs.append(recorded(case, clock + t, np.round(shown / step) * step, tau, rng))
             clock += seconds + 5.0
     return logs
 
@@ -324,9 +374,14 @@ def unit(extra, q, qd, qdd, white, case):
         if not np.any(extra[:, j]):
             continue
         basis = [np.ones(len(q)), qd[:, j], np.tanh(qd[:, j] / 0.01), np.sin(q[:, j]), np.cos(q[:, j])]
-        if case.effect == "torque_offset":
+        if case.effect in ("torque_offset", "torque_drift"):
             basis = basis[1:]
+        if case.effect in ("spring", "end_stop"):
+            basis = basis[:3]
+        if case.effect in ("coulomb_change", "viscous_change"):
+            basis = basis[:1]
         A = np.column_stack(basis)
         left = extra[:, j] - A @ np.linalg.lstsq(A, extra[:, j], rcond=None)[0]
         rms.append(np.sqrt(np.mean(left**2)) / (0.33 * white[j]))
-    return 1 / max(rms) if rms else 0.0
+    # A drift goes on while the other motions are recorded.
+    return 1 / max(rms) / (4.0 if case.effect == "torque_drift" else 1.0) if rms else 0.0

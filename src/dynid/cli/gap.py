@@ -75,6 +75,8 @@ def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **o
 
 def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], options: dict[str, Any]) -> ExitStatus:
     """Read, search, report, and add what was named."""
+    import numpy as np
+
     from dynid.cli.validate import base_model_of
     from dynid.gap.investigate import investigate
     from dynid.gap.setting import Known
@@ -86,7 +88,7 @@ def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], o
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
     found = stored.identification
-    known = Known(found.theta, found.covariance) if options["mode"] == "frozen" else None
+    known = Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints])) if options["mode"] == "frozen" else None
     with common.terminal.progress() as progress:
         progress.stage("search", "")
         seen = investigate(sources, base, known, wanted, progress)

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.gap.noise import ORDER, Noise, whitened
-from dynid.gap.stretches import Stretch
+from dynid.gap.stretches import Stretch, blocks_of
 from dynid.model.effects.interface import Floats
 
 Ints = NDArray[np.int64]
 
 #: Directions of the normalised baseline below this share of the strongest are not excited.
 WEAK = 1e-9
-#: Length of a block of time [s]: longer than the memory of whitened residuals.
-BLOCK_SECONDS = 1.0
 
 
 @dataclass
@@ -143,6 +141,7 @@ def build_board(
     edges = np.cumsum([0, *(len(s) for s in stretches)])
     count = nuisance[0][0].shape[0]
     p = stretches[0].W.shape[2]
+    blocks = blocks_of(stretches)
     for j in range(n):
         base = board.whiten(j, [s.W[:, j].T for s in stretches])
         extra = board.whiten(j, [nuisance[k][j] for k in range(len(stretches))])
@@ -151,7 +150,7 @@ def build_board(
         A[:, p + j * count : p + (j + 1) * count] = extra.T
         y = board.whiten(j, [s.tau[:, j] for s in stretches])
         chosen = [np.flatnonzero(s.use[ORDER:, j]) + ORDER for s in stretches]
-        block = [_block(s, number)[rows] for number, (s, rows) in enumerate(zip(stretches, chosen, strict=True))]
+        block = [one[rows] for one, rows in zip(blocks, chosen, strict=True)]
         log = [np.full(len(rows), s.log) for s, rows in zip(stretches, chosen, strict=True)]
         place = [rows + start for rows, start in zip(chosen, edges[:-1], strict=True)]
         board.joints.append(Rows(j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, place))))
@@ -161,10 +160,3 @@ def build_board(
         board.prior = wide
     board.solve()
     return board
-
-
-def _block(stretch: Stretch, number: int) -> Ints:
-    """Return the block of time of each row; blocks of different stretches differ."""
-    return (1_000_000 * number + np.arange(len(stretch)) // max(1, round(BLOCK_SECONDS * stretch.rate))).astype(
-        np.int64
-    )

@@ -142,6 +142,7 @@ class Proof:
         agreement: chance of such differences between halves of logs when the effect is the same in all.
         visible_rms: root mean square of what it explains on the joint that shows it most, in units of the noise.
         joint: that joint.
+        gains: its gain in each block of time, (B,).
     """
 
     beta: Floats
@@ -150,6 +151,7 @@ class Proof:
     agreement: float
     visible_rms: float
     joint: int
+    gains: Floats
 
 
 def prove(board: Board, columns: dict[int, Floats]) -> Proof:
@@ -169,7 +171,7 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
     pieces = {}
     for j, rows in enumerate(board.joints):
         C = columns.get(j, np.zeros((k, len(rows.y)))) - (board.Q[j] @ np.asarray(P).T).T
-        products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), -1), (C * board.e[j]).T], axis=1)
+        products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * board.e[j]).T], axis=1)
         pieces[j] = C
         for ids, found in ((rows.block, blocks), (_halves(rows.log), logs)):
             if len(ids) == 0:
@@ -177,7 +179,7 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
             starts = np.flatnonzero(np.diff(ids, prepend=ids[0] - 1))
             for key, value in zip(ids[starts].tolist(), np.add.reduceat(products, starts), strict=True):
                 found.setdefault(key, []).append(value)
-    G, b = _split([np.sum(v, axis=0) for v in blocks.values()], k)
+    G, b = _split([np.sum(blocks[key], axis=0) for key in sorted(blocks)], k)
     scale = np.sqrt(np.maximum(np.diagonal(G.sum(axis=0)), 1e-300))
     G, b = G / np.outer(scale, scale), b / scale
     ridge = 1e-9 * np.eye(k)
@@ -194,7 +196,8 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
         if len(board.e[j]):
             shares[j] = float(np.sqrt(np.mean((amplitude @ pieces[j]) ** 2)))
     joint = max(shares, key=lambda j: shares[j])
-    return Proof(amplitude, covariance / np.outer(scale, scale), p_value, agreement, shares[joint], joint)
+    gains = 2 * b @ beta - np.einsum("k,bkl,l->b", beta, G, beta)
+    return Proof(amplitude, covariance / np.outer(scale, scale), p_value, agreement, shares[joint], joint, gains)
 
 
 def _halves(log: Ints) -> Ints:

@@ -18,7 +18,7 @@ from dynid.gap.noise import ORDER
 from dynid.gap.picks import Pick, effect_torque, moved, with_picks
 from dynid.gap.search import Search
 from dynid.gap.setting import Setting
-from dynid.gap.stretches import cut
+from dynid.gap.stretches import blocks_of, cut
 from dynid.model.effects.interface import Floats
 from dynid.robot import EffectSpec
 
@@ -180,13 +180,14 @@ def _held_residual(setting: Setting, picks: Sequence[Pick]) -> list[tuple[Floats
     found = []
     held = cut(setting.stretches, setting.held)
     torques = [effect_torque(s.course, s.filtered, picks, amplitudes) for s in board.stretches]
+    times = blocks_of(held)
     for j in range(setting.stretches[0].course.n):
         parts, blocks = [], []
-        for number, (s, extra) in enumerate(zip(held, torques, strict=True)):
+        for s, extra, time in zip(held, torques, times, strict=True):
             use = s.use[:, j].copy()
             use[:ORDER] = False
             parts.append((s.tau[:, j] - s.W[:, j] @ theta - extra[j])[use])
-            blocks.append((1_000_000 * number + np.arange(len(s)) // max(1, round(s.rate)))[use])
+            blocks.append(time[use])
         found.append((np.concatenate(parts), np.concatenate(blocks)))
     return found
 

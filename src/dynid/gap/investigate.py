@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid.errors import PackageMissing
+from dynid.gap.board import Board
 from dynid.gap.final import Fitted, Shrink, fit_picks, shrink
 from dynid.gap.forward import forward
-from dynid.gap.search import Options, Search, search
+from dynid.gap.search import Options, Search, search, without
 from dynid.gap.setting import Known, Setting, make_setting
-from dynid.gap.verdict import Verdict, judge
+from dynid.gap.verdict import NOT_SMALLER, Verdict, judge, refusal
 from dynid.gap.where import JointGap, where
 from dynid.identify.stack import Source
 from dynid.model.effects.interface import Floats
@@ -54,6 +55,7 @@ def investigate(
     progress: Progress = SILENT,
     *,
     simulate: bool = True,
+    earlier: Sequence[Source] = (),
 ) -> Investigation:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
@@ -64,13 +66,14 @@ def investigate(
         options: what is searched.
         progress: told how far the work is.
         simulate: whether the forward simulation is run too.
+        earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
     sources = on_one_clock(sources)
     first = make_setting(sources, base, known)
-    found = search(sources, base, known, options, progress, first=first)
-    fitted, board = fit_picks(found)
-    proof = shrink(first, found, fitted)
-    verdict = judge(found, fitted, proof, base.robot.joint_names)
+    before = make_setting(on_one_clock(earlier), base, known) if earlier else None
+    found = search(sources, base, known, options, progress, first=first, earlier=before)
+    found, fitted, withdrawn, proof, board = proved(first, found)
+    verdict = judge(found, fitted, proof, base.robot.joint_names, withdrawn)
     regions = where(replace(first, noise=found.setting.noise).board())
     simulation = None
     if simulate:
@@ -88,6 +91,26 @@ def investigate(
         if share < HIDDEN:
             unseen.setdefault(name, []).extend(place[:1])
     return Investigation(first, found, tuple(fitted), tuple(regions), proof, simulation, verdict, unseen)
+
+
+def proved(first: Setting, found: Search) -> tuple[Search, list[Fitted], list[Fitted], Shrink, Board]:
+    """Fit what was found and prove it on held-out rows, without what does not shrink the gap there.
+
+    What fails is withdrawn and the rest proved again: a wrong effect spoils the prediction that others are judged by.
+
+    Returns:
+        Search, effects with numbers and withdrawn ones, the held-out gap, and the fitted board.
+    """
+    withdrawn: list[Fitted] = []
+    while True:
+        fitted, board = fit_picks(found)
+        proof = shrink(first, found, fitted)
+        failing = [f for f in fitted if refusal(found, fitted, f, proof) == NOT_SMALLER]
+        if not failing or len(fitted) == 1:
+            return found, fitted, withdrawn, proof, board
+        worst = min(failing, key=lambda f: f.pick.net)
+        withdrawn.append(worst)
+        found = without(found, worst.pick)
 
 
 def on_one_clock(sources: Sequence[Source]) -> list[Source]:

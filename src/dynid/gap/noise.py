@@ -7,7 +7,7 @@ autoregressive model whitens the rows; without that, tests on robot residuals fi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
 #: an undisturbed arm have; a random contact gives 12 and more, a wandering sensor 27 and more.
 BURST, WANDER = 6.0, 14.0
+#: A kept model left more than noise on a joint when it left more than this many times the floor.
+MORE_THAN_NOISE = 1.2
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Noise:
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
         burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
         wander: power at low over high frequency, (n,); 0 without repeats.
+        kept: joints whose floor is what a kept model left unexplained when it was identified, which is more than noise.
     """
 
     ar: Floats
@@ -46,6 +49,7 @@ class Noise:
     repeats: float
     burst: Floats
     wander: Floats
+    kept: tuple[int, ...] = ()
 
     @property
     def unrepeatable(self) -> list[int]:
@@ -203,6 +207,38 @@ def _from_spectrum(stretches: Sequence[Stretch], residuals: Sequence[Floats]) ->
     nothing = np.zeros(n)
     sigma = np.maximum(level, 1e-9)
     return Noise(np.tile(ar, (n, 1)), sigma, sigma * scale, 0.0, nothing, nothing)
+
+
+def with_misfit(noise: Noise, stretches: Sequence[Stretch], residuals: Sequence[Floats], level: Floats) -> Noise:
+    """Return the noise where what a kept model could not explain when it was identified is larger than the floor.
+
+    What was unexplained then and is unexplained now has not changed; it is neither small nor white, so it gets the
+    colour of what is left now.
+
+    Args:
+        noise: the floor.
+        stretches: rows.
+        residuals: what a refitted model leaves of them, one (M, n) a stretch: the colour.
+        level: rms of what the kept model left, (n,) [N m].
+    """
+    ar, sigma, floor, kept = noise.ar.copy(), noise.sigma.copy(), noise.floor.copy(), []
+    for j in np.flatnonzero(level > MORE_THAN_NOISE * noise.floor).tolist():
+        parts = [(r[:, j], s.use[:, j]) for s, r in zip(stretches, residuals, strict=True)]
+        if sum(use.sum() for _, use in parts) < 10 * ORDER:
+            continue
+        covariance = np.array([_product(parts, lag) for lag in range(ORDER + 1)])
+        ar[j] = yule_walker(covariance)
+        white = np.concatenate([whitened(x, ar[j])[use[ORDER:]] for x, use in parts])
+        sigma[j], floor[j] = level[j] * np.sqrt(np.mean(white**2) / covariance[0]), level[j]
+        kept.append(j)
+    return replace(noise, ar=ar, sigma=sigma, floor=floor, kept=tuple(kept))
+
+
+def _product(parts: Sequence[tuple[Floats, Mask]], lag: int) -> float:
+    """Return the mean product of values that are so many rows apart, both counting."""
+    both = [use[lag:] & use[: len(use) - lag] for _, use in parts]
+    total = sum(float((x[lag:] * x[: len(x) - lag])[b].sum()) for (x, _), b in zip(parts, both, strict=True))
+    return total / max(1, sum(int(b.sum()) for b in both))
 
 
 def yule_walker(covariance: Floats) -> Floats:

@@ -37,6 +37,11 @@ class Pick:
         """Identifier and place."""
         return self.effect.name, self.place
 
+    @property
+    def freedom(self) -> int:
+        """Number of parameters that are fitted."""
+        return len(self.proof.beta) + len(self.effect.steps)
+
 
 def moved(value: float, kind: str, size: float, share: float) -> float:
     """Return a shape parameter moved by a share of its first step."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.gap.board import Board
 from dynid.gap.evidence import Candidate, Proof, Score, columns_of, make_candidate, prove, score
-from dynid.gap.noise import noise_of
+from dynid.gap.noise import noise_of, with_misfit
 from dynid.gap.picks import Pick, effect_torque, moved, with_picks
 from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns
 from dynid.gap.where import between_reversals
@@ -24,12 +24,17 @@ from dynid.progress import SILENT, Progress
 SMALLEST = 0.2
 #: The chance of a false name is divided over so many more looks for a wave: its frequency is free.
 RIPPLE_LOOKS = 60.0
-#: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred.
-EQUAL = 12.0
+#: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred; and in
+#: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is left
+#: is noise, and more when what is left is what the model lacks.
+EQUAL, SURE = 12.0, 1.73
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
 #: Rivals that are refined before they are compared.
-RIVALS = 4
+RIVALS = 6
+#: A rival has at least this share of an effect's evidence, and loses all but this share of its gain beside it: what
+#: explains something else is no rival.
+NEAR, INSTEAD = 0.7, 0.5
 #: Steps of the refinement of a shape, in shares of its first step; it ends early where there is little to gain: what a
 #: large effect leaves when its shape is a little off would be taken for a second effect.
 REFINED = (1.0, 0.5, 0.25, 0.25, 0.12, 0.06, 0.03, 0.015)
@@ -93,6 +98,7 @@ def search(
     progress: Progress = SILENT,
     *,
     first: Setting | None = None,
+    earlier: Setting | None = None,
 ) -> Search:
     """Search logs for what the model lacks.
 
@@ -103,12 +109,15 @@ def search(
         options: what is searched.
         progress: told how far the work is.
         first: the setting of these logs, when it is there already.
+        earlier: the setting of the logs that a kept model was identified from: what a candidate explains there was
+            missing already, and is no evidence for a change.
     """
     delay, proof = 0.0, None
     setting = first or make_setting(sources, base, known)
+    old = {} if earlier is None else explained(earlier, options, sum(int(rows.sum()) for rows in setting.train))
     first_chi = setting.board().chi()
     for _ in range(DELAYS + 2):
-        finder = _Finder(setting, options, progress, delay_allowed=abs(delay) < 0.5)
+        finder = _Finder(setting, options, progress, old, delay_allowed=abs(delay) < 0.5)
         late = finder.run()
         if late is not None:
             delay += float(late.beta[0])
@@ -116,8 +125,8 @@ def search(
             shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
             setting = make_setting(shifted, base, known)
             continue
-        old, setting = setting, quieter(setting, finder.board, finder.picks)
-        if np.all(setting.noise.floor > SAME_NOISE * old.noise.floor):
+        floor, setting = setting.noise.floor, quieter(setting, finder.board, finder.picks)
+        if np.all(setting.noise.floor > SAME_NOISE * floor):
             break
     bare = setting.board(finder.board.theta[: base.reduction.rank])
     if not delay:
@@ -125,6 +134,25 @@ def search(
     full = with_picks(bare, finder.picks)
     calm = np.minimum(full.chi(), between_reversals(full))
     return Search(setting, finder.picks, delay, proof, first_chi, full.chi(), calm, finder.refused, finder.visibility)
+
+
+def explained(earlier: Setting, options: Options, rows: int) -> dict[tuple[str, Place], float]:
+    """Return what each candidate explains of the logs that a kept model was identified from, as if of so many rows."""
+    board = earlier.board()
+    share = rows / max(1, sum(int(one.sum()) for one in earlier.train))
+    found: dict[tuple[str, Place], float] = {}
+    for effect, place in wanted_effects(earlier, options):
+        for candidate in make_candidate(board, effect, place):
+            gain = share * score(board, candidate).gain
+            found[candidate.key] = max(gain, found.get(candidate.key, 0.0))
+    return found
+
+
+def without(found: Search, pick: Pick) -> Search:
+    """Return a search without one of its effects."""
+    picks = [p for p in found.picks if p.key != pick.key]
+    full = with_picks(found.setting.board(), picks)
+    return replace(found, picks=picks, after=full.chi(), calm=np.minimum(full.chi(), between_reversals(full)))
 
 
 def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
@@ -141,14 +169,25 @@ def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
         extra = board.theta[p : board.size].reshape(s.course.n, -1)
         model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.course.n)], axis=1)
         residuals.append(s.tau - model - effect_torque(b.course, s.filtered, picks, board.theta[board.size :]).T)
-    return replace(setting, noise=noise_of(setting.stretches, residuals, setting.pairs))
+    noise = noise_of(setting.stretches, residuals, setting.pairs)
+    if setting.left is not None:
+        noise = with_misfit(noise, setting.stretches, residuals, setting.left)
+    return replace(setting, noise=noise)
 
 
 class _Finder:
     """Greedy addition with swaps and backward elimination on one setting."""
 
-    def __init__(self, setting: Setting, options: Options, progress: Progress, *, delay_allowed: bool) -> None:
-        self.setting, self.options, self.progress = setting, options, progress
+    def __init__(
+        self,
+        setting: Setting,
+        options: Options,
+        progress: Progress,
+        old: dict[tuple[str, Place], float],
+        *,
+        delay_allowed: bool,
+    ) -> None:
+        self.setting, self.options, self.progress, self.old = setting, options, progress, old
         self.delay_allowed = delay_allowed
         self.picks: list[Pick] = []
         self.barred: set[tuple[str, Place]] = set()
@@ -186,30 +225,43 @@ class _Finder:
         return None
 
     def _scores(self, board: Board, skip: Sequence[tuple[str, Place]] = ()) -> list[tuple[Score, Candidate]]:
-        found = [(score(board, c), c) for c in self.candidates if c.key not in self.barred and c.key not in skip]
+        wanted = [c for c in self.candidates if c.key not in self.barred and c.key not in skip]
+        scores = [score(board, c) for c in wanted]
+        found = [(replace(s, price=s.price + self.old.get(c.key, 0.0)), c) for s, c in zip(scores, wanted, strict=True)]
         return sorted(found, key=lambda pair: -pair[0].net)
 
     def _best(self) -> Pick | None:
-        """Return the strongest candidate that passes the tests."""
+        """Return the strongest candidate that passes the tests.
+
+        Where the strongest on a joint is large but not sure, weaker ones there would only stand in for it.
+        """
         ranked = self._scores(self.board, [p.key for p in self.picks])
         if not self.visibility:
             for found, c in ranked:
                 self.visibility[c.key] = max(found.visibility, self.visibility.get(c.key, 0.0))
-        leading = [self._refined(self.board, found, c) for found, c in ranked[:RIVALS] if found.net > 0]
-        for pick in sorted(leading, key=lambda p: -p.net):
-            why = self._fails(pick)
-            if not why:
-                return self._simpler(pick, leading)
-            self.refused.append((pick.effect.name, pick.place, why))
-            if pick.proof.visible_rms >= SMALLEST:
+        unclear: set[int] = set()
+        while True:
+            open_ = [(f, c) for f, c in ranked if f.net > 0 and not unclear & set(c.place[:1])]
+            leading = [p for p in (self._refined(self.board, f, c) for f, c in open_[:RIVALS])]
+            leading = sorted((p for p in leading if p.proof.joint not in unclear), key=lambda p: -p.net)
+            if not leading:
                 return None
-        return None
+            for pick in leading:
+                why = self._fails(pick)
+                if not why:
+                    return self._simplest(pick, leading)
+                self.refused.append((pick.effect.name, pick.place, why))
+                if pick.proof.visible_rms >= SMALLEST:
+                    unclear.add(pick.proof.joint)
+                    break
+            else:
+                return None
 
-    def _simpler(self, pick: Pick, others: Sequence[Pick]) -> Pick:
-        for other in others:
-            if contains(pick, other) and other.net > pick.net - EQUAL and not self._fails(other):
-                return other
-        return pick
+    def _simplest(self, pick: Pick, others: Sequence[Pick]) -> Pick:
+        """Return what has the least freedom among those that the best is not clearly better than."""
+        here = [p for p in others if p.proof.joint == pick.proof.joint]
+        good = [p for p in here if p is pick or (not clearly_better(pick, p) and not self._fails(p))]
+        return min(good, key=lambda p: (p.freedom, -p.net))
 
     def _fails(self, pick: Pick) -> str:
         """Return why a pick is not accepted, or nothing."""
@@ -276,7 +328,7 @@ class _Finder:
             leading = [self._refined(board, found, c) for found, c in ranked[:RIVALS]]
             best = max(leading, key=lambda p: p.net)
             own = next((p for p in leading if p.key == pick.key), None)
-            if own is None or best.net > own.net + EQUAL:
+            if own is None or clearly_better(best, own):
                 self.barred.add(pick.key)
                 pick = best
             else:
@@ -317,14 +369,24 @@ class _Finder:
             board = self._with(rest)
             ranked = self._scores(board, [p.key for p in rest])
             own = next((self._refined(board, f, c) for f, c in ranked if c.key == pick.key), pick)
-            near = [(f, c) for f, c in ranked if c.key != pick.key and f.net > 0.8 * own.net][:RIVALS]
+            near = [(f, c) for f, c in ranked if c.key != pick.key and f.net > NEAR * own.net]
+            near = [(f, c) for f, c in near if score(self.board, c).gain < INSTEAD * f.gain][:RIVALS]
             rivals = [self._refined(board, found, c) for found, c in near]
-            equal = tuple(r.key for r in rivals if r.net > own.net - EQUAL and not contains(r, own))
+            equal = tuple(r.key for r in rivals if not clearly_better(own, r) and not contains(r, own))
             self.picks[k] = replace(own, equals=equal)
 
 
 def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
     return pick.effect.name, pick.place, tuple(sorted(pick.shape.items()))
+
+
+def clearly_better(one: Pick, other: Pick) -> bool:
+    """Return whether one effect explains the rows better than another beyond doubt."""
+    lead = one.net - other.net
+    if len(one.proof.gains) != len(other.proof.gains):
+        return lead > EQUAL
+    spread = np.std(one.proof.gains - other.proof.gains) * np.sqrt(len(one.proof.gains))
+    return bool(lead > max(EQUAL, SURE * spread))
 
 
 def contains(wide: Pick, narrow: Pick) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynid.gap.board import Board, build_board
-from dynid.gap.noise import Noise, Pair, find_repeats, noise_of
+from dynid.gap.noise import Noise, Pair, find_repeats, noise_of, with_misfit
 from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
 from dynid.identify.stack import Source
 from dynid.model.effects.coulomb import coulomb_sign
@@ -23,6 +23,9 @@ BETWEEN = 1.0
 #: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
 #: narrow one [rad/s] and one so many times wider than the model's, at least ``WIDE``.
 NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
+#: Directions of an earlier identification's covariance below this share of the largest are those that its logs left open:
+#: nothing is known of them, and nothing holds them.
+OPEN = 1e-12
 #: Errors of an earlier identification are taken this much larger, for what its own model lacked.
 TRUST = 1.5
 
@@ -32,12 +35,14 @@ class Known:
     """A model that is kept: what an earlier identification found.
 
     Attributes:
-        theta: base parameters, (p,).
-        covariance: of them, (p, p).
+        theta: base parameters that the data gave, without a prior, (p,).
+        covariance: of them, (p, p); no spread along directions that the data left open.
+        left: rms of what the model left of the torques that it was identified from, (n,) [N m].
     """
 
     theta: Floats
     covariance: Floats
+    left: Floats
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,8 @@ class Setting:
         pairs: repeats.
         noise: the noise floor.
         theta: base parameters that effects are scaled with, (p,).
+        left: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m].
+        counted: how often whitened rows count the same information, because what the kept model lacks is in them.
     """
 
     base: BaseModel
@@ -65,6 +72,8 @@ class Setting:
     pairs: list[Pair]
     noise: Noise
     theta: Floats
+    left: Floats | None = None
+    counted: float = 1.0
 
     def board(self, theta: Floats | None = None, *, nuisance: bool = True, held: bool = False) -> Board:
         """Return the whitened training rows, effects scaled with given base parameters.
@@ -77,7 +86,7 @@ class Setting:
         physics = reference_of(self.base.model, self.base.reduction, self.theta if theta is None else theta)
         stretches = cut(with_physics(self.stretches, physics), self.held if held else self.train)
         columns = [nuisance_columns(s) if nuisance else [np.zeros((0, len(s)))] * s.course.n for s in stretches]
-        return build_board(stretches, self.noise, columns, prior_rows(self.known))
+        return build_board(stretches, self.noise, columns, prior_rows(self.known, self.counted))
 
 
 def nuisance_columns(stretch: Stretch) -> list[Floats]:
@@ -92,13 +101,19 @@ def nuisance_columns(stretch: Stretch) -> list[Floats]:
     return found
 
 
-def prior_rows(known: Known | None) -> Floats | None:
-    """Return rows [L^T, L^T theta0] that hold parameters where they were, (p, p + 1)."""
+def prior_rows(known: Known | None, counted: float = 1.0) -> Floats | None:
+    """Return rows [L^T, L^T theta0] that hold parameters where they were, at most p of them, (r, p + 1).
+
+    Args:
+        known: the kept model.
+        counted: how often the whitened rows beside them count the same information.
+    """
     if known is None:
         return None
     size = np.sqrt(np.maximum(np.diag(known.covariance), 1e-18))
     values, V = np.linalg.eigh(known.covariance / np.outer(size, size))
-    root = (V / np.sqrt(np.maximum(values, 1e-8))).T / size / TRUST
+    kept = values > OPEN * values[-1]
+    root = (V[:, kept] / np.sqrt(np.maximum(values[kept], 1e-8))).T / size * (np.sqrt(counted) / TRUST)
     return np.column_stack([root, root @ known.theta])
 
 
@@ -117,7 +132,39 @@ def make_setting(sources: Sequence[Source], base: BaseModel, known: Known | None
     train, held, text = split(stretches, pairs)
     theta, residuals = plain_fit(stretches, train, known)
     noise = noise_of(stretches, residuals, pairs)
-    return Setting(base, known, stretches, train, held, text, pairs, noise, theta)
+    left = None
+    if known is not None:
+        refitted = plain_fit(stretches, train, None)[1]
+        whole = plain_fit(stretches, train, None, nuisance=False)[1]
+        # Why: the earlier identification knew no columns that are not judged; they take what it left at reversals.
+        left = known.left * np.minimum(1.0, _rms(stretches, refitted, train) / _rms(stretches, whole, train))
+        noise = with_misfit(noise, stretches, refitted, left)
+    found = Setting(base, known, stretches, train, held, text, pairs, noise, theta, left)
+    return replace(found, counted=overcounted(replace(found, known=None).board(), noise.kept)) if noise.kept else found
+
+
+def overcounted(board: Board, joints: Sequence[int]) -> float:
+    """Return how often whitened rows of some joints count the same information; 1 when they are as white as they should.
+
+    The products of baseline and residual, summed over blocks of time, spread as much as the rows' own number says when
+    the residual is white, and more when it goes on in the same direction. The size of the residual does not matter.
+    """
+    found = []
+    for j in joints:
+        rows, Q, e = board.joints[j], board.Q[j], board.e[j]
+        starts = np.flatnonzero(np.diff(rows.block, prepend=-1))
+        sums = np.add.reduceat(Q * e[:, None], starts)
+        found.append(float(np.sum(sums**2)) / max(float(np.sum(Q**2)) * float(np.mean(e**2)), 1e-30))
+    return max(1.0, float(np.median(found)))
+
+
+def _rms(stretches: Sequence[Stretch], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
+    """Return the root mean square of residuals over rows that count, (n,)."""
+    power, count = np.zeros(stretches[0].course.n), np.zeros(stretches[0].course.n)
+    for s, r, rows in zip(stretches, residuals, train, strict=True):
+        use = s.use & rows[:, None]
+        power, count = power + np.sum(np.where(use, r, 0.0) ** 2, axis=0), count + use.sum(axis=0)
+    return np.sqrt(np.maximum(power, 1e-30) / np.maximum(count, 1))
 
 
 def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mask], list[Mask], str]:
@@ -132,20 +179,26 @@ def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mas
         masks = [np.full(len(s), value) for s, value in zip(stretches, out, strict=True)]
         names = {s.source.name for s, value in zip(stretches, out, strict=True) if value}
         return [~m for m in masks], masks, ", ".join(sorted(names))
-    last = {log: max(s.t[-1] for s in stretches if s.log == log) for log in logs}
-    first = {log: min(s.t[0] for s in stretches if s.log == log) for log in logs}
-    border = {log: last[log] - HELD_OUT * (last[log] - first[log]) for log in logs}
+    border = {log: _border([s for s in stretches if s.log == log]) for log in logs}
     train = [s.t < border[s.log] - BETWEEN for s in stretches]
     held = [s.t >= border[s.log] for s in stretches]
-    return train, held, f"last {100 * HELD_OUT:.0f} % of each log"
+    return train, held, f"last {100 * HELD_OUT:.0f} % of each log's motion"
 
 
-def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known | None) -> tuple[Floats, list[Floats]]:
+def _border(stretches: Sequence[Stretch]) -> float:
+    """Return the time from which the last share of a log's rows that count begins [s]: an arm at rest proves nothing."""
+    t = np.concatenate([s.t[s.use.any(axis=1)] for s in stretches])
+    return float(np.quantile(t, 1 - HELD_OUT)) if len(t) else float(stretches[0].t[0])
+
+
+def plain_fit(
+    stretches: Sequence[Stretch], train: Sequence[Mask], known: Known | None, *, nuisance: bool = True
+) -> tuple[Floats, list[Floats]]:
     """Fit the baseline without whitening, weighted by joint; returns base parameters and residuals (M, n) a stretch."""
     n, p = stretches[0].W.shape[1:]
-    columns = [nuisance_columns(s) for s in stretches]
-    weights = np.ones(n)
-    theta, gamma = np.zeros(p), np.zeros((n, 2))
+    columns = [nuisance_columns(s) if nuisance else [np.zeros((0, len(s)))] * n for s in stretches]
+    weights, extra = np.ones(n), len(columns[0][0])
+    theta, gamma = np.zeros(p), np.zeros((n, extra))
     for _ in range(2):
         board = [
             _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n)
@@ -159,7 +212,7 @@ def plain_fit(stretches: Sequence[Stretch], train: Sequence[Mask], known: Known 
             gram[:p, :p] += rows[:, :-1].T @ rows[:, :-1]
             right[:p] += rows[:, :-1].T @ rows[:, -1]
         solution = solve_gram(gram, right)
-        theta, gamma = solution[:p], solution[p:].reshape(n, 2)
+        theta, gamma = solution[:p], solution[p:].reshape(n, extra)
         weights = np.array(
             [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board]
         )
@@ -175,8 +228,9 @@ def _rows(
 ) -> tuple[Floats, Floats]:
     parts = []
     for s, c, rows in zip(stretches, columns, use, strict=True):
-        wide = np.zeros((int(rows.sum()), 2 * n))
-        wide[:, 2 * joint : 2 * joint + 2] = c[joint][:, rows].T
+        extra = len(c[joint])
+        wide = np.zeros((int(rows.sum()), extra * n))
+        wide[:, extra * joint : extra * (joint + 1)] = c[joint][:, rows].T
         parts.append(np.hstack([s.W[rows, joint], wide]))
     return np.concatenate(parts), np.concatenate([s.tau[rows, joint] for s, rows in zip(stretches, use, strict=True)])
 

@@ -20,6 +20,9 @@ Mask = NDArray[np.bool_]
 #: Below this speed for longer than ``DWELL_SECONDS`` a joint rests; its friction is then undetermined, and the rows
 #: are left out with ``DWELL_SECONDS`` around them [rad/s, s].
 REST_SPEED, DWELL_SECONDS = 0.012, 0.25
+#: Blocks of time that errors are taken from by leaving one out: longer than the memory of whitened residuals [s], and
+#: so many of them if the rows last long enough.
+SHORTEST_BLOCK, LONGEST_BLOCK, BLOCKS = 0.25, 1.0, 40
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,13 @@ def stretches_of(sources: Sequence[Source], base: BaseModel, physics: Physics) -
             q, qd = empty.filtered(course.q.T).T, empty.filtered(course.qd.T).T
             found.append(replace(empty, q=q, qd=qd, use=empty.use & moving(qd, empty.rate)))
     return found
+
+
+def blocks_of(stretches: Sequence[Stretch]) -> list[NDArray[np.int64]]:
+    """Return the number of the block of time of each row, one (M,) a stretch; blocks of different stretches differ."""
+    seconds = sum(float(s.use.any(axis=1).sum()) / s.rate for s in stretches)
+    length = min(LONGEST_BLOCK, max(SHORTEST_BLOCK, seconds / BLOCKS))
+    return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(stretches)]
 
 
 def with_physics(stretches: Sequence[Stretch], physics: Physics) -> list[Stretch]:

@@ -28,6 +28,7 @@ COMPANION = 0.25
 #: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
 TRACE = 0.12
 SMALL_DELAY = "it is less than the sampling leaves open"
+NOT_SMALLER = "the gap on unseen data did not shrink"
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,9 @@ class Verdict:
     advice: str
 
 
-def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequence[str]) -> Verdict:
+def judge(
+    found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequence[str], withdrawn: Sequence[Fitted] = ()
+) -> Verdict:
     """Judge a finished search.
 
     Args:
@@ -59,10 +62,11 @@ def judge(found: Search, fitted: Sequence[Fitted], proof: Shrink, joints: Sequen
         fitted: what it found, with numbers.
         proof: the held-out gap before and after.
         joints: joint names.
+        withdrawn: what it found too, but did not shrink the held-out gap.
     """
     reasons = [(one, refusal(found, fitted, one, proof)) for one in fitted]
     named = tuple(one for one, why in reasons if not why)
-    closest = tuple((one, why) for one, why in reasons if why)
+    closest = (*((one, why) for one, why in reasons if why), *((one, NOT_SMALLER) for one in withdrawn))
     limit = NOTHING if found.setting.noise.repeats else NOTHING_UNSURE
     remainder = tuple(np.flatnonzero(found.calm > limit).tolist())
     equals = tuple(
@@ -120,7 +124,7 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
     if share < needed and left > REMAINS:
         return f"it explains {100 * max(share, 0):.0f} % of the gap of this joint"
     if proof.ratio[j, 1] >= 1.0:
-        return "the gap on unseen data did not shrink"
+        return NOT_SMALLER
     return ""
 
 

@@ -1,0 +1,240 @@
+"""``dynid gap`` on recordings of real arms: what it names as they are, and how often it finds what is put into them.
+
+    python benchmarks/gap_real.py --data ../shared/data [--draws 60] [--out gap_real.json] [--table benchmarks/gap_real.md]
+
+The model is identified on one recording (or the first part of one) and kept; the injected thing is in another (the
+rest). It is twice as large as what the model leaves unexplained there, and is put in by NumPy and Pinocchio alone.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import hidden_effects as hidden
+import numpy as np
+import pinocchio as pin
+
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from dynid.gap.investigate import investigate
+from dynid.gap.search import Options
+from dynid.gap.setting import Known
+from dynid.identify.effects import with_effects
+from dynid.identify.estimate import estimate
+from dynid.identify.stack import Source, stack
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.model.store import BaseModel
+from dynid.quality.checks import prepare
+from dynid.quality.condition import choose_filter, condition
+
+CUTOFF = 10.0
+#: Size of what is put in, over the residual of the joint that shows it most.
+SIZE = 2.0
+#: Robot, recordings that the model is identified on, recordings that are searched, joints that moving logs show.
+ARMS = {
+    "LWR4+": ("kuka_lwr4plus", "kuka_lwr4plus/run1.bag", "kuka_lwr4plus/run2.bag"),
+    "UR10": ("ur10", "ur10_salerno/exc.npz:0:0.6", "ur10_salerno/exc.npz:0.6:1"),
+}
+AS_THEY_ARE = {
+    "LWR4+": ("kuka_lwr4plus", ("kuka_lwr4plus/run1.bag", "kuka_lwr4plus/run2.bag")),
+    "UR10": ("ur10", ("ur10_salerno/exc.npz",)),
+    "TX40": ("staubli_tx40", ("tx40/exc.npz",)),
+    "TX40, its coupling left out": ("staubli_tx40", ("tx40/exc.npz",)),
+    "Panda": ("franka_panda", ("panda_salerno/exc.npz",)),
+}
+INJECTED = ("payload", "torque_offset", "coulomb_change", "torque_delay", "torque_gain", "encoder_offset")
+
+
+def read(path, robot):
+    """Return a prepared log, or the part of one that ``path:from:to`` names in shares of its length."""
+    name, *part = str(path).split(":")
+    log = prepare(read_log(Path(name), robot=robot), robot, identify=False)
+    if not part:
+        return log
+    a, b = (round(float(x) * len(log)) for x in part)
+    return cut(log, slice(a, b))
+
+
+def cut(log, rows):
+    extra = {k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v for k, v in log.extra.items()}
+    return replace(log, t=log.t[rows], q=log.q[rows], tau=log.tau[rows], qd=None if log.qd is None else log.qd[rows], extra=extra)
+
+
+def source_of(log, model, cutoff=CUTOFF):
+    chosen = choose_filter(log, model.robot, cutoff)
+    return with_effects(Source(condition(log, chosen), chosen, "log"), model)
+
+
+def identified(sources, base):
+    reduction = base.reduction
+    stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
+    return estimate(stacked, base, method="wls", holdout=None)
+
+
+def arm_of(robot):
+    """Return the kinematics of a robot file in Pinocchio, with bodies of no account."""
+    model = pin.Model()
+    parent, before = 0, pin.SE3.Identity()
+    for joint in robot.joints:
+        turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.zeros(3))
+        parent = model.addJoint(parent, pin.JointModelRZ(), before * turn, joint.name)
+        before = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0.0, joint.d]))
+        model.appendBodyToJoint(parent, pin.Inertia.Zero(), before)
+    model.gravity.linear = np.array(robot.gravity, float)
+    ball = pin.Inertia(1.0, np.array([0.01, 0.02, 0.04]), 1e-4 * np.eye(3))
+    model.appendBodyToJoint(parent, ball, before)
+    return model
+
+
+def ball_torque(robot, t, q):
+    """Return torques of one kilogram at the last link, (N, n)."""
+    model = arm_of(robot)
+    data = model.createData()
+    qd = smooth(np.gradient(q, t, axis=0), t)
+    qdd = smooth(np.gradient(qd, t, axis=0), t)
+    return np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+
+
+def smooth(x, t, seconds=0.1):
+    width = max(1, round(seconds / np.median(np.diff(t)))) | 1
+    window = np.hanning(width + 2)[1:-1]
+    return np.stack([np.convolve(np.pad(c, width // 2, mode="edge"), window / window.sum(), "valid") for c in x.T], axis=1)
+
+
+def inject(name, joint, log, robot, residual, torque_of):
+    """Return the log with something in it, and how large it is."""
+    t, q, tau = log.t, log.q.copy(), log.tau.copy()
+    qd = smooth(np.gradient(q, t, axis=0), t)
+    level = SIZE * residual[joint]
+    if name == "payload":
+        unit = ball_torque(robot, t, q)
+        size = SIZE / np.max(np.sqrt(np.mean(unit**2, axis=0)) / residual)
+        tau += size * unit
+    elif name == "torque_offset":
+        size = level
+        tau[:, joint] += size
+    elif name == "coulomb_change":
+        size = level
+        tau[:, joint] += size * np.tanh(qd[:, joint] / 0.02)
+    elif name == "torque_delay":
+        rate = np.gradient(smooth(tau, t), t, axis=0)
+        size = SIZE / np.max(np.sqrt(np.mean(rate**2, axis=0)) / residual)
+        tau = np.stack([np.interp(t - size, t, column) for column in tau.T], axis=1)
+    elif name == "torque_gain":
+        size = level / np.sqrt(np.mean(tau[:, joint] ** 2))
+        tau[:, joint] *= 1 + size
+    else:
+        away = q.copy()
+        away[:, joint] += 1e-3
+        change = np.sqrt(np.mean((torque_of(away) - torque_of(q)) ** 2, axis=0)) / 1e-3
+        size = SIZE / np.max(change / residual)
+        q[:, joint] += size
+    return replace(log, q=q, tau=tau, qd=None), float(size)
+
+
+def one(arm, name, joint, data, cache):
+    if arm not in cache:
+        file, first, second = ARMS[arm]
+        robot = load_robot(file)
+        model = build_model(robot)
+        base = BaseModel(model, reduce(model))
+        source = source_of(read(data / first, robot), model)
+        found = identified([source], base)
+        log = read(data / second, robot)
+        bare = look([log], base, found, source)
+        cache[arm] = base, found, log, source, bare
+    base, found, log, source, bare = cache[arm]
+    residual = np.array([j.rms for j in found.joints])
+
+    def gravity(q):
+        rest = np.zeros_like(q)
+        return base.model.observer(base.reduction.base).dense(q, rest, rest) @ found.plain
+
+    altered, size = inject(name, joint, log, base.robot, residual, gravity)
+    start = time.process_time()
+    seen = look([altered], base, found, source)
+    seconds = time.process_time() - start
+    place = [] if name in hidden.WHOLE_ARM else [joint]
+    named = [[f.pick.effect.name, list(f.pick.place)] for f in seen.verdict.named]
+    before = {(f.pick.effect.name, f.pick.place) for f in bare.verdict.named}
+    return {
+        "arm": arm, "effect": name, "joint": joint, "size": size, "named": named, "found": [name, place] in named,
+        "among": any((name, tuple(place)) in f.pick.equals for f in seen.verdict.named),
+        "others": [n for n in named if n != [name, place] and (n[0], tuple(n[1])) not in before],
+        "values": [f.values for f in seen.verdict.named if f.pick.effect.name == name],
+        "closest": [[f.pick.effect.name, list(f.pick.place), why] for f, why in seen.verdict.closest], "seconds": seconds,
+    }  # fmt: skip
+
+
+def look(logs, base, found, earlier=None):
+    sources = [source_of(log, base.model) for log in logs]
+    known = None if found is None else Known(found.plain, found.covariance, np.array([j.rms for j in found.joints]))
+    return investigate(sources, base, known, Options(), simulate=False, earlier=[earlier] if earlier else ())
+
+
+def as_they_are(data):
+    """Return what is named in recordings that nothing was put into."""
+    rows = []
+    for title, (file, logs) in AS_THEY_ARE.items():
+        robot = load_robot(file)
+        # The reader goes on taking the gears out; only the columns of the motor that turns with its neighbour are gone.
+        model = build_model(replace(robot, coupling=None) if "left out" in title else robot)
+        base = BaseModel(model, reduce(model))
+        seen = look([read(data / log, robot) for log in logs], base, None)
+        ratio = seen.proof.after / np.maximum(seen.proof.before, 1e-12)
+        for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:
+            j = f.pick.proof.joint
+            interval = seen.proof.ratio[j]
+            rows.append(
+                [title, seen.verdict.word, f.pick.effect.name, "-".join(str(k + 1) for k in f.pick.place) or "arm",
+                 f"{100 * (ratio[j] - 1):+.0f} % ({100 * (interval[0] - 1):+.0f} to {100 * (interval[1] - 1):+.0f})", why]
+            )  # fmt: skip
+        if not seen.fitted:
+            rows.append([title, seen.verdict.word, "-", "-", "-", "-"])
+    return rows
+
+
+def table(natural, rows):
+    lines = ["| recording | verdict | candidate | joint | held-out error of its joint | said |", "|---|---|---|---|---|---|"]
+    lines += [f"| {' | '.join(row)} |" for row in natural]
+    if rows:
+        lines += ["", f"Put in at {SIZE:g} times the residual, model kept: found {sum(r['found'] for r in rows)} of {len(rows)}; "
+                  f"{sum(bool(r['others']) for r in rows)} times something else was named that was not there before.", "",
+                  "| put in | found | of | other names |", "|---|---|---|---|"]  # fmt: skip
+    for name in INJECTED if rows else ():
+        some = [r for r in rows if r["effect"] == name]
+        others = ", ".join(sorted({f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}" for r in some for n, p in r["others"]})) or "-"
+        lines.append(f"| {name} | {sum(r['found'] for r in some)} | {len(some)} | {others} |")
+    return "\n".join(lines)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--draws", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("gap_real.json"))
+    parser.add_argument("--table", type=Path)
+    args = parser.parse_args()
+    natural = as_they_are(args.data)
+    print(table(natural, []), flush=True)
+    rng = np.random.default_rng(args.seed)
+    rows, cache = [], {}
+    for k in range(args.draws):
+        name, arm = INJECTED[k % len(INJECTED)], list(ARMS)[(k // len(INJECTED)) % len(ARMS)]
+        joints = ((1, 3, 5) if arm == "LWR4+" else (1, 2, 3)) if name == "encoder_offset" else range(6)
+        rows.append(one(arm, name, int(rng.choice(joints)), args.data, cache))
+        args.out.write_text(json.dumps(rows))
+        r = rows[-1]
+        print(arm, name, r["joint"], f"{r['size']:.3g}", r["found"], r["named"], r["closest"], f"{r['seconds']:.1f} s", flush=True)
+    text = table(natural, rows)
+    print(text)
+    if args.table:
+        args.table.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
