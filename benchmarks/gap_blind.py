@@ -30,6 +30,7 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
 from dynid.quality.condition import choose_filter, condition
+from dynid.quality.stamps import evened
 from dynid.robot import Coulomb
 
 CUTOFF = 10.0
@@ -57,7 +58,7 @@ def sources_of(logs, robot):
     start = logs[0][0][0]
     found = []
     for k, (t, q, tau) in enumerate(logs):
-        log = Log(t, q, tau, robot.joint_names)
+        log = evened(Log(t, q, tau, robot.joint_names))
         chosen = choose_filter(log, robot, CUTOFF)
         segments = [replace(s, since=s.since + t[0] - start) for s in condition(log, chosen)]
         found.append(Source(segments, chosen, f"log {k + 1}"))
@@ -141,6 +142,7 @@ def run(set_name, k, seed=0):
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.found.before - 1, 0))
     joint = int(np.argmax(visible))
+    size_seen = min(visible[c.joint] for c in cases) if len(cases) == 2 else visible.max()
     row = {
         "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
         "truth": truth_of(cases, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
@@ -148,7 +150,7 @@ def run(set_name, k, seed=0):
         "closest": [[f.pick.effect.name, list(f.pick.place), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
         "equals": [[[name, list(place)] for name, place in f.pick.equals] for f in seen.verdict.named],
-        "visible": float(visible.max()), "joint": joint, "seconds": seconds,
+        "visible": float(size_seen), "joint": joint, "seconds": seconds,
         "unrepeatable": [seen.found.setting.noise.burst.tolist(), seen.found.setting.noise.wander.tolist()],
         "held": [x.tolist() for x in (seen.proof.before, seen.proof.after, seen.proof.floor)],
         "chi": [seen.found.before.round(2).tolist(), seen.found.after.round(2).tolist(), seen.found.calm.round(2).tolist()],

@@ -12,10 +12,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import hidden_effects as hidden
 import numpy as np
 import pinocchio as pin
 
+import hidden_effects as hidden
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.investigate import investigate

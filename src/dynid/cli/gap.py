@@ -88,10 +88,15 @@ def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], o
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
     found = stored.identification
-    known = Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints])) if options["mode"] == "frozen" else None
+    known = (
+        Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints]))
+        if options["mode"] == "frozen"
+        else None
+    )
+    earlier = earlier_logs(common, base, stored, options) if known else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")
-        seen = investigate(sources, base, known, wanted, progress)
+        seen = investigate(sources, base, known, wanted, progress, earlier=earlier)
     wrote = write_pictures(common, parameters.parent / "gap", base.robot, seen) if options["plot"] else []
     show(common, base.robot, seen)
     chosen = chosen_effects(seen, options["apply_"], base.robot)
@@ -154,6 +159,23 @@ def conditioned(
         # Why not in a refit: there a delay is one of the effects that are looked for.
         options = {**options, "delay": repr(stored.delay) if options["mode"] == "frozen" else "off"}
     return read_sources(common, base, logs, reading_of(options, identify=False))[0]
+
+
+def earlier_logs(common: Common, base: BaseModel, stored: StoredResult, options: dict[str, Any]) -> list[Source]:
+    """Return the logs that a kept model was identified from, where they are still what they were.
+
+    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change.
+    """
+    from dynid.files.artifact import sha256
+
+    paths = [Path(name) for name in stored.header.get("logs", [])]
+    there = tuple(
+        path for path, sha in zip(paths, stored.log_sha256, strict=False) if path.is_file() and sha256(path) == sha
+    )
+    if len(there) < len(paths):
+        text = "not all at hand: what the model lacked then may be taken for a change"
+        common.terminal.stage("earlier", f"logs that it was identified from {text}")
+    return conditioned(common, base, there, options, stored) if there else []
 
 
 # ---------------------------------------------------------------- the answer
@@ -225,6 +247,8 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
         if noise.repeats
         else "from high frequencies: a lower bound, no motion is repeated"
     )
+    if noise.kept:
+        floor += f"; {', '.join(robot.joint_names[j] for j in noise.kept)}: what the kept model left unexplained, which is more"
     terminal.stage("noise", f"{floor}; held out: {seen.first.held_text}")
     loud = sorted((g for g in seen.where if g.share > 0.1), key=lambda g: -g.share)
     text = "; ".join(f"{robot.joint_names[g.joint]} ({100 * g.share:.0f} % of the disagreement) {g.text}" for g in loud)

@@ -171,7 +171,9 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
     pieces = {}
     for j, rows in enumerate(board.joints):
         C = columns.get(j, np.zeros((k, len(rows.y)))) - (board.Q[j] @ np.asarray(P).T).T
-        products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * board.e[j]).T], axis=1)
+        products = np.concatenate(
+            [np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * board.e[j]).T], axis=1
+        )
         pieces[j] = C
         for ids, found in ((rows.block, blocks), (_halves(rows.log), logs)):
             if len(ids) == 0:

@@ -70,8 +70,8 @@ def investigate(
     """
     sources = on_one_clock(sources)
     first = make_setting(sources, base, known)
-    before = make_setting(on_one_clock(earlier), base, known) if earlier else None
-    found = search(sources, base, known, options, progress, first=first, earlier=before)
+    then = make_setting(on_one_clock(earlier), base, known) if earlier else None
+    found = search(sources, base, known, options, progress, first=first, earlier=then)
     found, fitted, withdrawn, proof, board = proved(first, found)
     verdict = judge(found, fitted, proof, base.robot.joint_names, withdrawn)
     regions = where(replace(first, noise=found.setting.noise).board())

@@ -17,7 +17,7 @@ from dynid.log import Log
 from dynid.quality.columns import in_si, joint_of_motor, selected, to_dh
 from dynid.quality.gravity import check_gravity, check_zero
 from dynid.quality.motion import check_amount
-from dynid.quality.stamps import check_gaps, check_rate, noted, ordered, without
+from dynid.quality.stamps import check_gaps, check_rate, evened, noted, ordered, without
 from dynid.quality.values import (
     check_degrees,
     check_finite,
@@ -63,7 +63,7 @@ def prepare(
     log = in_si(log, robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped(log, robot)
-    log = unwrapped(to_dh(log, robot), robot)
+    log = evened(unwrapped(to_dh(log, robot), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
     check_torque_scale(log, robot)

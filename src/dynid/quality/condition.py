@@ -38,6 +38,8 @@ LEAST_REST = 0.25
 GAP_SAMPLES = 5.0
 #: Stamps that stray from an even grid by less than this share of the step are taken as even.
 EVEN = 1e-3
+#: Steps that are added up before they are counted: single ones are too uneven to tell how many sample times they are.
+RATE_BLOCK = 20
 #: Samples of a block when a long log is filtered piece by piece.
 BLOCK = 1 << 16
 
@@ -128,6 +130,21 @@ class Segment:
         return len(self.t)
 
 
+def grid_rate(t: Floats) -> float:
+    """Return the rate of the even grid that samples are put on [Hz]; logs of one recorder get the same."""
+    step = np.diff(t)
+    usual = float(np.median(step))
+    close = step[step < GAP_SAMPLES * usual]
+    if float(np.abs(close / usual - np.round(close / usual)).max(initial=0.0)) < EVEN:
+        # Why: stamps in seconds since 1970 give rates such as 199.99999.
+        return float(f"{1 / usual:.6g}")
+    # Why not the median, and why round: uneven steps leave it open, and repeats on different grids would be no repeats.
+    blocks = np.add.reduceat(close, np.arange(0, len(close), RATE_BLOCK))
+    for _ in range(2):
+        usual = float(blocks.sum() / max(1.0, np.round(blocks / usual).sum()))
+    return float(f"{1 / usual:.3g}")
+
+
 def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:
     """Choose the filters for a log.
 
@@ -139,8 +156,7 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     if cutoff is None:
         cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * bandwidth(log, robot))
     cutoff = min(cutoff, 0.45 * log.rate)
-    # Why: stamps in seconds since 1970 give rates such as 199.99999, and logs of one recorder must not differ by that.
-    rate = float(f"{log.rate:.6g}")
+    rate = grid_rate(log.t)
     first = max(1, int(rate / (EVALUATED_PER_CUTOFF * cutoff)))
     second = max(1, int(rate / first / (KEPT_PER_CUTOFF * cutoff)))
     return Filter(rate, cutoff, first, second)

@@ -30,6 +30,12 @@ SAMPLES_PER_PERIOD = 12.5
 GOOD_RATE = 50.0
 #: Fewer samples than this are no recording.
 LEAST_SAMPLES = 20
+#: A step further than this from a whole number of sample times leaves open which sample it belongs to.
+UNCLEAR = 0.4
+#: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
+STRAIGHTER = 0.5
+#: Stamps that stray by less than this share of a sample time are put right without a word.
+WORTH_SAYING = 0.05
 
 
 def ordered(log: Log, *, sort_time: bool) -> Log:
@@ -84,6 +90,56 @@ def _down(t: float) -> str:
 
 def _up(t: float) -> str:
     return f"{np.ceil(t * 1000) / 1000:.3f}"
+
+
+def evened(log: Log) -> Log:
+    """Return the log on an even clock where its samples were taken evenly and only the stamps came late (W323).
+
+    A recorder on a busy machine stamps what arrives. Whether stamps or samples are uneven is asked of the positions: a
+    sample lies on the line between its neighbours but for the curvature, if its time is right.
+    """
+    step = np.diff(log.t)
+    if len(step) < LEAST_SAMPLES:
+        return log
+    count = _samples_between(step)
+    if count is None:
+        return log
+    number = np.concatenate([[0.0], np.cumsum(count)])
+    slope, start = np.polyfit(number, log.t, 1)
+    t = start + slope * number
+    if float(np.abs(t - log.t).max()) > GAP_SAMPLES * slope:
+        return log
+    close = (count[:-1] == 1) & (count[1:] == 1)
+    given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
+    moves = given > 0
+    if not moves.any() or float(np.mean(even[moves] / given[moves])) > STRAIGHTER:
+        return log
+    late = float(np.std(log.t - t))
+    if late < WORTH_SAYING * slope:
+        return replace(log, t=t)
+    text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
+    return noted(replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}))
+
+
+def _samples_between(step: Floats) -> Floats | None:
+    """Return how many sample times each step is; None when that is not clear."""
+    usual = float(np.mean(step[step < 1.5 * np.median(step)]))
+    number = np.arange(len(step))
+    away = np.cumsum(step) / usual
+    away -= np.polyval(np.polyfit(number, away, 1), number)
+    blocks = [float(np.median(part)) for part in np.array_split(away, max(4, len(step) // 25))]
+    if max(blocks) - min(blocks) < UNCLEAR:
+        return np.ones(len(step))  # none is lost, however late single ones are
+    count = np.round(step / usual)
+    unclear = (np.abs(step / usual - count) > UNCLEAR) & (count < GAP_SAMPLES)
+    return None if np.any(count < 1) or np.any(unclear) else count
+
+
+def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
+    """Return the mean square distance of samples from the line between their neighbours, (n,)."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    away = q[1:-1] - (1 - share) * q[:-2] - share * q[2:]
+    return np.asarray(np.mean(away[close] ** 2, axis=0)) if close.any() else np.zeros(q.shape[1])
 
 
 def without(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:

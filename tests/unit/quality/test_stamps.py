@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
+from dynid.log import Log
 from dynid.quality.checks import prepare
-from dynid.quality.stamps import rows
+from dynid.quality.stamps import evened, rows
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
@@ -104,3 +105,42 @@ def test_kinovas_default_rate_is_too_low_and_the_launch_argument_is_named():
 def test_a_handful_of_samples_is_no_recording():
     with pytest.raises(LogTooShort, match="5 samples"):
         prepare(rows(lwr_log(), np.arange(5)), lwr())
+
+
+def moved(t):
+    """Return a log of a motion that is known at every time."""
+    q = np.stack([np.sin(0.9 * t) + 0.2 * np.sin(4 * t), 0.8 * np.cos(0.7 * t)], axis=1)
+    return Log(t, q, np.zeros_like(q), ("a", "b"))
+
+
+def test_stamps_that_come_late_are_put_on_an_even_clock():
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) / 200.0
+    stamps = np.maximum.accumulate(t + rng.exponential(5e-4, len(t))) + 1e-9 * np.arange(4000)
+    late = evened(replace(moved(t), t=stamps))
+    off = late.t - t
+    assert np.std(off) < 2e-5  # the mean lateness cannot be known
+    assert [f.code for f in late.findings] == ["W323"]
+
+
+def test_lost_samples_keep_their_places_on_the_even_clock():
+    rng = np.random.default_rng(4)
+    t = np.arange(4000) / 200.0
+    kept = rng.random(4000) > 0.02
+    log = moved(t)
+    log = evened(replace(log, t=(t + rng.uniform(0, 1e-3, 4000))[kept], q=log.q[kept], tau=log.tau[kept]))
+    assert np.std(log.t - t[kept]) < 3e-5
+
+
+def test_samples_taken_unevenly_keep_their_stamps():
+    t = np.arange(4000) / 200.0 + np.random.default_rng(5).uniform(-0.0015, 0.0015, 4000)
+    log = moved(t)
+    assert evened(log) is log
+
+
+def test_coarse_encoders_that_cannot_tell_keep_their_stamps():
+    rng = np.random.default_rng(6)
+    t = np.arange(2000) / 100.0
+    log = moved(t)
+    log = replace(log, t=t + rng.exponential(1e-4, len(t)), q=np.round(log.q / 0.01) * 0.01)
+    assert evened(log) is log
