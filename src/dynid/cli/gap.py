@@ -88,11 +88,8 @@ def investigate_logs(common: Common, parameters: Path, logs: tuple[Path, ...], o
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
     found = stored.identification
-    known = (
-        Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints]))
-        if options["mode"] == "frozen"
-        else None
-    )
+    left = np.array([joint.rms for joint in found.joints])
+    known = Known(found.plain, found.covariance, left) if options["mode"] == "frozen" else None
     earlier = earlier_logs(common, base, stored, options) if known else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")
@@ -248,7 +245,8 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
         else "from high frequencies: a lower bound, no motion is repeated"
     )
     if noise.kept:
-        floor += f"; {', '.join(robot.joint_names[j] for j in noise.kept)}: what the kept model left unexplained, which is more"
+        kept = ", ".join(robot.joint_names[j] for j in noise.kept)
+        floor += f"; what the kept model left unexplained is more on {kept}"
     terminal.stage("noise", f"{floor}; held out: {seen.first.held_text}")
     loud = sorted((g for g in seen.where if g.share > 0.1), key=lambda g: -g.share)
     text = "; ".join(f"{robot.joint_names[g.joint]} ({100 * g.share:.0f} % of the disagreement) {g.text}" for g in loud)

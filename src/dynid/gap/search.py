@@ -25,8 +25,8 @@ SMALLEST = 0.2
 #: The chance of a false name is divided over so many more looks for a wave: its frequency is free.
 RIPPLE_LOOKS = 60.0
 #: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred; and in
-#: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is left
-#: is noise, and more when what is left is what the model lacks.
+#: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is
+#: left is noise, and more when what is left is what the model lacks.
 EQUAL, SURE = 12.0, 1.73
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
@@ -242,8 +242,8 @@ class _Finder:
         unclear: set[int] = set()
         while True:
             open_ = [(f, c) for f, c in ranked if f.net > 0 and not unclear & set(c.place[:1])]
-            leading = [p for p in (self._refined(self.board, f, c) for f, c in open_[:RIVALS])]
-            leading = sorted((p for p in leading if p.proof.joint not in unclear), key=lambda p: -p.net)
+            refined = [self._refined(self.board, f, c) for f, c in open_[:RIVALS]]
+            leading = sorted((p for p in refined if p.proof.joint not in unclear), key=lambda p: -p.net)
             if not leading:
                 return None
             for pick in leading:

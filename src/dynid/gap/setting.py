@@ -23,8 +23,8 @@ BETWEEN = 1.0
 #: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
 #: narrow one [rad/s] and one so many times wider than the model's, at least ``WIDE``.
 NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
-#: Directions of an earlier identification's covariance below this share of the largest are those that its logs left open:
-#: nothing is known of them, and nothing holds them.
+#: Directions of an earlier identification's covariance below this share of the largest are those that its logs left
+#: open: nothing is known of them, and nothing holds them.
 OPEN = 1e-12
 #: Errors of an earlier identification are taken this much larger, for what its own model lacked.
 TRUST = 1.5
@@ -144,7 +144,7 @@ def make_setting(sources: Sequence[Source], base: BaseModel, known: Known | None
 
 
 def overcounted(board: Board, joints: Sequence[int]) -> float:
-    """Return how often whitened rows of some joints count the same information; 1 when they are as white as they should.
+    """Return how often whitened rows of some joints count the same information; 1 when they are white.
 
     The products of baseline and residual, summed over blocks of time, spread as much as the rows' own number says when
     the residual is white, and more when it goes on in the same direction. The size of the residual does not matter.
@@ -186,7 +186,7 @@ def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mas
 
 
 def _border(stretches: Sequence[Stretch]) -> float:
-    """Return the time from which the last share of a log's rows that count begins [s]: an arm at rest proves nothing."""
+    """Return the time from which the last share of a log's rows that count begins [s]; rest proves nothing."""
     t = np.concatenate([s.t[s.use.any(axis=1)] for s in stretches])
     return float(np.quantile(t, 1 - HELD_OUT)) if len(t) else float(stretches[0].t[0])
 
