@@ -1,8 +1,9 @@
 """The noise floor on signals whose noise is known."""
 
 import numpy as np
+import pytest
 
-from dynid.gap.noise import Pair, find_repeats, noise_of, whitened, yule_walker
+from dynid.gap.noise import Noise, Pair, find_repeats, noise_of, whitened, with_misfit, yule_walker
 
 RATE = 40.0
 
@@ -81,3 +82,17 @@ def test_a_contact_in_one_repeat_is_called_unrepeatable():
     residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
     residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
     assert noise_of([Rows(q), Rows(q)], residuals, [Pair(0, 1, 0.0)]).unrepeatable == [0]
+
+
+def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
+    rng = np.random.default_rng(5)
+    q = motion(np.arange(4000) / RATE)
+    rows = Rows(q)
+    colour = np.stack([coloured(rng, 4000), coloured(rng, 4000)], axis=1)
+    floor = Noise(np.zeros((2, 4)), np.ones(2), np.ones(2), 10.0, np.zeros(2), np.zeros(2))
+    found = with_misfit(floor, [rows], [colour], np.array([0.9, 5.0]))
+    assert found.kept == (1,)
+    assert found.floor.tolist() == [1.0, 5.0]
+    np.testing.assert_allclose(found.ar[1], [1.2, -0.5, 0, 0], atol=0.08)
+    share = 1 / np.mean(colour[:, 1] ** 2)  # the drive of that process has variance 1
+    assert found.sigma[1] == pytest.approx(5.0 * np.sqrt(share), rel=0.05)
