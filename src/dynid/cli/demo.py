@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.options import Common, dynid_command
+from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
     from dynid.identify.result import StoredResult
@@ -19,12 +20,17 @@ ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
 TWO_SIDED_95 = 1.96
 
 
-@dynid_command("demo", examples=("dynid demo", "dynid demo --robot kinova_gen2"))
+@dynid_command("demo", examples=("dynid demo", "dynid demo --robot kinova_gen2", "dynid demo --effect random --seed 3"))
 @click.option(
     "--robot", type=click.Choice(list(ARMS)), default="kuka_lwr4plus", show_default=True, help="The simulated arm."
 )
-def command(common: Common, robot: str) -> None:
+@click.option("--effect", metavar="NAME|random", help="Hide an effect in the simulated LWR4+, find it and add it.")
+def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     """Run model, identify and validate on a simulated arm, and compare the result with the truth."""
+    if effect:
+        from dynid.cli.story import tell
+
+        return tell(common, effect)
     from dynid.cli.identify import run_identify
     from dynid.cli.model import derive_or_load, reduce_now
     from dynid.cli.validate import run_validate
@@ -54,6 +60,7 @@ def command(common: Common, robot: str) -> None:
     terminal.emit_json(
         {"schema": "dynid/demo/1", "robot": robot, "identify": identified, "validate": validated, "truth": truth}
     )
+    return ExitStatus.DONE
 
 
 def against_truth(stored: StoredResult, path: Path) -> dict[str, Any]:

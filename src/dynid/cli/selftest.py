@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.cli.options import Common
@@ -16,7 +15,7 @@ ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 
 def run_self_test(common: Common) -> ExitStatus:
     """Hide effects in a simulated arm one by one and print what is named."""
-    from dynid.files.robotfile import load_robot
+    from dynid.files.robotfile import load_robot, packaged
     from dynid.gap.selftest import self_test
     from dynid.model.store import obtain_model
     from dynid.sim.hidden import CASES
@@ -27,7 +26,7 @@ def run_self_test(common: Common) -> ExitStatus:
     with common.terminal.progress() as progress:
         progress.stage("self-test", "")
         model, _ = obtain_model(robot, common.folder(robot.slug))
-        for case in self_test(model, read_plant(truth_path()), common.seed):
+        for case in self_test(model, read_plant(packaged("trajectories") / TRUTH), common.seed):
             cases.append(case)
             progress.advance(len(cases), len(CASES), case.hidden.name)
     rows = [
@@ -72,12 +71,3 @@ def said(case: Case) -> str:
         ", ".join(f"{name} on {'joint ' + str(place[0] + 1) if place else 'the arm'}" for name, place in case.named)
         or "-"
     )
-
-
-def truth_path() -> Path:
-    """Return the truth of the simulated arm, in the project or in the installed package."""
-    import dynid
-
-    package = Path(dynid.__file__).parent
-    packaged = package / "_trajectories" / TRUTH
-    return packaged if packaged.is_file() else package.parents[1] / "trajectories" / TRUTH

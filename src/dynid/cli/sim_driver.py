@@ -78,7 +78,10 @@ def _fault(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
     "--drop", type=click.FloatRange(0, 1), default=0.0, metavar="SHARE", help="Share of messages that are lost."
 )
 @click.option(
-    "--skew", type=click.FloatRange(0, 1), default=0.0, metavar="S",
+    "--skew",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    metavar="S",
     help="Torque and velocity are polled so much later than the position (Kinova).",
 )
 @click.option(
