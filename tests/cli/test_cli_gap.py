@@ -94,3 +94,40 @@ def test_gap_without_logs_says_what_is_needed(dynid):
     ended = dynid("gap")
     assert ended.status == 2
     assert "PARAMETERS" in ended.err
+
+
+def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
+    (dynid.folder / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
+
+    def record(name, case, **options):
+        for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0, **options)):
+            np.savez(dynid.folder / f"{name}{k + 1}.npz", t=t, q=q, tau=tau)
+
+    record("old", hidden.Case("lwr4plus", "payload", 2, 0.0, 40), trajectories=2, repeats=1, plan_seed=7)
+    record("new", hidden.Case("lwr4plus", "payload", 2, 3.0, 41), trajectories=2)
+    assert dynid("identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before").status == 0
+    some = "payload,tool_force,torque_offset,coulomb_change,base_tilt"
+    logs = [f"new{k}.npz" for k in (1, 2, 3, 4)]
+    ended = dynid(
+        "gap", "before/parameters.npz", *logs, "--mode", "frozen", "--effects", some, "--no-apply", "--json", "--no-plot", **ONE
+    )
+    assert ended.status == 0, ended.err
+    (named,) = json.loads(ended.out)["named"]
+    assert named["effect"] == "payload"
+    # Case 3.0 hangs a ball of 10 * 3.0 * 0.02 kg on the last link.
+    assert named["parameters"]["m"]["value"] == pytest.approx(0.6, rel=0.05)
+
+
+def test_demo_finds_the_effect_that_it_hid(dynid):
+    ended = dynid("demo", "--effect", "load_friction", "--seed", "1", "--json", **ONE)
+    assert ended.status == 0, ended.err
+    answer = json.loads(ended.out)
+    assert answer["right"]
+    assert answer["gap"]["named"][0]["effect"] == "load_friction"
+    assert Path(dynid.folder / "out" / "demo" / "effect" / "with_effect" / "parameters.npz").is_file()
+
+
+def test_demo_names_what_can_be_hidden(dynid):
+    ended = dynid("demo", "--effect", "striebeck")
+    assert ended.status == 2
+    assert "did you mean 'stribeck'" in ended.err

@@ -21,7 +21,7 @@ FENCE = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 VARIABLE = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|\b[0-9a-f]{6,}\b")
 
 #: Stages that are only shown where they take long.
-PROGRESS = re.compile(r"(stack|read|replay|reduce|model|fit|symbolic) +(?!derived|Newton)\S")
+PROGRESS = re.compile(r"(stack|read|replay|reduce|model|fit|symbolic|search|simulate|draw) +(?!derived|Newton)\S")
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,11 @@ def tell(common: Common, effect: str) -> ExitStatus:
 
     Args:
         common: the common options; the seed chooses the effect when it is ``"random"``, the motions and the noise.
-        effect: identifier, or ``"random"``.
+        effect: identifier, ``"nothing"``, something that is in no catalogue, or ``"random"``.
     """
     from dynid.cli.gap import run_gap
     from dynid.cli.identify import run_identify
+    from dynid.gap.selftest import right as is_right
 
     hidden = chosen(effect, common.seed)
     folder = common.out or Path("out") / "demo" / "effect"
@@ -39,13 +40,16 @@ def tell(common: Common, effect: str) -> ExitStatus:
     parameters = folder / "parameters.npz"
     added = replace(common, out=folder / "with_effect")
     answer = run_gap(added, parameters, logs, apply_="best", new_name=folder / "arm_with_effect.yaml")
-    found = [(one["effect"], one["joints"]) for one in answer["named"]]
-    right = is_right(hidden, found)
+    number = {name: k for k, name in enumerate(answer["gap"]["joints"])}
+    found = tuple((one["effect"], tuple(number[name] for name in one["joints"])) for one in answer["named"])
+    right = is_right(hidden, answer["verdict"], found)
     terminal.answer()
-    terminal.fact("hidden", f"{hidden.name}, {hidden.size:g} in size, at joint {hidden.joint + 1} (seed {common.seed})")
-    terminal.fact("named", "that, and nothing else" if right else f"{found or 'nothing'}: not what was hidden")
+    where = f", {hidden.size:g} in size, at joint {hidden.joint + 1}" if hidden.size else ""
+    terminal.fact("hidden", f"{hidden.name}{where} (seed {common.seed})")
+    terminal.fact("verdict", f"{answer['verdict']}: {'right' if right else 'wrong'}")
     terminal.fact("picture", str(folder / "gap" / "shrink.png"))
-    terminal.fact("next", f"dynid validate {folder / 'with_effect' / 'parameters.npz'} LOG")
+    if found:
+        terminal.fact("next", f"dynid validate {folder / 'with_effect' / 'parameters.npz'} LOG")
     facts: dict[str, Any] = {"effect": hidden.name, "joint": hidden.joint + 1, "size": hidden.size, "seed": common.seed}
     terminal.emit_json({"schema": "dynid/demo/1", "robot": ROBOT, "hidden": facts, "right": right, "gap": answer})
     return ExitStatus.DONE if right else ExitStatus.LIMIT_NOT_MET
@@ -62,9 +66,10 @@ def chosen(effect: str, seed: int) -> Hidden:
     from dynid.files.yamlfile import closest
     from dynid.sim.hidden import CASES, OUTSIDE
 
-    cases = {case.name: case for case in CASES if case.size and case.name not in OUTSIDE}
+    cases = {case.name: case for case in CASES}
     if effect == "random":
-        return list(cases.values())[int(np.random.default_rng(seed).integers(len(cases)))]
+        known = [case for case in cases.values() if case.size and case.name not in OUTSIDE]
+        return known[int(np.random.default_rng(seed).integers(len(known)))]
     if effect not in cases:
         raise WrongUsage(
             f"--effect: '{effect}' cannot be hidden{closest(effect, cases)}",
@@ -95,14 +100,3 @@ def simulate(common: Common, folder: Path, hidden: Hidden) -> tuple[Path, tuple[
     for path, log in zip(paths, logs, strict=True):
         write_log(path, log)
     return robot, paths
-
-
-def is_right(hidden: Hidden, found: list[tuple[str, list[str]]]) -> bool:
-    """Return whether just the hidden effect was named, at its joint."""
-    from dynid.files.robotfile import load_robot
-    from dynid.model.effects.catalogue import CATALOGUE
-
-    if len(found) != 1 or found[0][0] != hidden.name:
-        return False
-    joint = load_robot(ROBOT).joint_names[hidden.joint]
-    return CATALOGUE[hidden.name].scope == "arm" or found[0][1][0] == joint

@@ -15,6 +15,8 @@ from dynid.model.effects.catalogue import CATALOGUE
 NOTHING = 1.25
 #: The same when the noise floor is only a lower bound: logs without repeats and without effects reach 1.7.
 NOTHING_UNSURE = 2.0
+#: The same with the rows at reversals, which are known less well: so many times more.
+REVERSALS = 1.25
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.
 SAMPLING = 0.3
 #: Share of a joint's excess that one, two, three or more names on it must explain; or this much may remain.
@@ -68,7 +70,7 @@ def judge(
     named = tuple(one for one, why in reasons if not why)
     closest = (*((one, why) for one, why in reasons if why), *((one, NOT_SMALLER) for one in withdrawn))
     limit = NOTHING if found.setting.noise.repeats else NOTHING_UNSURE
-    remainder = tuple(np.flatnonzero(found.calm > limit).tolist())
+    remainder = tuple(np.flatnonzero((found.calm > limit) | (found.after > REVERSALS * limit)).tolist())
     equals = tuple(
         tuple(dict.fromkeys([one.pick.effect.name, *(name for name, _ in one.pick.equals)]))
         for one in named
