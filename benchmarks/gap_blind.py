@@ -24,12 +24,12 @@ from dynid.gap.investigate import investigate, on_one_clock
 from dynid.gap.search import Options, Search
 from dynid.gap.setting import Known, make_setting
 from dynid.identify.estimate import estimate
-from dynid.identify.stack import Source, stack
+from dynid.identify.sources import Reading, conditioned_source
+from dynid.identify.stack import stack
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
-from dynid.quality.condition import choose_filter, condition
 from dynid.quality.stamps import evened
 from dynid.robot import Coulomb
 
@@ -54,14 +54,13 @@ def model_of(name, lacks=None):
     return _MODELS[name, lacks]
 
 
-def sources_of(logs, robot):
+def sources_of(logs, model):
     start = logs[0][0][0]
     found = []
     for k, (t, q, tau) in enumerate(logs):
-        log = evened(Log(t, q, tau, robot.joint_names))
-        chosen = choose_filter(log, robot, CUTOFF)
-        segments = [replace(s, since=s.since + t[0] - start) for s in condition(log, chosen)]
-        found.append(Source(segments, chosen, f"log {k + 1}"))
+        log = evened(Log(t, q, tau, model.robot.joint_names))
+        one = conditioned_source(log, model, Reading(cutoff=CUTOFF), f"log {k + 1}")
+        found.append(replace(one, segments=[replace(s, since=s.since + t[0] - start) for s in one.segments]))
     return found
 
 
@@ -109,7 +108,7 @@ def logs_of(effects, size, arm, seed, extra="plain", **options):
 def known_of(base, arm, seed):
     """Identify the arm from an earlier session without the change."""
     case = hidden.Case(arm, "torque_offset", 2, 0.0, seed + 77)
-    sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.robot)
+    sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.model)
     reduction = base.reduction
     stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
     found = estimate(stacked, base, method="wls", holdout=None)
@@ -137,7 +136,7 @@ def run(set_name, k, seed=0):
     known = known_of(base, arm, number) if set_name == "changed" else None
     logs, cases = logs_of(effects, size, arm, number, extra)
     start = time.process_time()
-    sources = sources_of(logs, base.robot)
+    sources = sources_of(logs, base.model)
     seen = investigate(sources, base, known, Options(), simulate=False)
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.found.before - 1, 0))
@@ -167,7 +166,7 @@ def oracle_of(effects, size, arm, number, extra, known):
     name, joint = effects[0]
     bare = hidden.Case(arm, "torque_offset" if name in LACKING else name, joint, size, number, extra)
     base = model_of(arm)
-    first = make_setting(on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.robot)), base, known)
+    first = make_setting(on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.model)), base, known)
     return shrink(first, search_nothing(first), []).before
 
 

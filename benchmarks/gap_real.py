@@ -21,14 +21,13 @@ from dynid.files.robotfile import load_robot
 from dynid.gap.investigate import investigate
 from dynid.gap.search import Options
 from dynid.gap.setting import Known
-from dynid.identify.effects import with_effects
 from dynid.identify.estimate import estimate
-from dynid.identify.stack import Source, stack
+from dynid.identify.sources import Reading, conditioned_source
+from dynid.identify.stack import stack
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
 from dynid.quality.checks import prepare
-from dynid.quality.condition import choose_filter, condition
 
 CUTOFF = 10.0
 #: Size of what is put in, over the residual of the joint that shows it most.
@@ -64,8 +63,7 @@ def cut(log, rows):
 
 
 def source_of(log, model, cutoff=CUTOFF):
-    chosen = choose_filter(log, model.robot, cutoff)
-    return with_effects(Source(condition(log, chosen), chosen, "log"), model)
+    return conditioned_source(log, model, Reading(cutoff=cutoff), "log")
 
 
 def identified(sources, base):

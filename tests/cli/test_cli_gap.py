@@ -108,9 +108,8 @@ def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
     assert dynid("identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before").status == 0
     some = "payload,tool_force,torque_offset,coulomb_change,base_tilt"
     logs = [f"new{k}.npz" for k in (1, 2, 3, 4)]
-    ended = dynid(
-        "gap", "before/parameters.npz", *logs, "--mode", "frozen", "--effects", some, "--no-apply", "--json", "--no-plot", **ONE
-    )
+    options = ("--mode", "frozen", "--effects", some, "--no-apply", "--json", "--no-plot")
+    ended = dynid("gap", "before/parameters.npz", *logs, *options, **ONE)
     assert ended.status == 0, ended.err
     (named,) = json.loads(ended.out)["named"]
     assert named["effect"] == "payload"

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):
     base = gap_blind.model_of(ARM)
     logs, cases = gap_blind.logs_of(effects, size, ARM, seed, seconds=seconds, **options)
-    sources = gap_blind.sources_of(logs, base.robot)
+    sources = gap_blind.sources_of(logs, base.model)
     return base, sources, investigate(sources, base, known, Options(effects=only), simulate=False), cases
 
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from dynid.gap.investigate import investigate
 from dynid.gap.search import Options
+from dynid.identify.sources import Reading, conditioned_source
 from dynid.identify.stack import Source
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
-from dynid.quality.condition import choose_filter, condition
-from dynid.robot import Robot
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import Plant
 
@@ -52,18 +51,15 @@ def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] =
     base = BaseModel(model, reduce(model))
     for k, hidden in enumerate(cases):
         logs = hidden_logs(model.robot, plant, hidden, np.random.default_rng([seed, k]))
-        seen = investigate(sources_of(logs, model.robot), base, None, Options(), simulate=False)
+        seen = investigate(sources_of(logs, model), base, None, Options(), simulate=False)
         named = tuple((f.pick.effect.name, f.pick.place) for f in seen.verdict.named)
         yield Case(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
 
 
-def sources_of(logs: list[Log], robot: Robot) -> list[Source]:
+def sources_of(logs: list[Log], model: Model) -> list[Source]:
     """Condition logs in memory, whose columns are DH quantities already."""
-    found = []
-    for k, log in enumerate(logs):
-        chosen = choose_filter(log, robot, CUTOFF)
-        found.append(Source(condition(log, chosen), chosen, f"log {k + 1}"))
-    return found
+    reading = Reading(cutoff=CUTOFF)
+    return [conditioned_source(log, model, reading, f"log {k + 1}") for k, log in enumerate(logs)]
 
 
 def right(hidden: Hidden, verdict: str, named: tuple[tuple[str, tuple[int, ...]], ...]) -> bool:

@@ -11,8 +11,7 @@ from dynid.gap.board import Board, build_board
 from dynid.gap.noise import Noise, Pair, find_repeats, noise_of, with_misfit
 from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
 from dynid.identify.stack import Source
-from dynid.model.effects.coulomb import coulomb_sign
-from dynid.model.effects.interface import Floats
+from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import reference_of
 from dynid.model.store import BaseModel
 
@@ -95,7 +94,7 @@ def nuisance_columns(stretch: Stretch) -> list[Floats]:
     found = []
     for j in range(course.n):
         shape = course.robot.coulomb_shape
-        qd, sign = course.qd[:, j], coulomb_sign(course.qd[:, j], shape, j)
+        qd, sign = course.qd[:, j], sign_of(course, j)
         wide = max(WIDE, WIDER * shape.velocity[j])
         found.append(stretch.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
     return found

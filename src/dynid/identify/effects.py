@@ -35,7 +35,7 @@ def course_of(segment: Segment, chosen: Filter, model: Model, physics: Physics) 
         half = (kernel.shape[1] - 1) // 2
         return np.asarray(decimate(np.pad(x, half, mode="edge")[None], kernel, 1)[0, 0])
 
-    return Course(segment.since, segment.q, segment.qd, segment.qdd, model.robot, physics, smooth)
+    return Course(segment.since, segment.q, segment.qd, segment.qdd, model.robot, physics, smooth, segment.way)
 
 
 def with_effects(source: Source, model: Model, physics: Physics | None = None) -> Source:

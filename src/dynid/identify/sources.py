@@ -68,6 +68,19 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     if reading.velocity == "measured" and log.qd is None:
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
+    return conditioned_source(log, model, reading, path.name), log
+
+
+def conditioned_source(log: Log, model: Model, reading: Reading, name: str) -> Source:
+    """Return what rows are made from, of a prepared log.
+
+    Args:
+        log: a prepared log, in DH quantities.
+        model: the model whose rows are wanted.
+        reading: how to condition it.
+        name: the log's name.
+    """
+    robot = model.robot
     chosen = choose_filter(log, robot, reading.cutoff)
     aligned = without_delay(log, reading.delay)
     coulomb = robot.coulomb_shape
@@ -75,8 +88,8 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in turns])
     measured = reading.velocity == "measured"
     segments = condition(aligned, chosen, reading.exclude, measured_velocity=measured, coulomb=coulomb, rest_speed=rest)
-    source = Source([on_time(s, delay_of(robot)) for s in without_known(segments, model)], chosen, path.name)
-    return with_effects(source, model), log
+    source = Source([on_time(s, delay_of(robot)) for s in without_known(segments, model)], chosen, name)
+    return with_effects(source, model)
 
 
 def common_cutoff(sources: Sequence[Source]) -> float:

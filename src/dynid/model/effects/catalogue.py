@@ -142,5 +142,6 @@ def joined_course(courses: list[Course]) -> Course:
     """Return several stretches as one, for grids that depend on where the arm went."""
     if len(courses) == 1:
         return courses[0]
-    parts = {key: np.concatenate([getattr(course, key) for course in courses]) for key in ("t", "q", "qd", "qdd")}
+    signals = ("t", "q", "qd", "qdd", "way")
+    parts = {key: np.concatenate([getattr(course, key) for course in courses]) for key in signals}
     return Course(**parts, robot=courses[0].robot, physics=courses[0].physics, smooth=courses[0].smooth)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -94,6 +94,7 @@ class Course:
         robot: the arm.
         physics: the current model.
         smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
+        way: Coulomb signs under the filter of the torques, (N, n); empty where they are made from ``qd``.
     """
 
     t: Floats
@@ -103,6 +104,7 @@ class Course:
     robot: Robot
     physics: Physics
     smooth: Callable[[Floats], Floats]
+    way: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -183,4 +185,6 @@ def sign_of(course: Course, joint: int) -> Floats:
     """Return the Coulomb sign of one joint, (N,)."""
     from dynid.model.effects.coulomb import coulomb_sign
 
+    if course.way.size:
+        return course.way[:, joint]
     return coulomb_sign(course.qd[:, joint], course.robot.coulomb_shape, joint)
