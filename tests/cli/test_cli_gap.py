@@ -118,11 +118,11 @@ def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
 
 
 def test_demo_finds_the_effect_that_it_hid(dynid):
-    ended = dynid("demo", "--effect", "load_friction", "--seed", "1", "--json", **ONE)
+    ended = dynid("demo", "--effect", "spring", "--seed", "1", "--json", **ONE)
     assert ended.status == 0, ended.err
     answer = json.loads(ended.out)
     assert answer["right"]
-    assert answer["gap"]["named"][0]["effect"] == "load_friction"
+    assert answer["gap"]["named"][0]["effect"] == "spring"
     assert Path(dynid.folder / "out" / "demo" / "effect" / "with_effect" / "parameters.npz").is_file()
 
 
