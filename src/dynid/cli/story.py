@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 #: Length of each motion [s]; three are driven, each twice, and the last is only for the proof.
-SECONDS = 15.0
+SECONDS = 20.0
 
 
 def tell(common: Common, effect: str) -> ExitStatus:

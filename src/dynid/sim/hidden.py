@@ -48,7 +48,7 @@ class Hidden:
 
 #: One case each, of a size that an arm like the LWR4+ can show.
 CASES = (
-    Hidden("nothing", 1, 0.0), Hidden("stribeck", 2, 0.6), Hidden("spring", 1, 0.5), Hidden("load_friction", 3, 0.03),
+    Hidden("nothing", 1, 0.0), Hidden("stribeck", 2, 0.6), Hidden("spring", 1, 1.5), Hidden("load_friction", 3, 0.03),
     Hidden("position_friction", 2, 0.2), Hidden("torque_ripple", 3, 0.12), Hidden("end_stop", 1, 1.5),
     Hidden("joint_coupling", 4, 0.15), Hidden("asymmetric_viscous", 2, 0.4), Hidden("presliding_hysteresis", 1, 0.5),
     Hidden("torque_gain", 3, 0.06), Hidden("torque_delay", 1, 0.008), Hidden("torque_drift", 2, 0.4),
