@@ -312,6 +312,11 @@ def obtain_stack(
     return stack_sources(common, base, sources), header
 
 
+def beliefs_given(options: dict[str, Any]) -> list[str]:
+    """Return the options by which one says what is believed of the bodies."""
+    return [key for key, value in BELIEF_DEFAULTS.items() if options[key] != value]
+
+
 def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> Identification:
     """Fit the stack."""
     from dynid.identify.estimate import estimate
@@ -322,7 +327,8 @@ def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any
         base,
         method=options["method"],
         holdout=holdout,
-        drop_weak=options["drop_weak"],
+        # Why: who says what to believe has an answer for what the log leaves open.
+        drop_weak=options["drop_weak"] or options["feasible"] is True or bool(beliefs_given(options)),
         feasible=options["feasible"],
     )
     common.terminal.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")

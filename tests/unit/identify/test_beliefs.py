@@ -24,7 +24,7 @@ def shop(tmp_path_factory, runner):
 
 
 def links(shop, *options):
-    done = shop("identify", "kuka_lwr4plus", "log.npz", "--force", "--json", "--drop-weak", *options)
+    done = shop("identify", "kuka_lwr4plus", "log.npz", "--force", "--json", *options)
     assert done.status == 0, done.err
     return json.loads(done.out)["links"]
 
@@ -51,7 +51,7 @@ def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
     # Why root mean square: noise may move one link's mass by 10 % at the cost of its neighbour, over five such logs.
     with_prior, without = (
         np.sqrt(np.mean((np.array([link["mass_kg"] for link in links(shop, *options)]) / true - 1) ** 2))
-        for options in (("--prior", "arm.urdf"), ())
+        for options in (("--prior", "arm.urdf"), ("--drop-weak",))
     )
     assert with_prior < 0.05
     assert without > 3 * with_prior
