@@ -20,8 +20,8 @@ from dynid.model.effects.interface import Effect, Floats, Place
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 
-#: Smallest visible size in units of the noise.
-SMALLEST = 0.2
+#: Smallest visible size in units of the noise: below, wrong names are as likely as right ones.
+SMALLEST = 0.3
 #: The chance of a false name is divided over so many more looks for a wave: its frequency is free.
 RIPPLE_LOOKS = 60.0
 #: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred; and in
