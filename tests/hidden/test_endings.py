@@ -1,6 +1,5 @@
 """Each ending of ``dynid gap`` on logs from a generator that shares no code with the search (Pinocchio, other laws)."""
 
-import functools
 from pathlib import Path
 
 import pytest
@@ -91,7 +90,8 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
         return f, size, phase
 
     monkeypatch.setattr(hidden, "sines", together)
-    monkeypatch.setattr(hidden, "motion", functools.partial(hidden.motion, wobble=1e-5))
+    tracked = hidden.motion
+    monkeypatch.setattr(hidden, "motion", lambda arm, plan, t, rng, wobble: tracked(arm, plan, t, rng, 1e-5))
     _, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
