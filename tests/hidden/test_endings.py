@@ -107,6 +107,13 @@ def test_without_repeats_the_floor_is_a_bound_and_clean_logs_still_get_no_name()
     assert "lower bound" in seen.verdict.advice
 
 
+def test_a_spring_whose_other_form_fits_as_well_is_named_through_lost_samples():
+    """Linear and cubic spring have columns of different number here, and evidence that hardly differs."""
+    row = gap_blind.run("messy", 2, 4)
+    assert row["hidden"] == [["spring", 4]]
+    assert row["named"] == [["spring", [4]]]
+
+
 def test_generator_and_catalogue_share_no_code():
     text = Path(hidden.__file__).read_text(encoding="utf-8")
     assert "dynid" not in text.replace("``dynid gap``", "").replace("no code with dynid", "")

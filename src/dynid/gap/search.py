@@ -373,7 +373,8 @@ class _Finder:
             near = [(f, c) for f, c in near if score(self.board, c).gain < INSTEAD * f.gain][:RIVALS]
             rivals = [self._refined(board, found, c) for found, c in near]
             equal = tuple(r.key for r in rivals if not clearly_better(own, r) and not contains(r, own))
-            self.picks[k] = replace(own, equals=equal)
+            # Why not own: another form of it may have as much evidence, but the board holds the columns of this one.
+            self.picks[k] = replace(pick, net=own.net, equals=equal)
 
 
 def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
