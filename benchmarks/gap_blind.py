@@ -22,10 +22,10 @@ from dynid.gap.final import fit_picks, shrink
 from dynid.gap.forward import forward
 from dynid.gap.investigate import investigate, on_one_clock
 from dynid.gap.search import Options, Search
-from dynid.gap.setting import Known, make_setting
+from dynid.gap.setting import kept, make_setting
 from dynid.identify.estimate import estimate
 from dynid.identify.sources import Reading, conditioned_source
-from dynid.identify.stack import stack
+from dynid.identify.stack import stack_base
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -109,10 +109,7 @@ def known_of(base, arm, seed):
     """Identify the arm from an earlier session without the change."""
     case = hidden.Case(arm, "torque_offset", 2, 0.0, seed + 77)
     sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.model)
-    reduction = base.reduction
-    stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
-    found = estimate(stacked, base, method="wls", holdout=None)
-    return Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints]))
+    return kept(estimate(stack_base(sources, base), base, method="wls", holdout=None))
 
 
 def truth_of(cases, n):

@@ -20,10 +20,10 @@ from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.investigate import investigate
 from dynid.gap.search import Options
-from dynid.gap.setting import Known
+from dynid.gap.setting import kept
 from dynid.identify.estimate import estimate
 from dynid.identify.sources import Reading, conditioned_source
-from dynid.identify.stack import stack
+from dynid.identify.stack import stack_base
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
@@ -67,9 +67,7 @@ def source_of(log, model, cutoff=CUTOFF):
 
 
 def identified(sources, base):
-    reduction = base.reduction
-    stacked = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
-    return estimate(stacked, base, method="wls", holdout=None)
+    return estimate(stack_base(sources, base), base, method="wls", holdout=None)
 
 
 def arm_of(robot):
@@ -169,7 +167,7 @@ def one(arm, name, joint, data, cache):
 
 def look(logs, base, found, earlier=None):
     sources = [source_of(log, base.model) for log in logs]
-    known = None if found is None else Known(found.plain, found.covariance, np.array([j.rms for j in found.joints]))
+    known = None if found is None else kept(found)
     return investigate(sources, base, known, Options(), simulate=False, earlier=[earlier] if earlier else ())
 
 

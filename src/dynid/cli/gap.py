@@ -99,11 +99,9 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
         logs: recordings.
         given: options, as on the command line.
     """
-    import numpy as np
-
     from dynid.cli.validate import base_model_of
     from dynid.gap.investigate import investigate
-    from dynid.gap.setting import Known
+    from dynid.gap.setting import kept
     from dynid.identify import result
     from dynid.report.gap_record import save
 
@@ -112,9 +110,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     wanted = options_of(stored.robot, options)
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
-    found = stored.identification
-    left = np.array([joint.rms for joint in found.joints])
-    known = Known(found.plain, found.covariance, left) if options["mode"] == "frozen" else None
+    known = kept(stored.identification) if options["mode"] == "frozen" else None
     earlier = earlier_logs(common, base, stored, options) if known else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")

@@ -312,9 +312,9 @@ def obtain_stack(
     return stack_sources(common, base, sources), header
 
 
-def beliefs_given(options: dict[str, Any]) -> list[str]:
-    """Return the options by which one says what is believed of the bodies."""
-    return [key for key, value in BELIEF_DEFAULTS.items() if options[key] != value]
+def believes(options: dict[str, Any]) -> bool:
+    """Return whether any option says what is believed of the bodies."""
+    return any(options[key] != value for key, value in BELIEF_DEFAULTS.items())
 
 
 def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> Identification:
@@ -328,7 +328,7 @@ def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any
         method=options["method"],
         holdout=holdout,
         # Why: who says what to believe has an answer for what the log leaves open.
-        drop_weak=options["drop_weak"] or options["feasible"] is True or bool(beliefs_given(options)),
+        drop_weak=options["drop_weak"] or options["feasible"] is True or believes(options),
         feasible=options["feasible"],
     )
     common.terminal.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")

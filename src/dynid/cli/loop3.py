@@ -274,23 +274,18 @@ def stacked_again(base: BaseModel, logs: Sequence[Path], reading: Reading) -> St
     """Read and stack logs in another way, without saying again what was noticed in them."""
     from dynid.identify.effects import settled
     from dynid.identify.sources import read_source
-    from dynid.identify.stack import stack
+    from dynid.identify.stack import stack_base
 
-    sources = settled([read_source(path, base.model, reading)[0] for path in logs], base)
-    reduction = base.reduction
-    return stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
+    return stack_base(settled([read_source(path, base.model, reading)[0] for path in logs], base), base)
 
 
 def stack_sources(common: Common, base: BaseModel, sources: Sequence[Source]) -> Stack:
     """Stack conditioned logs."""
-    from dynid.identify.stack import stack
+    from dynid.identify.stack import stack_base
 
-    reduction = base.reduction
     with common.terminal.progress() as progress:
         progress.stage("stack", "")
-        result = stack(
-            sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names, progress
-        )
+        result = stack_base(sources, base, progress)
     rows = f"{result.samples} samples x {len(result.joints)} joints"
     common.terminal.stage("stacked", f"{rows} -> W {int(result.rows.sum())} x {len(result.names)}")
     return result

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.cli.options import Common
+from dynid.cli.selftest import ROBOT, TRUTH
 from dynid.errors import ExitStatus, WrongUsage
 
 if TYPE_CHECKING:
     from dynid.sim.hidden import Hidden
 
-ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 #: Length of each motion [s]; three are driven, each twice, and the last is only for the proof.
 SECONDS = 20.0
 

@@ -18,7 +18,7 @@ from dynid.identify.effects import on_time, scaled, settled, with_effects
 from dynid.identify.estimate import HoldOut, estimate
 from dynid.identify.least_squares import weighted
 from dynid.identify.result import Identification
-from dynid.identify.stack import Source, Stack, stack
+from dynid.identify.stack import Source, stack_base
 from dynid.model.reduce import with_added
 from dynid.model.reference import reference_of
 from dynid.model.regressor import Model
@@ -72,8 +72,8 @@ def identify_again(
     late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
     first = reference_of(base.model, base.reduction, setting.theta)
     made = settled(only([with_effects(s, added.model, first) for s in late], setting, setting.train), added)
-    train = _stack(made, added)
-    held = _stack(scaled(only(late, setting, setting.held), added, weighted(*train.whole).theta), added)
+    train = stack_base(made, added)
+    held = stack_base(scaled(only(late, setting, setting.held), added, weighted(*train.whole).theta), added)
     blocks, judged = np.ones(train.blocks, dtype=bool), held.rows.sum(axis=1) > 0
     holdout = HoldOut(blocks, held, judged, setting.held_text)
     return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
@@ -97,11 +97,6 @@ def _within(segment: Segment, span: tuple[float, float] | None) -> Segment:
         np.zeros(len(segment), dtype=bool) if span is None else (segment.since >= span[0]) & (segment.since <= span[1])
     )
     return replace(segment, usable=segment.usable & inside[:, None])
-
-
-def _stack(sources: Sequence[Source], base: BaseModel) -> Stack:
-    reduction = base.reduction
-    return stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
 
 
 def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:

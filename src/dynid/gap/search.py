@@ -113,9 +113,8 @@ def search(
             missing already, and is no evidence for a change.
     """
     delay, proof = 0.0, None
-    setting = first or make_setting(sources, base, known)
+    first = setting = first or make_setting(sources, base, known)
     old = {} if earlier is None else explained(earlier, options, sum(int(rows.sum()) for rows in setting.train))
-    first_chi = setting.board().chi()
     for _ in range(DELAYS + 2):
         finder = _Finder(setting, options, progress, old, delay_allowed=abs(delay) < 0.5)
         late = finder.run()
@@ -129,11 +128,15 @@ def search(
         if np.all(setting.noise.floor > SAME_NOISE * floor):
             break
     bare = setting.board(finder.board.theta[: base.reduction.rank])
-    if not delay:
-        first_chi = bare.chi()
-    full = with_picks(bare, finder.picks)
-    calm = np.minimum(full.chi(), between_reversals(full))
-    return Search(setting, finder.picks, delay, proof, first_chi, full.chi(), calm, finder.refused, finder.visibility)
+    before = first.board().chi() if delay else bare.chi()
+    after, calm = remains(with_picks(bare, finder.picks))
+    return Search(setting, finder.picks, delay, proof, before, after, calm, finder.refused, finder.visibility)
+
+
+def remains(board: Board) -> tuple[Floats, Floats]:
+    """Return chi of each joint, and the same away from reversals where that is less, (n,) each."""
+    chi = board.chi()
+    return chi, np.minimum(chi, between_reversals(board))
 
 
 def explained(earlier: Setting, options: Options, rows: int) -> dict[tuple[str, Place], float]:
@@ -151,8 +154,8 @@ def explained(earlier: Setting, options: Options, rows: int) -> dict[tuple[str, 
 def without(found: Search, pick: Pick) -> Search:
     """Return a search without one of its effects."""
     picks = [p for p in found.picks if p.key != pick.key]
-    full = with_picks(found.setting.board(), picks)
-    return replace(found, picks=picks, after=full.chi(), calm=np.minimum(full.chi(), between_reversals(full)))
+    after, calm = remains(with_picks(found.setting.board(), picks))
+    return replace(found, picks=picks, after=after, calm=calm)
 
 
 def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:

@@ -10,6 +10,7 @@ import numpy as np
 from dynid.gap.board import Board, build_board
 from dynid.gap.noise import Noise, Pair, find_repeats, noise_of, with_misfit
 from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
+from dynid.identify.result import Identification
 from dynid.identify.stack import Source
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import reference_of
@@ -42,6 +43,11 @@ class Known:
     theta: Floats
     covariance: Floats
     left: Floats
+
+
+def kept(found: Identification) -> Known:
+    """Return what an identification found as a model that is kept."""
+    return Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints]))
 
 
 @dataclass(frozen=True)
@@ -84,13 +90,15 @@ class Setting:
         """
         physics = reference_of(self.base.model, self.base.reduction, self.theta if theta is None else theta)
         stretches = cut(with_physics(self.stretches, physics), self.held if held else self.train)
-        columns = [nuisance_columns(s) if nuisance else [np.zeros((0, len(s)))] * s.course.n for s in stretches]
+        columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
         return build_board(stretches, self.noise, columns, prior_rows(self.known, self.counted))
 
 
-def nuisance_columns(stretch: Stretch) -> list[Floats]:
-    """Return the columns that are not judged, (2, M) a joint."""
+def nuisance_columns(stretch: Stretch, *, judged: bool = False) -> list[Floats]:
+    """Return the columns that are not judged, (2, M) a joint; none, (0, M), when all is judged."""
     course = stretch.course
+    if judged:
+        return [np.zeros((0, len(stretch)))] * course.n
     found = []
     for j in range(course.n):
         shape = course.robot.coulomb_shape
@@ -195,7 +203,7 @@ def plain_fit(
 ) -> tuple[Floats, list[Floats]]:
     """Fit the baseline without whitening, weighted by joint; returns base parameters and residuals (M, n) a stretch."""
     n, p = stretches[0].W.shape[1:]
-    columns = [nuisance_columns(s) if nuisance else [np.zeros((0, len(s)))] * n for s in stretches]
+    columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
     weights, extra = np.ones(n), len(columns[0][0])
     theta, gamma = np.zeros(p), np.zeros((n, extra))
     for _ in range(2):

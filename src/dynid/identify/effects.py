@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.least_squares import weighted
-from dynid.identify.stack import Source, stack
+from dynid.identify.stack import Source, stack_base
 from dynid.model.effects.interface import Course, Physics
 from dynid.model.reference import believed, reference_of
 from dynid.model.regressor import Model
@@ -98,6 +98,4 @@ def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[So
 
 
 def _fit(sources: Sequence[Source], base: BaseModel) -> Floats:
-    reduction = base.reduction
-    made = stack(sources, base.model.observer(reduction.base), reduction.base_names, base.robot.joint_names)
-    return weighted(*made.whole).theta
+    return weighted(*stack_base(sources, base).whole).theta

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid.identify.least_squares import accumulate, merge
 from dynid.identify.rows import Rows
 from dynid.model.regressor import Observer
+from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.quality.condition import Filter, Segment
 from dynid.quality.filters import decimate
@@ -260,6 +261,13 @@ class Stack:
     def joint_factors(self, mask: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
         """Return one factor a joint over the chosen blocks, (n, p + 1, p + 1), and its number of rows, (n,)."""
         return np.array([merge(part) for part in self.factors[mask].swapaxes(0, 1)]), self.rows[mask].sum(axis=0)
+
+
+def stack_base(sources: Sequence[Source], base: BaseModel, progress: Progress = SILENT) -> Stack:
+    """Fold conditioned logs into triangular factors of a model's base columns."""
+    reduction = base.reduction
+    observer = base.model.observer(reduction.base)
+    return stack(sources, observer, reduction.base_names, base.robot.joint_names, progress)
 
 
 def stack(
