@@ -193,20 +193,27 @@ def _from_spectrum(stretches: Sequence[Stretch], residuals: Sequence[Floats]) ->
     covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
     ar = yule_walker(covariance)
     n = residuals[0].shape[1]
-    level = np.zeros(n)
+    level, left = np.zeros(n), np.full(n, np.inf)
     for j in range(n):
-        powers = []
-        for r in residuals:
+        powers, kept = [], []
+        for s, r in zip(stretches, residuals, strict=True):
             f = np.fft.rfftfreq(len(r) - ORDER, 1 / chosen.kept_rate)
             white = whitened(r[:, j], ar)
+            kept.append(white[s.use[ORDER:, j]])
             power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (0.375 * len(white))
             powers.append(power[(f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)])
         # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
         level[j] = np.sqrt(np.median(np.concatenate(powers)) / np.log(2))
+        # Why: rows that do not count, at rest or clipped, are in the spectrum; noise is no larger than what is left.
+        white = np.concatenate(kept)
+        if len(white):
+            rows = np.concatenate([r[s.use[:, j], j] for s, r in zip(stretches, residuals, strict=True)])
+            level[j], left[j] = min(level[j], np.sqrt(np.mean(white**2))), np.sqrt(np.mean(rows**2))
     scale = np.sqrt(covariance[0] / max(1e-30, covariance[0] - ar @ covariance[1:]))
     nothing = np.zeros(n)
     sigma = np.maximum(level, 1e-9)
-    return Noise(np.tile(ar, (n, 1)), sigma, sigma * scale, 0.0, nothing, nothing)
+    floor = np.maximum(np.minimum(sigma * scale, left), 1e-9)
+    return Noise(np.tile(ar, (n, 1)), sigma, floor, 0.0, nothing, nothing)
 
 
 def with_misfit(noise: Noise, stretches: Sequence[Stretch], residuals: Sequence[Floats], level: Floats) -> Noise:
