@@ -154,7 +154,7 @@ def run(set_name, k, seed=0):
     if row["truth"] and outcome(row) == "exact":
         row["oracle"] = oracle_of(effects, size, arm, number, extra, known).tolist()
         if k % 3 == 0:
-            row["simulated"] = simulated(seen, base)
+            row["simulated"] = simulated(seen)
     return row
 
 
@@ -173,13 +173,12 @@ def search_nothing(setting):
     return Search(setting, [], 0.0, None, chi, chi, chi)
 
 
-def simulated(seen, base):
+def simulated(seen):
     """Return the position error of the replay in PyBullet before and after, at the joint of the gap [rad]."""
-    p = base.reduction.rank
     _, board = fit_picks(seen.found)
     picks = [f.pick for f in seen.fitted if f.pick.effect.name != "torque_delay"]
-    before = forward(seen.first, seen.first.board(nuisance=False).theta[:p], [], board.theta[:0])
-    after = forward(seen.found.setting, board.theta[:p], picks, board.theta[board.size :])
+    before = forward(seen.first, seen.first.board(nuisance=False), [])
+    after = forward(seen.found.setting, board, picks)
     return None if before is None or after is None else [before.rms.tolist(), after.rms.tolist()]
 
 

@@ -9,6 +9,9 @@ import hidden_effects as hidden
 from dynid.gap.apply import identify_again, specs_of
 from dynid.gap.investigate import investigate, on_one_clock
 from dynid.gap.search import Options
+from dynid.gap.setting import kept
+from dynid.identify.estimate import estimate
+from dynid.identify.stack import stack_base
 
 ARM = "lwr4plus"
 SECONDS = 15.0
@@ -78,6 +81,22 @@ def test_what_changed_since_the_model_was_identified_is_a_payload():
     _, _, seen, _ = look([("payload", 1)], 2.0, 27, known=known)
     assert named(seen) == {("payload", ())}
     assert seen.verdict.named[0].values["m"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
+    """The model has lacked position friction on joint 4 all along; on joint 2 Coulomb friction grows."""
+    base = gap_blind.model_of(ARM)
+    lacking, changed = [("position_friction", 3)], [("position_friction", 3), ("coulomb_change", 1)]
+    before, now = (gap_blind.logs_of(e, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0] for e in (lacking, changed))
+    earlier, new = (gap_blind.sources_of(logs, base.model) for logs in (before[::2], now[1::2]))
+    known = kept(estimate(stack_base(earlier, base), base, method="wls", holdout=None))
+    seen = investigate(new, base, known, Options(), simulate=False, earlier=earlier)
+    assert seen.first.matched == pytest.approx(1.0, rel=0.05)
+    assert named(seen) == {("coulomb_change", (1,))}
+    same = investigate(
+        gap_blind.sources_of(before[1::2], base.model), base, known, Options(), simulate=False, earlier=earlier
+    )
+    assert named(same) == set()
 
 
 def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypatch):

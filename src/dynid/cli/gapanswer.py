@@ -18,7 +18,7 @@ def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -
     from dynid.gap.verdict import unrepeatable
     from dynid.model.effects.catalogue import CATALOGUE
 
-    verdict, proof, noise = seen.verdict, seen.proof, seen.found.setting.noise
+    verdict, proof = seen.verdict, seen.proof
     simulation = seen.simulation
     return {
         "schema": "dynid/gap/1",
@@ -40,7 +40,7 @@ def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -
             "simulation_before": None if simulation is None else simulation[0],
             "simulation_after": None if simulation is None else simulation[1],
             "heldout": seen.first.held_text,
-            "noise_from": "repeats" if noise.repeats else "high frequencies (a lower bound)",
+            "noise_from": noise_text(seen),
         },
         "not_repeatable": [robot.joint_names[j] for j in unrepeatable(seen.found)],
         "cannot_judge": {
@@ -49,6 +49,16 @@ def answer_of(robot: Robot, seen: Investigation, mode: str, wrote: list[Path]) -
         "advice": verdict.advice,
         "wrote": wrote,
     }
+
+
+def noise_text(seen: Investigation) -> str:
+    """Return where the noise floor comes from."""
+    setting = seen.found.setting
+    if setting.noise.repeats:
+        return f"{setting.noise.repeats:.0f} s of repeats"
+    if setting.matched:
+        return "what differs from the same motion before"
+    return "high frequencies: a lower bound, no motion is repeated"
 
 
 def joints_text(robot: Robot, one: Fitted) -> list[str]:
@@ -76,12 +86,10 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
     terminal, verdict = common.terminal, seen.verdict
     noise = seen.found.setting.noise
-    floor = (
-        f"from {noise.repeats:.0f} s of repeats"
-        if noise.repeats
-        else "from high frequencies: a lower bound, no motion is repeated"
-    )
-    if noise.kept:
+    floor = f"from {noise_text(seen)}"
+    if seen.found.setting.matched:
+        floor += "; the motion is that of the earlier logs, and compared with them"
+    elif noise.kept:
         kept = ", ".join(robot.joint_names[j] for j in noise.kept)
         floor += f"; what the kept model left unexplained is more on {kept}"
     terminal.stage("noise", f"{floor}; held out: {seen.first.held_text}")
@@ -105,9 +113,7 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
     terminal.fact("verdict", words[verdict.word])
     shrink_table(common, robot, seen)
     if seen.simulation is None:
-        terminal.stage(
-            "simulated", "no: the identified mass matrix is not positive definite, or too little is held out"
-        )
+        terminal.stage("simulated", "no: too little is held out, or some link is too light to follow torques alone")
     if seen.unseen:
         hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in seen.unseen.items()

@@ -78,7 +78,7 @@ class Board:
 
     def whiten(self, joint: int, parts: Sequence[Floats]) -> Floats:
         """Return filtered columns of one joint, one (..., M_s) a stretch, as whitened rows, (..., M_j)."""
-        ar, sigma = self.noise.ar[joint], self.noise.sigma[joint]
+        ar, sigma = self.noise.ar[joint], self.noise.sigma[joint] * self.noise.count[joint] ** 0.5
         kept = [whitened(x, ar)[..., s.use[ORDER:, joint]] for x, s in zip(parts, self.stretches, strict=True)]
         rows: Floats = np.concatenate(kept, axis=-1) / sigma
         return rows
@@ -117,7 +117,7 @@ class Board:
         for j, (e, Q) in enumerate(zip(self.e, self.Q, strict=True)):
             freedom = len(e) - float(np.sum(Q**2))
             if len(e) > 50 and freedom > 20:
-                chi[j] = float(e @ e) / freedom
+                chi[j] = self.noise.count[j] * float(e @ e) / freedom
         return chi
 
 

@@ -153,6 +153,13 @@ class Proof:
     joint: int
     gains: Floats
 
+    @property
+    def chance(self) -> float:
+        """Chance of such a gain when there is no effect and the rows are as noisy as they are taken for."""
+        from scipy import special
+
+        return float(special.chdtrc(len(self.beta), max(float(self.gains.sum()), 0.0)))
+
 
 def prove(board: Board, columns: dict[int, Floats]) -> Proof:
     """Test one candidate.
@@ -196,7 +203,7 @@ def prove(board: Board, columns: dict[int, Floats]) -> Proof:
     amplitude = beta / scale
     for j in columns:
         if len(board.e[j]):
-            shares[j] = float(np.sqrt(np.mean((amplitude @ pieces[j]) ** 2)))
+            shares[j] = float(np.sqrt(board.noise.count[j] * np.mean((amplitude @ pieces[j]) ** 2)))
     joint = max(shares, key=lambda j: shares[j])
     gains = 2 * b @ beta - np.einsum("k,bkl,l->b", beta, G, beta)
     return Proof(amplitude, covariance / np.outer(scale, scale), p_value, agreement, shares[joint], joint, gains)

@@ -1,4 +1,8 @@
-"""The gap in the forward simulation: held-out torques replayed through the model, before and after."""
+"""The gap in the forward simulation: held-out torques replayed through the model, before and after.
+
+What is simulated is the physically possible arm next to the fitted base parameters, as it would be exported: small
+errors of light links would otherwise make mass matrices that no arm has.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,36 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dynid.gap.board import WEAK, Board
 from dynid.gap.picks import Pick
 from dynid.gap.setting import Setting
+from dynid.identify.consistent import fit_pooled
 from dynid.identify.effects import course_of
+from dynid.identify.fullset import physics_of
 from dynid.model.effects.interface import Floats
 from dynid.model.reference import reference_of
 from dynid.model.store import BaseModel
 from dynid.sim.replay import Replay, replay
 
-#: Smallest inertia that the identified arm must have in all directions to be replayed [kg m^2]. Below, it is not known
-#: well enough: small errors of torque become hundreds of rad/s^2.
+#: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque
+#: become hundreds of rad/s^2.
 LEAST_INERTIA = 2e-3
 #: States along the motion at which that is checked.
 CHECKED = 200
 
 
-def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: Floats) -> Replay | None:
+def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | None:
     """Replay the longest held-out stretch through a model.
 
     Args:
         setting: the search's setting.
-        theta: base parameters, (p,).
-        picks: effects beside them.
-        amplitudes: of the effects.
+        board: the fitted model, with the effects beside it.
+        picks: these effects.
 
     Returns:
-        The replay; None when little is held out, or when the identified mass matrix is not clearly positive definite.
+        The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
+    theta, amplitudes = possible(setting.base, board), board.theta[board.size :]
     held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
     count, k = max(held)
     if count < 2 * setting.stretches[k].rate:
@@ -64,8 +71,24 @@ def forward(setting: Setting, theta: Floats, picks: Sequence[Pick], amplitudes: 
     return replay(setting.base.robot, model, segment.since[part], segment.q[part], segment.qd[part], tau)
 
 
+def possible(base: BaseModel, board: Board) -> Floats:
+    """Return the base parameters of the physically possible arm next to fitted ones, (p,).
+
+    Args:
+        base: model and base parameters.
+        board: the fitted model.
+    """
+    p = base.reduction.rank
+    size = np.sqrt(np.maximum(np.diag(board.inverse)[:p], 1e-30))
+    values, V = np.linalg.eigh(board.inverse[:p, :p] / np.outer(size, size))
+    seen = values > WEAK * values[-1]
+    R = (V[:, seen] / np.sqrt(values[seen])).T / size
+    K = base.reduction.K
+    return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
+
+
 def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:
-    """Return the smallest eigenvalue of the identified mass matrix over positions, [kg m^2]."""
+    """Return the smallest eigenvalue of the mass matrix over positions, [kg m^2]."""
     still = np.zeros_like(q)
     return float(np.linalg.eigvalsh(_dynamics(base, theta)(q, still)[1]).min())
 

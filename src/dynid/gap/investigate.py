@@ -69,20 +69,18 @@ def investigate(
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
     sources = on_one_clock(sources)
-    first = make_setting(sources, base, known)
-    then = make_setting(on_one_clock(earlier), base, known) if earlier else None
-    found = search(sources, base, known, options, progress, first=first, earlier=then)
+    earlier = on_one_clock(earlier) if earlier else ()
+    first = make_setting(sources, base, known, earlier)
+    found = search(sources, base, known, options, progress, first=first, earlier=earlier)
     found, fitted, withdrawn, proof, board = proved(first, found)
     verdict = judge(found, fitted, proof, base.robot.joint_names, withdrawn)
     regions = where(replace(first, noise=found.setting.noise).board())
     simulation = None
     if simulate:
-        p = base.reduction.rank
-        bare = first.board(nuisance=False)
         picks = [f.pick for f in fitted if f.pick.effect.name != "torque_delay"]
         try:
-            before = forward(first, bare.theta[:p], [], board.theta[:0])
-            after = forward(found.setting, board.theta[:p], picks, board.theta[board.size :]) if fitted else before
+            before = forward(first, first.board(nuisance=False), [])
+            after = forward(found.setting, board, picks) if fitted else before
         except PackageMissing:
             before = after = None
         simulation = (before.rms, after.rms) if before is not None and after is not None else None

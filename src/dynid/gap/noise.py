@@ -13,6 +13,7 @@ import numpy as np
 
 from dynid.gap.stretches import Mask, Stretch
 from dynid.model.effects.interface import Floats
+from dynid.quality.condition import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4
@@ -41,6 +42,7 @@ class Noise:
         burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
         wander: power at low over high frequency, (n,); 0 without repeats.
         kept: joints whose floor is what a kept model left unexplained when it was identified, which is more than noise.
+        count: how often rows count the same information, because what is not whitened goes on in time, (n,).
     """
 
     ar: Floats
@@ -49,7 +51,8 @@ class Noise:
     repeats: float
     burst: Floats
     wander: Floats
-    kept: tuple[int, ...] = ()
+    kept: tuple[int, ...]
+    count: Floats
 
     @property
     def unrepeatable(self) -> list[int]:
@@ -71,13 +74,13 @@ def find_repeats(stretches: Sequence[Stretch]) -> list[Pair]:
     pairs = []
     for a, one in enumerate(stretches):
         for b in range(a, len(stretches)):
-            lag = _lag(one, stretches[b], PERIOD if a == b else 0.0)
+            lag = lag_of(one, stretches[b], PERIOD if a == b else 0.0)
             if lag is not None:
                 pairs.append(Pair(a, b, lag))
     return pairs
 
 
-def _lag(one: Stretch, other: Stretch, least: float) -> float | None:
+def lag_of(one: Stretch, other: Stretch, least: float) -> float | None:
     """Return the lag at which two motions agree, in rows; None when they do not."""
     scale = one.q.std(axis=0)
     moves = scale > 1e-3
@@ -105,19 +108,23 @@ def _lag(one: Stretch, other: Stretch, least: float) -> float | None:
     return float(lags[best] + (fraction if abs(fraction) > SAME_GRID else 0.0))
 
 
-def noise_of(stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: Sequence[Pair]) -> Noise:
+def noise_of(
+    stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: Sequence[Pair], train: Sequence[Mask]
+) -> Noise:
     """Measure the noise.
 
     Args:
         stretches: rows.
         residuals: what the baseline model leaves, one (M, n) a stretch.
         pairs: repeats among them.
+        train: rows that the baseline model was fitted to, one mask a stretch; without repeats, others say nothing.
     """
     parts = [_difference(stretches, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / stretches[0].rate
     if seconds >= OVERLAP:
         return _from_repeats(parts, stretches[0].rate, seconds)
-    return _from_spectrum(stretches, residuals)
+    parts = [(r[rows], s.use[rows]) for s, r, rows in zip(stretches, residuals, train, strict=True) if rows.any()]
+    return _from_spectrum(stretches[0].source.chosen, parts)
 
 
 def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair: Pair) -> tuple[Floats, Mask]:
@@ -126,7 +133,7 @@ def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair:
     whole = int(np.floor(pair.lag))
     start, end = max(0, -whole), min(len(one), len(other) - whole - 1)
     part = slice(start, end)
-    moved = _shifted(residuals[pair.second], pair.lag - whole)[start + whole : end + whole]
+    moved = shifted(residuals[pair.second], pair.lag - whole)[start + whole : end + whole]
     e = (residuals[pair.first][part] - moved) / np.sqrt(2)
     use = one.use[part] & other.use[start + whole : end + whole]
     use[:8], use[-8:] = False, False
@@ -138,7 +145,7 @@ def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair:
     return e, use
 
 
-def _shifted(x: Floats, fraction: float) -> Floats:
+def shifted(x: Floats, fraction: float) -> Floats:
     """Return x(k + fraction) by a windowed sinc, (M, n)."""
     if abs(fraction) < 1e-3:
         return x
@@ -163,7 +170,7 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         floor[j] = np.sqrt(covariance[0] / max(1, sum(int(use[:, j].sum()) for _, use in parts)))
         burst[j] = _burst([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
         wander[j] = _wander([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
-    return Noise(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander)
+    return Noise(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander, (), np.ones(n))
 
 
 def _burst(parts: Sequence[Floats], rate: float) -> float:
@@ -185,21 +192,20 @@ def _wander(parts: Sequence[Floats], rate: float) -> float:
     return low / high if high else 0.0
 
 
-def _from_spectrum(stretches: Sequence[Stretch], residuals: Sequence[Floats]) -> Noise:
+def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Noise:
     """Take the noise as white before the filter, its level from the upper part of the pass band of the residual."""
-    chosen = stretches[0].source.chosen
     kernel, step = chosen.second_kernel[0], chosen.second_step
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
     covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
     ar = yule_walker(covariance)
-    n = residuals[0].shape[1]
+    n = parts[0][0].shape[1]
     level, left = np.zeros(n), np.full(n, np.inf)
     for j in range(n):
         powers, kept = [], []
-        for s, r in zip(stretches, residuals, strict=True):
+        for r, use in parts:
             f = np.fft.rfftfreq(len(r) - ORDER, 1 / chosen.kept_rate)
             white = whitened(r[:, j], ar)
-            kept.append(white[s.use[ORDER:, j]])
+            kept.append(white[use[ORDER:, j]])
             power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (0.375 * len(white))
             powers.append(power[(f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)])
         # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
@@ -207,45 +213,54 @@ def _from_spectrum(stretches: Sequence[Stretch], residuals: Sequence[Floats]) ->
         # Why: rows that do not count, at rest or clipped, are in the spectrum; noise is no larger than what is left.
         white = np.concatenate(kept)
         if len(white):
-            rows = np.concatenate([r[s.use[:, j], j] for s, r in zip(stretches, residuals, strict=True)])
+            rows = np.concatenate([r[use[:, j], j] for r, use in parts])
             level[j], left[j] = min(level[j], np.sqrt(np.mean(white**2))), np.sqrt(np.mean(rows**2))
     scale = np.sqrt(covariance[0] / max(1e-30, covariance[0] - ar @ covariance[1:]))
     nothing = np.zeros(n)
     sigma = np.maximum(level, 1e-9)
     floor = np.maximum(np.minimum(sigma * scale, left), 1e-9)
-    return Noise(np.tile(ar, (n, 1)), sigma, floor, 0.0, nothing, nothing)
+    return Noise(np.tile(ar, (n, 1)), sigma, floor, 0.0, nothing, nothing, (), np.ones(n))
 
 
 def with_misfit(noise: Noise, stretches: Sequence[Stretch], residuals: Sequence[Floats], level: Floats) -> Noise:
     """Return the noise where what a kept model could not explain when it was identified is larger than the floor.
 
-    What was unexplained then and is unexplained now has not changed; it is neither small nor white, so it gets the
-    colour of what is left now.
+    What was unexplained then and is unexplained now has not changed. It is not whitened: it follows the motion, and
+    what whitens it takes away the slow part of a change, by which one is told from another. Rows count less instead.
 
     Args:
         noise: the floor.
         stretches: rows.
-        residuals: what a refitted model leaves of them, one (M, n) a stretch: the colour.
+        residuals: what a refitted model leaves of them, one (M, n) a stretch: how long it goes on.
         level: rms of what the kept model left, (n,) [N m].
     """
-    ar, sigma, floor, kept = noise.ar.copy(), noise.sigma.copy(), noise.floor.copy(), []
-    for j in np.flatnonzero(level > MORE_THAN_NOISE * noise.floor).tolist():
-        parts = [(r[:, j], s.use[:, j]) for s, r in zip(stretches, residuals, strict=True)]
-        if sum(use.sum() for _, use in parts) < 10 * ORDER:
-            continue
-        covariance = np.array([_product(parts, lag) for lag in range(ORDER + 1)])
-        ar[j] = yule_walker(covariance)
-        white = np.concatenate([whitened(x, ar[j])[use[ORDER:]] for x, use in parts])
-        sigma[j], floor[j] = level[j] * np.sqrt(np.mean(white**2) / covariance[0]), level[j]
-        kept.append(j)
-    return replace(noise, ar=ar, sigma=sigma, floor=floor, kept=tuple(kept))
+    more = level > MORE_THAN_NOISE * noise.floor
+    count = np.ones(len(level))
+    for j in np.flatnonzero(more).tolist():
+        count[j] = going_on([np.where(s.use[:, j], r[:, j], 0.0) for s, r in zip(stretches, residuals, strict=True)])
+    return replace(
+        noise,
+        ar=np.where(more[:, None], 0.0, noise.ar),
+        sigma=np.where(more, level, noise.sigma),
+        floor=np.where(more, level, noise.floor),
+        kept=tuple(np.flatnonzero(more).tolist()),
+        count=count,
+    )
 
 
-def _product(parts: Sequence[tuple[Floats, Mask]], lag: int) -> float:
-    """Return the mean product of values that are so many rows apart, both counting."""
-    both = [use[lag:] & use[: len(use) - lag] for _, use in parts]
-    total = sum(float((x[lag:] * x[: len(x) - lag])[b].sum()) for (x, _), b in zip(parts, both, strict=True))
-    return total / max(1, sum(int(b.sum()) for b in both))
+def going_on(parts: Sequence[Floats]) -> float:
+    """Return how many rows in a row tell the same: the integrated autocorrelation up to its first zero.
+
+    Source: Geyer 1992, "Practical Markov chain Monte Carlo", for where to stop.
+    """
+    longest = max(len(x) for x in parts)
+    size = 1 << (2 * longest).bit_length()
+    power = sum(np.abs(np.fft.rfft(x, size)) ** 2 for x in parts)
+    covariance = np.fft.irfft(np.asarray(power), size)[:longest]
+    if covariance[0] <= 0:
+        return 1.0
+    ends = np.flatnonzero(covariance <= 0)
+    return float(max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1))
 
 
 def yule_walker(covariance: Floats) -> Floats:

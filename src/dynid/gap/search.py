@@ -9,9 +9,9 @@ import numpy as np
 
 from dynid.gap.board import Board
 from dynid.gap.evidence import Candidate, Proof, Score, columns_of, make_candidate, prove, score
-from dynid.gap.noise import noise_of, with_misfit
+from dynid.gap.noise import noise_of
 from dynid.gap.picks import Pick, effect_torque, moved, with_picks
-from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns
+from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns, with_noise
 from dynid.gap.where import between_reversals
 from dynid.identify.effects import on_time
 from dynid.identify.stack import Source
@@ -41,8 +41,8 @@ REFINED = (1.0, 0.5, 0.25, 0.25, 0.12, 0.06, 0.03, 0.015)
 SETTLED = 100.0
 #: Times a delay is refined: each shift makes the next one exact to second order.
 DELAYS = 3
-#: When the noise measured beside what was found is less than this share of what it was before, the search starts anew:
-#: its first rows were whitened with part of the effect.
+#: When the noise measured beside what was found differs by more than this from what it was before, the search starts
+#: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
 
 
@@ -98,7 +98,7 @@ def search(
     progress: Progress = SILENT,
     *,
     first: Setting | None = None,
-    earlier: Setting | None = None,
+    earlier: Sequence[Source] = (),
 ) -> Search:
     """Search logs for what the model lacks.
 
@@ -109,12 +109,15 @@ def search(
         options: what is searched.
         progress: told how far the work is.
         first: the setting of these logs, when it is there already.
-        earlier: the setting of the logs that a kept model was identified from: what a candidate explains there was
-            missing already, and is no evidence for a change.
+        earlier: conditioned logs that a kept model was identified from: what a candidate explains there was missing
+            already, and is no evidence for a change.
     """
     delay, proof = 0.0, None
-    first = setting = first or make_setting(sources, base, known)
-    old = {} if earlier is None else explained(earlier, options, sum(int(rows.sum()) for rows in setting.train))
+    first = setting = first or make_setting(sources, base, known, earlier)
+    old: dict[tuple[str, Place], float] = {}
+    if earlier and not setting.matched:
+        then = make_setting(earlier, base, known)
+        old = explained(then, options, sum(int(rows.sum()) for rows in setting.train))
     for _ in range(DELAYS + 2):
         finder = _Finder(setting, options, progress, old, delay_allowed=abs(delay) < 0.5)
         late = finder.run()
@@ -122,10 +125,11 @@ def search(
             delay += float(late.beta[0])
             proof = proof or late
             shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
-            setting = make_setting(shifted, base, known)
+            setting = make_setting(shifted, base, known, earlier)
             continue
         floor, setting = setting.noise.floor, quieter(setting, finder.board, finder.picks)
-        if np.all(setting.noise.floor > SAME_NOISE * floor):
+        change = setting.noise.floor / floor
+        if np.all((change > SAME_NOISE) & (change < 1 / SAME_NOISE)):
             break
     bare = setting.board(finder.board.theta[: base.reduction.rank])
     before = first.board().chi() if delay else bare.chi()
@@ -161,9 +165,11 @@ def without(found: Search, pick: Pick) -> Search:
 def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
     """Return the setting with the noise measured again, after what was found is taken out of the residual.
 
-    Why: a large effect does not repeat exactly when the motion does not, and would pass for noise.
+    Why: a large effect does not repeat exactly when the motion does not, and would pass for noise. And rows that are
+    compared with the same motion before have no other measure of it; the first guess, which lets all parameters go, is
+    too small.
     """
-    if not setting.noise.repeats or not picks:
+    if not setting.matched and not (setting.noise.repeats and picks):
         return setting
     residuals = []
     for s, b in zip(setting.stretches, board.stretches, strict=True):
@@ -172,10 +178,7 @@ def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
         extra = board.theta[p : board.size].reshape(s.course.n, -1)
         model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.course.n)], axis=1)
         residuals.append(s.tau - model - effect_torque(b.course, s.filtered, picks, board.theta[board.size :]).T)
-    noise = noise_of(setting.stretches, residuals, setting.pairs)
-    if setting.left is not None:
-        noise = with_misfit(noise, setting.stretches, residuals, setting.left)
-    return replace(setting, noise=noise)
+    return with_noise(setting, noise_of(setting.stretches, residuals, setting.pairs, setting.train), residuals)
 
 
 class _Finder:
@@ -275,8 +278,9 @@ class _Finder:
             return "explains less than its freedom costs"
         if pick.proof.visible_rms < SMALLEST:
             return f"too small: {pick.proof.visible_rms:.2f} of the noise"
-        if pick.proof.p_value * looks >= self.options.false_alarm:
-            return f"not sure: chance {min(1.0, pick.proof.p_value * looks):.2g}"
+        chance = looks * max(pick.proof.p_value, pick.proof.chance)
+        if chance >= self.options.false_alarm:
+            return f"not sure: chance {min(1.0, chance):.2g}"
         return ""
 
     def _refined(self, board: Board, found: Score, candidate: Candidate) -> Pick:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.gap.against import against
 from dynid.gap.board import Board, build_board
-from dynid.gap.noise import Noise, Pair, find_repeats, noise_of, with_misfit
+from dynid.gap.noise import ALIKE, Noise, Pair, find_repeats, noise_of, with_misfit
 from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
 from dynid.identify.result import Identification
 from dynid.identify.stack import Source
@@ -18,6 +19,8 @@ from dynid.model.store import BaseModel
 
 #: Share of each log that is held out where there are fewer than three motions.
 HELD_OUT = 0.2
+#: The same when a model is kept: little is fitted then, and slow disturbances make short parts no proof.
+HELD_OUT_KEPT = 0.4
 #: Rows between training and held-out part that belong to neither [s].
 BETWEEN = 1.0
 #: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
@@ -37,7 +40,8 @@ class Known:
     Attributes:
         theta: base parameters that the data gave, without a prior, (p,).
         covariance: of them, (p, p); no spread along directions that the data left open.
-        left: rms of what the model left of the torques that it was identified from, (n,) [N m].
+        left: rms of what the model left of the torques when it was identified, of held-out ones if that is more,
+            (n,) [N m].
     """
 
     theta: Floats
@@ -47,7 +51,9 @@ class Known:
 
 def kept(found: Identification) -> Known:
     """Return what an identification found as a model that is kept."""
-    return Known(found.plain, found.covariance, np.array([joint.rms for joint in found.joints]))
+    # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
+    left = [max(joint.rms, joint.heldout_rms or 0.0) for joint in found.joints]
+    return Known(found.plain, found.covariance, np.array(left))
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,8 @@ class Setting:
         noise: the noise floor.
         theta: base parameters that effects are scaled with, (p,).
         left: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m].
-        counted: how often whitened rows count the same information, because what the kept model lacks is in them.
+        matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
+            compared with the model alone.
     """
 
     base: BaseModel
@@ -78,7 +85,7 @@ class Setting:
     noise: Noise
     theta: Floats
     left: Floats | None = None
-    counted: float = 1.0
+    matched: float = 0.0
 
     def board(self, theta: Floats | None = None, *, nuisance: bool = True, held: bool = False) -> Board:
         """Return the whitened training rows, effects scaled with given base parameters.
@@ -91,7 +98,7 @@ class Setting:
         physics = reference_of(self.base.model, self.base.reduction, self.theta if theta is None else theta)
         stretches = cut(with_physics(self.stretches, physics), self.held if held else self.train)
         columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
-        return build_board(stretches, self.noise, columns, prior_rows(self.known, self.counted))
+        return build_board(stretches, self.noise, columns, prior_rows(self.known))
 
 
 def nuisance_columns(stretch: Stretch, *, judged: bool = False) -> list[Floats]:
@@ -108,61 +115,67 @@ def nuisance_columns(stretch: Stretch, *, judged: bool = False) -> list[Floats]:
     return found
 
 
-def prior_rows(known: Known | None, counted: float = 1.0) -> Floats | None:
-    """Return rows [L^T, L^T theta0] that hold parameters where they were, at most p of them, (r, p + 1).
-
-    Args:
-        known: the kept model.
-        counted: how often the whitened rows beside them count the same information.
-    """
+def prior_rows(known: Known | None) -> Floats | None:
+    """Return rows [L^T, L^T theta0] that hold parameters where they were, at most p of them, (r, p + 1)."""
     if known is None:
         return None
     size = np.sqrt(np.maximum(np.diag(known.covariance), 1e-18))
     values, V = np.linalg.eigh(known.covariance / np.outer(size, size))
     kept = values > OPEN * values[-1]
-    root = (V[:, kept] / np.sqrt(np.maximum(values[kept], 1e-8))).T / size * (np.sqrt(counted) / TRUST)
+    root = (V[:, kept] / np.sqrt(np.maximum(values[kept], 1e-8))).T / size / TRUST
     return np.column_stack([root, root @ known.theta])
 
 
-def make_setting(sources: Sequence[Source], base: BaseModel, known: Known | None) -> Setting:
+def make_setting(
+    sources: Sequence[Source], base: BaseModel, known: Known | None, earlier: Sequence[Source] = ()
+) -> Setting:
     """Arrange a search over conditioned logs.
 
     Args:
         sources: conditioned logs, all with the same filter.
         base: model and base parameters.
         known: the model that is kept, None to refit it.
+        earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
     p = base.reduction.rank
-    start = np.zeros(p) if known is None else known.theta
-    stretches = stretches_of(sources, base, reference_of(base.model, base.reduction, start))
+    physics = reference_of(base.model, base.reduction, np.zeros(p) if known is None else known.theta)
+    stretches, matched = stretches_of(sources, base, physics), 0.0
+    if known is not None and earlier:
+        compared = against(stretches, stretches_of(earlier, base, physics), known.theta)
+        if compared is not None:
+            stretches, matched = compared
+            # Why: what its parameters are off by is in both, but for what the motions differ.
+            known = replace(known, covariance=ALIKE**2 * known.covariance)
     pairs = find_repeats(stretches)
-    train, held, text = split(stretches, pairs)
+    train, held, text = split(stretches, pairs, HELD_OUT if known is None else HELD_OUT_KEPT)
     theta, residuals = plain_fit(stretches, train, known)
-    noise = noise_of(stretches, residuals, pairs)
     left = None
     if known is not None:
-        refitted = plain_fit(stretches, train, None)[1]
+        residuals = plain_fit(stretches, train, None)[1]
         whole = plain_fit(stretches, train, None, nuisance=False)[1]
         # Why: the earlier identification knew no columns that are not judged; they take what it left at reversals.
-        left = known.left * np.minimum(1.0, _rms(stretches, refitted, train) / _rms(stretches, whole, train))
-        noise = with_misfit(noise, stretches, refitted, left)
-    found = Setting(base, known, stretches, train, held, text, pairs, noise, theta, left)
-    return replace(found, counted=overcounted(replace(found, known=None).board(), noise.kept)) if noise.kept else found
+        left = known.left * np.minimum(1.0, _rms(stretches, residuals, train) / _rms(stretches, whole, train))
+    noise = noise_of(stretches, residuals, pairs, train)
+    found = Setting(base, known, stretches, train, held, text, pairs, noise, theta, left, matched)
+    return with_noise(found, noise, residuals)
 
 
-def overcounted(board: Board, joints: Sequence[int]) -> float:
-    """Return how often whitened rows of some joints count the same information; 1 when they are white.
+def with_noise(setting: Setting, noise: Noise, residuals: Sequence[Floats]) -> Setting:
+    """Return the setting with its noise measured, and what a kept model lacks beside it.
 
-    The products of baseline and residual, summed over blocks of time, spread as much as the rows' own number says when
-    the residual is white, and more when it goes on in the same direction. The size of the residual does not matter.
+    Args:
+        setting: rows, and what a kept model left when it was identified.
+        noise: measured from repeats or high frequencies.
+        residuals: what a model leaves of the rows, one (M, n) a stretch.
     """
-    found = []
-    for j in joints:
-        rows, Q, e = board.joints[j], board.Q[j], board.e[j]
-        starts = np.flatnonzero(np.diff(rows.block, prepend=-1))
-        sums = np.add.reduceat(Q * e[:, None], starts)
-        found.append(float(np.sum(sums**2)) / max(float(np.sum(Q**2)) * float(np.mean(e**2)), 1e-30))
-    return max(1.0, float(np.median(found)))
+    if setting.left is None:
+        return replace(setting, noise=noise)
+    if setting.matched and noise.repeats:
+        # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
+        more = np.sqrt(1.0 + 1.0 / setting.matched)
+        return replace(setting, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
+    left = _rms(setting.stretches, residuals, setting.train) if setting.matched else setting.left
+    return replace(setting, noise=with_misfit(noise, setting.stretches, residuals, left))
 
 
 def _rms(stretches: Sequence[Stretch], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
@@ -174,8 +187,8 @@ def _rms(stretches: Sequence[Stretch], residuals: Sequence[Floats], train: Seque
     return np.sqrt(np.maximum(power, 1e-30) / np.maximum(count, 1))
 
 
-def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mask], list[Mask], str]:
-    """Hold out the last of three or more motions with its repeats, or else the last fifth of each log."""
+def split(stretches: Sequence[Stretch], pairs: Sequence[Pair], share: float) -> tuple[list[Mask], list[Mask], str]:
+    """Hold out the last of three or more motions with its repeats, or else the last share of each log."""
     motion = list(range(len(stretches)))
     for pair in pairs:
         motion[pair.second] = min(motion[pair.second], motion[pair.first])
@@ -186,16 +199,16 @@ def split(stretches: Sequence[Stretch], pairs: Sequence[Pair]) -> tuple[list[Mas
         masks = [np.full(len(s), value) for s, value in zip(stretches, out, strict=True)]
         names = {s.source.name for s, value in zip(stretches, out, strict=True) if value}
         return [~m for m in masks], masks, ", ".join(sorted(names))
-    border = {log: _border([s for s in stretches if s.log == log]) for log in logs}
+    border = {log: _border([s for s in stretches if s.log == log], share) for log in logs}
     train = [s.t < border[s.log] - BETWEEN for s in stretches]
     held = [s.t >= border[s.log] for s in stretches]
-    return train, held, f"last {100 * HELD_OUT:.0f} % of each log's motion"
+    return train, held, f"last {100 * share:.0f} % of each log's motion"
 
 
-def _border(stretches: Sequence[Stretch]) -> float:
+def _border(stretches: Sequence[Stretch], share: float) -> float:
     """Return the time from which the last share of a log's rows that count begins [s]; rest proves nothing."""
     t = np.concatenate([s.t[s.use.any(axis=1)] for s in stretches])
-    return float(np.quantile(t, 1 - HELD_OUT)) if len(t) else float(stretches[0].t[0])
+    return float(np.quantile(t, 1 - share)) if len(t) else float(stretches[0].t[0])
 
 
 def plain_fit(

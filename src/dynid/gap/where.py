@@ -71,7 +71,7 @@ def where(board: Board) -> list[JointGap]:
 
 def regions_of(board: Board, joint: int) -> list[Region]:
     """Cut one joint's whitened residual by what the arm did."""
-    rows, e = board.joints[joint], board.e[joint]
+    rows, e = board.joints[joint], board.e[joint] * board.noise.count[joint] ** 0.5
     if len(e) < 3 * FEWEST:
         return []
     signals = {
@@ -111,7 +111,7 @@ def between_reversals(board: Board) -> Floats:
     for j, (rows, e) in enumerate(zip(board.joints, board.e, strict=True)):
         near = np.concatenate([_near_reversal(s.qd[:, j], s.rate) for s in board.stretches])[rows.place]
         if (~near).sum() >= FEWEST:
-            chi[j] = float(np.mean(e[~near] ** 2))
+            chi[j] = board.noise.count[j] * float(np.mean(e[~near] ** 2))
     return chi
 
 
