@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import twolink
 import yaml
 
 import hidden_effects as hidden
@@ -130,3 +131,17 @@ def test_demo_names_what_can_be_hidden(dynid):
     ended = dynid("demo", "--effect", "striebeck")
     assert ended.status == 2
     assert "did you mean 'stribeck'" in ended.err
+
+
+def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed_files(tmp_path, monkeypatch):
+    from dynid.cli.gap import beside
+    from dynid.files.robotfile import load_robot
+
+    monkeypatch.chdir(tmp_path)
+    assert beside(load_robot("kuka_lwr4plus")).resolve() == tmp_path
+    (tmp_path / "robots").mkdir()
+    assert beside(load_robot("kuka_lwr4plus")).resolve() == tmp_path / "robots"
+    own = tmp_path / "mine" / "arm.yaml"
+    own.parent.mkdir()
+    own.write_text(twolink.ROBOT)
+    assert beside(load_robot(str(own))) == own.parent

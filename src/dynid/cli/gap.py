@@ -240,10 +240,7 @@ def add(
     robot = base.robot
     specs = specs_of(chosen, robot)
     name = new_name(robot, specs)
-    copy = (
-        options["new_name"]
-        or (robot.path.parent if robot.path and _writable(robot.path.parent) else Path()) / f"{name}.yaml"
-    )
+    copy = options["new_name"] or beside(robot) / f"{name}.yaml"
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     write_robot(robot, specs, copy)
@@ -267,10 +264,16 @@ def add(
     return [copy, folder / "parameters.npz"]
 
 
-def _writable(folder: Path) -> bool:
+def beside(robot: Robot) -> Path:
+    """Return the folder of a robot file of one's own; ./robots or the current one for a robot that comes with dynid."""
     import os
 
-    return os.access(folder, os.W_OK)
+    from dynid.files.robotfile import packaged
+
+    shipped = packaged("robots").resolve()
+    if robot.path is None or shipped in robot.path.resolve().parents or not os.access(robot.path.parent, os.W_OK):
+        return Path("robots") if Path("robots").is_dir() else Path()
+    return robot.path.parent
 
 
 def ask_to_overwrite(common: Common, path: Path) -> None:

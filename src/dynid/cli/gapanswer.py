@@ -57,7 +57,7 @@ def noise_text(seen: Investigation) -> str:
     if setting.noise.repeats:
         return f"{setting.noise.repeats:.0f} s of repeats"
     if setting.matched:
-        return "what differs from the same motion before"
+        return "what differs and no effect explains"
     return "high frequencies: a lower bound, no motion is repeated"
 
 
@@ -84,16 +84,18 @@ def named_answer(robot: Robot, one: Fitted, seen: Investigation) -> dict[str, An
 
 def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
+    from dynid.gap.where import ABOVE
+
     terminal, verdict = common.terminal, seen.verdict
     noise = seen.found.setting.noise
     floor = f"from {noise_text(seen)}"
     if seen.found.setting.matched:
-        floor += "; the motion is that of the earlier logs, and compared with them"
+        floor += "; these logs drive the motion of the earlier ones, and are compared with them row by row"
     elif noise.kept:
         kept = ", ".join(robot.joint_names[j] for j in noise.kept)
         floor += f"; what the kept model left unexplained is more on {kept}"
     terminal.stage("noise", f"{floor}; held out: {seen.first.held_text}")
-    loud = sorted((g for g in seen.where if g.share > 0.1), key=lambda g: -g.share)
+    loud = sorted((g for g in seen.where if g.share > 0.1 and g.chi > ABOVE), key=lambda g: -g.share)
     text = "; ".join(f"{robot.joint_names[g.joint]} ({100 * g.share:.0f} % of the disagreement) {g.text}" for g in loud)
     terminal.fact("where", text or "nowhere above the noise")
     if verdict.named or verdict.closest:

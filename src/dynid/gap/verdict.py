@@ -140,9 +140,8 @@ def advice_of(
 ) -> str:
     """Return what to do next."""
     noise = found.setting.noise
-    repeat = (
-        "" if noise.repeats else " Record each motion twice: without repeats the noise floor is only a lower bound."
-    )
+    bound = not (noise.repeats or found.setting.matched)
+    repeat = " Record each motion twice: without repeats the noise floor is only a lower bound." if bound else ""
     stray = unrepeatable(found)
     if stray and not named:
         names = ", ".join(joints[j] for j in stray)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from dynid.gap.board import Board
 from dynid.model.effects.interface import Floats
 
+#: Mean square of the whitened residual from which a joint is above its noise floor.
+ABOVE = 1.1
 #: A region stands out when its mean square is so many times that of its joint's other rows.
 STANDS_OUT = 1.6
 #: Fewest rows of a region that is judged.
@@ -64,7 +66,7 @@ def where(board: Board) -> list[JointGap]:
     found = []
     for j in range(len(chi)):
         regions = regions_of(board, j)
-        text = _words(regions, float(chi[j])) if chi[j] > 1.1 else "at the noise floor"
+        text = _words(regions, float(chi[j])) if chi[j] > ABOVE else "at the noise floor"
         found.append(JointGap(j, float(chi[j]), float(energy[j] / total) if total > 0 else 0.0, tuple(regions), text))
     return found
 
