@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identify.robust import HUBER
-from dynid.identify.rows import Rows
-from dynid.identify.uncertainty import automatic_lags, long_run_variance, sandwich, scores
+from dynid.identify.rows import Rows, joined, runs
+from dynid.identify.small_sample import LONGEST, short_log_factor
+from dynid.identify.uncertainty import automatic_lags, long_run_variance, scores
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +55,8 @@ def hac_covariance(
     sensitivity: Floats | float = 0.0
     # Why arrays that grow in place: of a long log, pieces and joined scores would not fit into memory together.
     pulls: list[array[float]] = []
-    rows = 0
+    short: list[Rows] = []
+    instants = 0
     for segment in segments:
         residual = segment.residual(theta)
         Z = segment.W if segment.Z is None else segment.Z
@@ -65,15 +67,15 @@ def hac_covariance(
             pulls.append(array("d"))
         bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
         pulls[-1].frombytes(scores(Z, bounded, noise).tobytes())
-        rows += int(segment.mask.sum())
+        instants += len(residual)
+        short = [*short, replace(segment, usable=inside)] if instants <= LONGEST else []
     series = [np.frombuffer(pull).reshape(-1, len(theta)) for pull in pulls]
     lags = automatic_lags(series) if lags is None else lags
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
-    meat, white = long_run_variance(series, lags), long_run_variance(series, 0)
-    variances = (np.einsum("ap,pq,aq->a", bread, each, bread, optimize=True) for each in (meat, white))
-    longer, single = (np.maximum(each, np.finfo(float).tiny) for each in variances)
-    # Why: rows that remember their neighbours are worth as many fewer as their long-run variance is larger.
-    independent = rows / max(1.0, float(np.mean(longer / single)))
-    return HonestCovariance(sandwich(bread, meat, independent, lags / sum(map(len, series))), lags)
+    covariance = bread @ long_run_variance(series, lags) @ bread.T
+    if instants <= LONGEST:
+        factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags)
+        covariance = covariance * np.outer(factor, factor)
+    return HonestCovariance(covariance, lags)

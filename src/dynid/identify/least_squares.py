@@ -39,7 +39,7 @@ def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
     p = W.shape[1]
     R = np.zeros((p + 1, p + 1)) if R is None else R
     for k in range(0, len(W), CHUNK):
-        R = _triangle(np.vstack([R, np.column_stack([W[k : k + CHUNK], tau[k : k + CHUNK]])]))
+        R = triangle(np.vstack([R, np.column_stack([W[k : k + CHUNK], tau[k : k + CHUNK]])]))
     return R
 
 
@@ -54,10 +54,11 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
         (p + 1, p + 1) upper triangular.
     """
     scaled = factors if weights is None else factors * weights[:, None, None]
-    return _triangle(scaled.reshape(-1, factors.shape[-1]))
+    return triangle(scaled.reshape(-1, factors.shape[-1]))
 
 
-def _triangle(rows: Floats) -> Floats:
+def triangle(rows: Floats) -> Floats:
+    """Return the triangular factor of rows."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
@@ -190,7 +191,7 @@ def ridge(factors: Floats, rows: Ints, prior: Floats, prior_covariance: Floats) 
 def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     """Return prior parameters with covariance as a factor like that of measured rows, (p + 1, p + 1)."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    return _triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
+    return triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
 
 
 def joint_rms(factors: Floats, rows: Ints, theta: Floats) -> Floats:

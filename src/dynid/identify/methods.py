@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from dynid.identify.least_squares import Solution, joint_rms, merge, ordinary, r
 from dynid.identify.robust import huber, look_for_spikes
 from dynid.identify.rows import Rows
 from dynid.identify.stack import Earlier, Stack
+from dynid.identify.turning import Settled, settled
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
@@ -51,6 +52,11 @@ class Part:
     def factors(self) -> tuple[Floats, NDArray[np.int64]]:
         """One triangular factor a joint and its number of rows."""
         return self.stack.whole if self.blocks.all() else self.stack.joint_factors(self.blocks)
+
+    @cached_property
+    def settled(self) -> Iterable[Rows]:
+        """The rows, with no more trust in what happens at reversals than it deserves; of an update, as they are."""
+        return self if self.stack.earlier is not None else settled(self, *self.factors)
 
     @property
     def commanded(self) -> bool:
@@ -91,14 +97,17 @@ def ols(part: Part, prior: Floats) -> Estimate:
 
 def wls(part: Part, prior: Floats) -> Estimate:
     """Least squares with one noise level a joint."""
-    fit = weighted(*part.factors)
-    return _estimate("wls", part, fit.theta, fit.noise)
+    rows = part.settled
+    factors, counts = part.factors
+    fit = weighted(rows.factors(factors) if isinstance(rows, Settled) else factors, counts)
+    return _estimate("wls", part, fit.theta, fit.noise, rows=rows)
 
 
 def irls(part: Part, prior: Floats) -> Estimate:
     """Least squares in which spikes have little weight (Huber)."""
-    fit = huber(part, weighted(*part.factors).theta)
-    return _estimate("irls", part, fit.theta, fit.noise, robust=True)
+    rows = part.settled
+    fit = huber(rows, weighted(*part.factors).theta)
+    return _estimate("irls", part, fit.theta, fit.noise, robust=True, rows=rows)
 
 
 def iv(part: Part, prior: Floats) -> Estimate:
@@ -108,21 +117,26 @@ def iv(part: Part, prior: Floats) -> Estimate:
             "--method iv needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
-    fit = instrumental(part, robust=True)
+    fit = instrumental(part.settled, robust=True)
     return _estimate("iv", part, fit.theta, fit.noise, covariance=fit.covariance)
 
 
 def idim_iv(part: Part, prior: Floats) -> Estimate:
     """Instrumental variables from the arm simulated under its controller."""
-    simulate = _simulation(part, "idim-iv")
-    fit = simulated_instruments(simulate, instrumental(part, robust=True))
+    simulate, rows = _simulation(part, "idim-iv"), part.settled
+
+    def alike(theta: Floats) -> Iterable[Rows]:
+        again = simulate(theta)
+        return replace(rows, rows=again) if isinstance(rows, Settled) else again
+
+    fit = simulated_instruments(alike, instrumental(rows, robust=True))
     return _estimate("idim-iv", part, fit.theta, fit.noise, covariance=fit.covariance)
 
 
 def didim(part: Part, prior: Floats) -> Estimate:
     """Direct and inverse model: the torques of the simulated arm are fitted to the measured ones."""
     simulate = _simulation(part, "didim")
-    fit = direct(simulate, instrumental(part, robust=True).theta)
+    fit = direct(simulate, instrumental(part.settled, robust=True).theta)
     return _estimate("didim", part, fit.theta, fit.noise, covariance=fit.covariance)
 
 
@@ -184,10 +198,11 @@ def _estimate(
     theta: Floats,
     noise: Floats,
     *,
+    rows: Iterable[Rows] | None = None,
     robust: bool = False,
     covariance: Floats | None = None,
 ) -> Estimate:
-    factors, rows = part.factors
+    factors, counts = part.factors
     whitened = merge(factors, 1.0 / noise)
     solution = solve(whitened)
     if covariance is None and solution.rank < len(theta):
@@ -195,8 +210,8 @@ def _estimate(
     if covariance is None and part.stack.earlier is not None:
         covariance = _with_earlier(part, part.stack.earlier, theta, noise, solution.inverse)
     if covariance is None:
-        covariance = hac_covariance(part, theta, noise, robust=robust).covariance
-    return Estimate(method, theta, noise, joint_rms(factors, rows, theta), covariance, whitened, solution)
+        covariance = hac_covariance(part if rows is None else rows, theta, noise, robust=robust).covariance
+    return Estimate(method, theta, noise, joint_rms(factors, counts, theta), covariance, whitened, solution)
 
 
 def _with_earlier(part: Part, earlier: Earlier, theta: Floats, noise: Floats, bread: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,7 @@ def huber(segments: Iterable[Rows], start: Floats, max_rounds: int = 50) -> Robu
 def _weighted(segments: Iterable[Rows], theta: Floats, noise: Floats) -> Iterator[Rows]:
     for segment in segments:
         root = np.sqrt(huber_weight(segment.residual(theta), noise))
-        yield Rows(segment.W * root[:, :, None], segment.tau * root, usable=segment.usable)
+        yield replace(segment, W=segment.W * root[:, :, None], tau=segment.tau * root, Z=None)
 
 
 def _share_beyond(segments: Iterable[Rows], theta: Floats, noise: Floats) -> Floats:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ class Rows:
         follows: whether its first row follows the last row of the rows before it without a gap.
         t: time, (M,) [s].
         block: number of the block of time within its log.
+        turns: when each joint turns back [s]; empty where the Coulomb sign does not come with the log.
+        cutoff: of the parallel filter [Hz].
     """
 
     W: Floats
@@ -36,6 +38,8 @@ class Rows:
     follows: bool = False
     t: Floats = field(default_factory=lambda: np.zeros(0))
     block: int = 0
+    turns: tuple[Floats, ...] = ()
+    cutoff: float = 0.0
 
     @property
     def mask(self) -> Mask:
@@ -45,6 +49,32 @@ class Rows:
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m]; zero where rows do not count."""
         return np.where(self.mask, self.tau - self.W @ theta, 0.0)
+
+
+def runs(segments: Iterable[Rows], longest: int | None = None) -> Iterator[list[Rows]]:
+    """Yield rows that follow each other together; a run ends before it would begin beyond a number of instants."""
+    run: list[Rows] = []
+    for segment in segments:
+        full = longest is not None and sum(len(each.tau) for each in run) >= longest
+        if run and (full or not segment.follows):
+            yield run
+            run = []
+        run.append(segment)
+    if run:
+        yield run
+
+
+def joined(run: Sequence[Rows]) -> Rows:
+    """Return rows that follow each other as one."""
+    first = run[0]
+    return replace(
+        first,
+        W=np.concatenate([each.W for each in run]),
+        tau=np.concatenate([each.tau for each in run]),
+        Z=None if first.Z is None else np.concatenate([each.Z for each in run if each.Z is not None]),
+        usable=np.concatenate([each.mask for each in run]),
+        t=np.concatenate([each.t for each in run]),
+    )
 
 
 def joint_factors(segments: Iterable[Rows]) -> tuple[Floats, Ints]:

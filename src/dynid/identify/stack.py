@@ -64,6 +64,8 @@ class Packed:
         follows: whether the rows before it end where it begins.
         t: time, (M,) [s].
         block: number of the block of time.
+        turns: when each joint turns back in the stretch [s]; empty where the segment has no Coulomb signs.
+        cutoff: of the parallel filter [Hz].
     """
 
     entries: NDArray[Any]
@@ -73,17 +75,21 @@ class Packed:
     follows: bool
     t: Floats
     block: int
+    turns: tuple[Floats, ...]
+    cutoff: float
 
     def rows(self, observer: Observer) -> Rows:
         """Return the rows with their zeros."""
         Z = None if self.command is None else _dense(self.command, observer)
-        return Rows(_dense(self.entries, observer), self.tau, Z, self.usable, self.follows, self.t, self.block)
+        W, times = _dense(self.entries, observer), (self.t, self.block, self.turns, self.cutoff)
+        return Rows(W, self.tau, Z, self.usable, self.follows, *times)
 
     def part(self, start: int, end: int, *, follows: bool, block: int) -> Packed:
         """Return some of the rows, copied so that they keep nothing else alive."""
         command = None if self.command is None else self.command[:, start:end].copy()
         entries, tau = self.entries[:, start:end].copy(), self.tau[start:end]
-        return Packed(entries, command, tau, self.usable[start:end], follows, self.t[start:end], block)
+        times = (self.t[start:end], block, self.turns, self.cutoff)
+        return Packed(entries, command, tau, self.usable[start:end], follows, *times)
 
     def single(self) -> Packed:
         """Return the rows in single precision: enough to look at residuals once more, half the memory."""
@@ -118,10 +124,13 @@ def _packed(source: Source, observer: Observer) -> Iterator[Packed]:
     block = 0
     for segment, count in zip(source.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
+        turns = turning_times(segment, chosen.position_cutoff) if taps > 1 else ()
         edges = np.linspace(0, count, blocks + 1).astype(int)
         for first in range(0, count, together):
             last = min(first + together, count)
-            packed = _evaluated(segment, observer, kernel, step, first, last)
+            packed = replace(
+                _evaluated(segment, observer, kernel, step, first, last), turns=turns, cutoff=chosen.cutoff
+            )
             inside = edges[(edges > first) & (edges < last)]
             cuts = np.concatenate([[first], inside, [last]])
             for start, end in pairwise(cuts.tolist()):
@@ -149,7 +158,21 @@ def _evaluated(segment: Segment, observer: Observer, kernel: Floats, step: int, 
         follows=first > 0,
         t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
         block=0,
+        turns=(),
+        cutoff=0.0,
     )
+
+
+def turning_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
+    """Return when each joint turns back [s]; what turns several times within a period of the cut-off turns once."""
+    found = []
+    for way in segment.way.T:
+        k = np.flatnonzero(np.signbit(way[1:]) != np.signbit(way[:-1]))
+        share = way[k] / (way[k] - way[k + 1])
+        times = segment.t[k] + share * (segment.t[k + 1] - segment.t[k])
+        groups = np.split(times, np.flatnonzero(np.diff(times) > 1.0 / cutoff) + 1)
+        found.append(np.array([float(np.mean(group)) for group in groups if len(group)]))
+    return tuple(found)
 
 
 def _entries(

@@ -22,8 +22,6 @@ Ints = NDArray[np.int64]
 
 #: Memory of the residuals that is always enough for arms [s]; longer than one period of any friction transient.
 DEFAULT_MEMORY = 0.1
-#: A fit never takes away more than the rest of this share of its errors.
-LEAST_LEFT = 0.2
 #: Samples whose sums over lags are made together.
 PIECE = 8192
 #: Relative standard error up to which a parameter is known well, and up to which roughly.
@@ -66,11 +64,23 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
             last = min(first + PIECE, len(one) + width - 1)
             inside = one[max(0, first - width + 1) : last]
             ends = (max(0, width - 1 - first), max(0, last - len(one)))
-            running = np.cumsum(np.pad(inside, (ends, (0, 0))), axis=0)
-            sums = running[width - 1 :].copy()
-            sums[1:] -= running[:-width]
+            sums = moving_sums(inside, width, ends)
             total = total + sums.T @ sums / width
     return np.asarray(total)
+
+
+def moving_sums(series: Floats, width: int, ends: tuple[int, int] | None = None) -> Floats:
+    """Return the sums over all windows of a series, (N, p); it counts as zero beyond its ends.
+
+    Args:
+        series: (N, p).
+        width: samples in a window.
+        ends: how far windows reach beyond either end; None for all that touch the series.
+    """
+    running = np.cumsum(np.pad(series, (ends or (width - 1, width - 1), (0, 0))), axis=0)
+    sums: Floats = running[width - 1 :].copy()
+    sums[1:] -= running[:-width]
+    return sums
 
 
 def automatic_lags(series: Sequence[Floats]) -> int:
@@ -92,27 +102,6 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     bottom = np.sum(innovation**2 / (1 - rho) ** 4)
     bandwidth = 1.1447 * (top / bottom * length) ** (1 / 3)
     return int(min(np.ceil(bandwidth), max(1, length // 4)))
-
-
-def sandwich(bread: Floats, meat: Floats, rows: float, memory: float = 0.0) -> Floats:
-    """Return the covariance B M B^T of the parameters.
-
-    Args:
-        bread: sensitivity of the parameters to the scores, (p, p): inverse of W^T S W, or of Z^T S W.
-        meat: from ``long_run_variance``, (p, p).
-        rows: how many independent rows these are worth. Residuals are smaller than errors by the share p / rows that
-            the fit has taken away, so each is divided by 1 - p / rows, as a jackknife does (MacKinnon, White 1985).
-        memory: lags over the length of the series; a covariance estimated with long lags is itself uncertain, and is
-            widened so that 1.96 standard errors are a 95 % interval (Kiefer, Vogelsang 2005, Bartlett kernel).
-
-    Returns:
-        (p, p).
-    """
-    p = len(bread)
-    b = min(memory, 1.0)
-    widening = (1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.9600
-    left = max(1.0 - p / max(rows, 1.0), LEAST_LEFT)
-    return np.asarray(bread @ meat @ bread.T) * (widening / left) ** 2
 
 
 def effective_samples(residual: Floats) -> float:

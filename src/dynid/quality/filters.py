@@ -40,6 +40,35 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
     return kernel
 
 
+def pulse_width(cutoff: float) -> float:
+    """Return half the length of the low-pass kernel [s]."""
+    return 0.5 * KAISER_TAPS / cutoff
+
+
+def pulse(lag: Floats, cutoff: float) -> Floats:
+    """Return the low-pass kernel at any time: what the filter makes of an impulse, but for its size.
+
+    Args:
+        lag: time since the impulse, of any shape [s].
+        cutoff: [Hz].
+    """
+    times, values, _ = _pulse_table()
+    return np.interp(lag * cutoff, times, values, 0.0, 0.0)
+
+
+def pulse_slope(lag: Floats, cutoff: float) -> Floats:
+    """Return what the filter makes of the slope of an impulse, but for its size."""
+    times, _, slopes = _pulse_table()
+    return np.interp(lag * cutoff, times, slopes, 0.0, 0.0)
+
+
+@lru_cache(maxsize=1)
+def _pulse_table() -> tuple[Floats, Floats, Floats]:
+    times = np.linspace(-0.5 * KAISER_TAPS, 0.5 * KAISER_TAPS, 4001)
+    values = np.sinc(2 * times) * np.kaiser(len(times), KAISER_BETA)
+    return times, values, np.gradient(values, times)
+
+
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:
     """Return the kernels that filter, filter and differentiate once, and twice, (3, taps + 4).
 
