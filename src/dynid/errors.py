@@ -554,6 +554,7 @@ WARNINGS: dict[str, str] = {
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W321": "Torques are stamped later or earlier than the positions they belong to.",
     "W323": "The stamps stray but the samples were taken evenly: an even clock is used.",
+    "W324": "Torque spikes were replaced by the median of their neighbours.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

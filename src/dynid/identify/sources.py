@@ -19,6 +19,7 @@ from dynid.model.regressor import Model
 from dynid.quality.checks import prepare
 from dynid.quality.condition import Segment, choose_filter, condition
 from dynid.quality.delay import without_delay
+from dynid.quality.spikes import despiked
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,10 @@ def read_source(path: Path, model: Model, reading: Reading) -> tuple[Source, Log
     if reading.velocity == "measured" and log.qd is None:
         text = f"{path.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
-    return conditioned_source(log, model, reading, path.name), log
+    cutoff = choose_filter(log, robot, reading.cutoff).cutoff
+    log, spikes = despiked(log, cutoff)
+    log = replace(log, findings=(*log.findings, *spikes))
+    return conditioned_source(log, model, replace(reading, cutoff=cutoff), path.name), log
 
 
 def conditioned_source(log: Log, model: Model, reading: Reading, name: str) -> Source:
