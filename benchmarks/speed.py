@@ -28,8 +28,12 @@ from dynid.log import Log
 from dynid.model import build_model
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "physics"))
+sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "unit" / "identify")]
 from arms import pinocchio_model, random_bodies  # noqa: E402
+from conic import clarabel_optimum  # noqa: E402
+from synthetic_arm import seven_joint_arm  # noqa: E402
+
+from dynid.identify.consistent import DEFAULT_GAMMA, fit_consistent, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0
@@ -181,6 +185,30 @@ def evaluation(robot):
     yield "Pinocchio computeJointTorqueRegressor loop", f"{theirs:.2f} us", "", "70 columns, from Python"
 
 
+def consistency():
+    """Solvers of the physically possible set on one thread, as processor time; Clarabel beside them."""
+    arm = seven_joint_arm()
+    regimes = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "300 noisy": (300, 0.2, 10.0)}
+    for name, regime in regimes.items():
+        R, r = arm.whitened(*regime)
+        found = fit_consistent(R, r, arm.physics)
+        own = median(lambda R=R, r=r: processor(lambda: fit_consistent(R, r, arm.physics)), 15)
+        pooled = median(lambda R=R, r=r: processor(lambda: fit_pooled(R, r, arm.physics)), 15)
+        best, took = clarabel_optimum(R, r, arm.physics, DEFAULT_GAMMA)
+        bounds = -1e-5 * np.log(arm.physics.slack(found.x)).sum()
+        yield (
+            f"physical set, {name} samples", f"{1e3 * own:.1f} ms", "20 ms",
+            f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(found.objective - bounds - best):.0e} of {best:.0f}",
+        )  # fmt: skip
+        yield "the same with pooled friction and rotors", f"{1e3 * pooled:.1f} ms", "20 ms", ""
+
+
+def processor(action):
+    began = time.process_time()
+    action()
+    return time.process_time() - began
+
+
 def whole_processes(robot, folder, samples):
     model = build_model(robot)
     yield "dynid --help", f"{median(lambda: process(folder, '--help')[0], 5):.2f} s", "0.15 s", ""
@@ -223,7 +251,8 @@ def main():
     print("| what | measured | target | beside |\n| --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         for rows in (
-            derivation(robot, options.naive), evaluation(robot), whole_processes(robot, Path(folder), options.samples)
+            derivation(robot, options.naive), evaluation(robot), consistency(),
+            whole_processes(robot, Path(folder), options.samples),
         ):  # fmt: skip
             for row in rows:
                 print("| " + " | ".join(row) + " |", flush=True)

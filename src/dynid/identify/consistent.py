@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical
-from dynid.identify.newton import Minimum, Objective, minimise
+from dynid.identify.newton import Minimum, Objective, approach, minimise
 from dynid.identify.physics import Physics, basis, smallest_eigenvalues
 
 Floats = NDArray[np.float64]
@@ -26,8 +26,8 @@ DEFAULT_GAMMA = 3.0
 BOUND_WEIGHT = 1e-5
 #: Weight of all logarithms in the pure constraint.
 NEAREST_WEIGHT = 1e-5
-#: Rounds of pooling, and relative change of the sizes at which it ends.
-POOLING_ROUNDS, POOLED = 10, 0.03
+#: Rounds of pooling, relative change of the sizes at which it ends, and how exactly each round is solved.
+POOLING_ROUNDS, POOLED, POOLING_TOLERANCE = 10, 0.03, 0.03
 #: Share of a standard deviation within which base parameters are kept, on the way to "exactly".
 COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 #: A base parameter counts as reproduced when it is kept to this share of its standard deviation.
@@ -100,8 +100,9 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
     """Fit like ``fit_consistent``, and let joints lend each other the size of their friction and rotor inertia.
 
     Nobody knows these in advance, and in a short or slow log one joint's may vanish or explode. The pull of each kind
-    towards a common size s, minimised over s as well, is gamma * n * log(arithmetic / geometric mean): no unit and no
-    size is preferred, only equality. Good data override it. Source: empirical Bayes; solved by majorisation.
+    towards a common size s of all joints (for their ratings), minimised over s as well, is gamma * n * log(arithmetic /
+    geometric mean): no unit and no size is preferred, only equality. Good data override it. Source: empirical Bayes;
+    solved by majorisation.
 
     Args:
         R: whitened regressor or its triangular factor, (rows, c).
@@ -113,19 +114,21 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
         The fit, and the physics with the sizes found as prior, for ``complete``.
     """
     objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
-    minimum = minimise(objective, interior_point(physics))
+    here, steps = approach(objective, interior_point(physics), POOLING_TOLERANCE)
     for _ in range(POOLING_ROUNDS):
-        x, before = minimum.y, physics
-        physics = pool(before, x)
+        before, physics = physics, pool(physics, here.y)
         if np.allclose(physics.prior, before.prior, rtol=POOLED):
             break
         objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
-        minimum = minimise(objective, minimum)
+        here, more = approach(objective, here, POOLING_TOLERANCE)
+        steps += more
+    minimum = minimise(objective, here)
+    minimum = replace(minimum, steps=steps + minimum.steps)
     return _report(objective, minimum, physics, BOUND_WEIGHT * int(_only_bounds(physics).sum())), physics
 
 
 def pool(physics: Physics, x: Floats) -> Physics:
-    """Return the physics with the mean of each kind in x as prior of its positive parameters that had none.
+    """Return the physics with the mean of each kind in x, for its rating, as prior of what is positive and had none.
 
     Args:
         physics: bounds and prior.
@@ -137,7 +140,8 @@ def pool(physics: Physics, x: Floats) -> Physics:
     prior = physics.prior.copy()
     for columns in physics.pools:
         if len(columns) > 1:
-            prior[columns] = x[columns].mean()
+            rating = physics.ratings[columns]
+            prior[columns] = rating * np.mean(x[columns] / rating)
     return replace(physics, prior=prior)
 
 

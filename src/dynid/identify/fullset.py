@@ -17,6 +17,7 @@ from dynid.identify.methods import Estimate
 from dynid.identify.physics import Physics, make_physics
 from dynid.model.prior import body_of, prior_parameters
 from dynid.model.store import BaseModel
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
@@ -104,7 +105,21 @@ def physics_of(base: BaseModel) -> Physics:
         total_mass=known.total_mass,
         link_mass={link: bounds for link, bounds in known.link_mass if link in identified},
         com_box={link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified},
+        ratings=friction_ratings(base.robot),
     )
+
+
+def friction_ratings(robot: Robot) -> dict[str, float]:
+    """Return what the joints' friction is in proportion to where it is that of the motors; empty behind joint sensors.
+
+    Coulomb friction goes with the rated torque, viscous friction with rated torque over speed.
+    """
+    limits = [(joint.limits.torque, joint.limits.velocity) for joint in robot.joints]
+    rated = [(torque, velocity) for torque, velocity in limits if torque and velocity]
+    if robot.torque.source != "motor_torque" or len(rated) < robot.n:
+        return {}
+    ratings = {f"fc{k}": torque for k, (torque, _) in enumerate(rated, start=1)}
+    return ratings | {f"fv{k}": torque / velocity for k, (torque, velocity) in enumerate(rated, start=1)}
 
 
 def reproduced(base: BaseModel, theta: Floats, covariance: Floats) -> bool:

@@ -94,32 +94,47 @@ class Minimum:
     z: Floats
 
 
-def minimise(objective: Objective, start: Floats | Minimum) -> Minimum:
+def minimise(objective: Objective, start: Floats | Minimum | Point) -> Minimum:
     """Minimise the objective from an interior point.
 
     Args:
         objective: the function.
-        start: a point where f is finite, (d,), or the minimum of a similar objective.
+        start: a point where f is finite, (d,), or where the method came to with a similar objective.
 
     Returns:
         The minimum with its certificate.
     """
+    here, steps = approach(objective, start)
+    return _certify(objective, objective.R.T @ objective.R, here, steps)
+
+
+def approach(objective: Objective, start: Floats | Minimum | Point, tolerance: float = TOLERANCE) -> tuple[Point, int]:
+    """Come near the minimum, without a certificate.
+
+    Args:
+        objective: the function.
+        start: a point where f is finite, (d,), or where the method came to with a similar objective.
+        tolerance: relative error of the optimality conditions at which the method stops.
+
+    Returns:
+        Where it stopped, and the number of Newton steps.
+    """
     RtR = objective.R.T @ objective.R
-    here = _warm(objective, start) if isinstance(start, Minimum) else _cold(objective, start)
+    here = _cold(objective, start) if isinstance(start, np.ndarray) else _warm(objective, start)
     steps, step = 0, 0.0
-    while steps < MAX_STEPS and not (step == 1.0 and here.error(objective) < TOLERANCE):
+    while steps < MAX_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
         try:
             after, step = _step(objective, RtR, here)
             np.linalg.cholesky(after.P)
         except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
             break
         here, steps = after, steps + 1
-    return _certify(objective, RtR, here, steps)
+    return here, steps
 
 
 @dataclass(frozen=True)
-class _Point:
-    """A primal-dual point: pseudo-inertias, slack of the bounds and their multipliers."""
+class Point:
+    """A primal-dual point: y, pseudo-inertias (L, 4, 4), slack of the bounds (k,), and their multipliers Z and z."""
 
     y: Floats
     P: Floats
@@ -128,12 +143,14 @@ class _Point:
     z: Floats
 
     def error(self, objective: Objective) -> float:
+        """Return the relative error of the optimality conditions."""
         matrices = self.P @ self.Z / objective.gamma[:, None, None] - np.eye(4)
         return float(
             max(np.abs(matrices).max(initial=0.0), np.abs(self.slack * self.z / objective.mu - 1).max(initial=0))
         )
 
     def complementarity(self) -> float:
+        """Return the sum of what is zero in the limit: each matrix and slack times its multiplier."""
         return float(np.sum(self.P * self.Z)) + float(self.slack @ self.z)
 
 
@@ -142,20 +159,20 @@ def _primal(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
     return pseudo_inertia(x[objective.bodies]), objective.G @ x - objective.h
 
 
-def _cold(objective: Objective, y: Floats) -> _Point:
+def _cold(objective: Objective, y: Floats) -> Point:
     P, slack = _primal(objective, y)
     residual = objective.R @ y - objective.r
     # Why: multipliers of the size of the force that they have to hold start near the central path.
     pressure = float(residual @ residual) / (4 * len(P) + len(slack))
     gamma, mu = np.maximum(objective.gamma, pressure), np.maximum(objective.mu, pressure)
-    return _Point(np.array(y, dtype=float), P, slack, gamma[:, None, None] * np.linalg.inv(P), mu / slack)
+    return Point(np.array(y, dtype=float), P, slack, gamma[:, None, None] * np.linalg.inv(P), mu / slack)
 
 
-def _warm(objective: Objective, minimum: Minimum) -> _Point:
-    return _Point(minimum.y, *_primal(objective, minimum.y), minimum.Z, minimum.z)
+def _warm(objective: Objective, minimum: Minimum | Point) -> Point:
+    return Point(minimum.y, *_primal(objective, minimum.y), minimum.Z, minimum.z)
 
 
-def _step(objective: Objective, RtR: Floats, here: _Point) -> tuple[_Point, float]:
+def _step(objective: Objective, RtR: Floats, here: Point) -> tuple[Point, float]:
     """Take one Newton step, aiming straight at the optimum or, where that is blocked, back to the central path."""
     back, v, inverse = _nesterov_todd(here)
     ratio = here.z / here.slack
@@ -190,10 +207,10 @@ def _step(objective: Objective, RtR: Floats, here: _Point) -> tuple[_Point, floa
         step, (dy, dZ, dz) = towards(excess * (1.0 - step))
     y = here.y + step * dy
     Z = here.Z + step * back.swapaxes(-1, -2) @ dZ @ back
-    return _Point(y, *_primal(objective, y), 0.5 * (Z + Z.swapaxes(-1, -2)), here.z + step * dz), step
+    return Point(y, *_primal(objective, y), 0.5 * (Z + Z.swapaxes(-1, -2)), here.z + step * dz), step
 
 
-def _certify(objective: Objective, RtR: Floats, here: _Point, steps: int) -> Minimum:
+def _certify(objective: Objective, RtR: Floats, here: Point, steps: int) -> Minimum:
     back = np.linalg.inv(np.linalg.cholesky(here.P))
     gradient = _gradient(objective, here.y, back.swapaxes(-1, -2) @ back, here.slack)
     logs = _curvature(objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / here.slack**2)
@@ -229,7 +246,7 @@ def _in_y(objective: Objective, hessian: Floats) -> Floats:
     return hessian if objective.T is None else objective.T.T @ hessian @ objective.T
 
 
-def _nesterov_todd(here: _Point) -> tuple[Floats, Floats, Floats]:
+def _nesterov_todd(here: Point) -> tuple[Floats, Floats, Floats]:
     """Return B and v with B P B^T = B^-T Z B^-1 = diag(v), and the inverse of P."""
     lower = np.linalg.cholesky(here.P)
     value, vector = np.linalg.eigh(lower.swapaxes(-1, -2) @ here.Z @ lower)

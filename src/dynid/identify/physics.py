@@ -87,6 +87,7 @@ class Physics:
         h: right side of the bounds, (k,).
         labels: one sentence for each bound, (k).
         pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
+        ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
     """
 
     names: tuple[str, ...]
@@ -95,7 +96,8 @@ class Physics:
     G: Floats
     h: Floats
     labels: tuple[str, ...]
-    pools: tuple[Ints, ...] = ()
+    pools: tuple[Ints, ...]
+    ratings: Floats
 
     @property
     def prior_pseudo_inertia(self) -> Floats:
@@ -126,6 +128,7 @@ def make_physics(
     link_mass: Mapping[int, tuple[float, float]] | None = None,
     com_box: Mapping[int, tuple[Floats, Floats]] | None = None,
     nonnegative: Sequence[str] = NONNEGATIVE,
+    ratings: Mapping[str, float] | None = None,
 ) -> Physics:
     """Collect what is known about the arm besides the measurement.
 
@@ -136,6 +139,7 @@ def make_physics(
         link_mass: the same for single links, by link number.
         com_box: corners of the box that holds the centre of mass, in the link frame, by link number [m].
         nonnegative: prefixes of the parameters that cannot be negative.
+        ratings: by parameter, what those of one kind are thought to be in proportion to; equal where nothing is said.
 
     Returns:
         Bounds and prior together.
@@ -164,7 +168,8 @@ def make_physics(
         np.array([where[name] for name in unknown if re.fullmatch(rf"{kind}\d+", name)], dtype=np.int64)
         for kind in nonnegative
     )
-    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools)
+    proportion = np.array([(ratings or {}).get(name, 1.0) for name in names])
+    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools, proportion)
 
 
 def _link_numbers(names: Sequence[str]) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +20,14 @@ NAMES = tuple(f"{p}{i}" for i in range(1, 8) for p in LINK_PARAMETERS) + tuple(
 )
 #: How much the true links differ from cylinders: relative stretch and shear, shift [m].
 SHAPE = np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0, 0, 0, 0]])
+#: Limits of position [rad], speed [rad/s] and acceleration [rad/s^2].
+LIMITS = np.array([
+    0.95 * np.deg2rad([170, 120, 170, 120, 170, 120, 170]),
+    np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
+    [6, 6, 8, 8, 12, 12, 12],
+])  # fmt: skip
+#: Viscous [N m s/rad] and Coulomb friction [N m] as measured on such arms: trajectories/lwr4plus_truth.yaml.
+MEASURED_FRICTION = np.array([[1.0, 0.9, 0.7, 0.65, 0.4, 0.3, 0.2], [1.3, 1.1, 0.8, 0.75, 0.5, 0.4, 0.3]])
 NOISE = np.array([0.5, 0.5, 0.3, 0.3, 0.15, 0.1, 0.06])
 
 
@@ -48,10 +56,22 @@ class Arm:
         q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
         return q, alpha * qd, alpha**2 * qdd
 
-    def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1):
+    def within_limits(self, samples: int, alpha: float = 1.0, seed: int = 0):
+        """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
+        rng = np.random.default_rng(seed)
+        t, orders = np.linspace(0, 10, samples), np.arange(1, 6)
+        w = 0.2 * np.pi * orders
+        a, b = rng.standard_normal((2, 5, 7)) / orders[:, None]
+        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+        q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+        q -= (q.max(axis=0) + q.min(axis=0)) / 2
+        scale = np.min(LIMITS / np.abs([q, qd, qdd]).max(axis=1), axis=0)
+        return scale * q, alpha * scale * qd, alpha**2 * scale * qdd
+
+    def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1, motion=None):
         """Triangular factor (R, r) of noisy whitened rows."""
         rng = np.random.default_rng(seed)
-        W = regressor(*self.motion(samples, alpha))
+        W = regressor(*(motion or self.motion)(samples, alpha))
         tau = W @ self.truth + noise * NOISE * rng.standard_normal((samples, 7))
         rows = np.concatenate([W, tau[:, :, None]], axis=2) / (noise * NOISE)[:, None]
         F = np.linalg.qr(rows.reshape(-1, 92), mode="r")
@@ -95,3 +115,11 @@ def seven_joint_arm() -> Arm:
     truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
     return Arm(truth, prior, make_physics(NAMES, prior))
+
+
+def arm_with_measured_friction() -> Arm:
+    """The same arm with friction of the size measured on such arms: a third."""
+    arm = seven_joint_arm()
+    truth = arm.truth.copy()
+    truth[77::2], truth[78::2] = MEASURED_FRICTION
+    return replace(arm, truth=truth)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from conic import clarabel_optimum
+from synthetic_arm import arm_with_measured_friction
 
 from dynid.errors import NotPhysical
 from dynid.identify.consistent import complete, fit_consistent, fit_pooled, interior_point, nearest_consistent
@@ -10,62 +12,12 @@ from dynid.identify.physics import basis, make_physics
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
 
 
-def clarabel_optimum(R, r, physics, gamma, scale=1e-2):
-    """Return the smallest 1/2 |R x - r|^2 + gamma * sum(-logdet P + tr(P0^-1 P)) within the bounds."""
-    clarabel = pytest.importorskip("clarabel")
-    sparse = pytest.importorskip("scipy.sparse")
-    c, links = R.shape[1], len(physics.bodies)
-    size = c + (14 * links if gamma else 0)  # x, then for each link a triangle of ten and four logarithms
-    quadratic, q = np.zeros((size, size)), np.zeros(size)
-    centre = np.linalg.lstsq(R, r, rcond=1e-10)[0]  # why: solver tolerances are relative to the objective
-    residual = R @ centre - r
-    quadratic[:c, :c], q[:c] = R.T @ R, R.T @ residual
-    inverse = np.linalg.inv(physics.prior_pseudo_inertia)
-    rows, b, cones, constant = [], [], [], 0.5 * residual @ residual
-    keep = np.zeros((len(physics.h), size))
-    keep[:, :c] = -physics.G
-    rows.append(keep), b.append(physics.G @ centre - physics.h), cones.append(clarabel.NonnegativeConeT(len(physics.h)))
-    for link, columns in enumerate(physics.bodies):
-        first = c + 14 * link
-        order = 8 if gamma else 4
-        matrices = np.zeros((size, order, order))
-        matrices[columns, :4, :4] = basis()
-        if gamma:
-            pull = gamma * np.einsum("ab,kba->k", inverse[link], basis())
-            q[columns] += pull
-            constant += pull @ centre[columns]
-            triangle = [(i, j) for j in range(4) for i in range(j, 4)]
-            for k, (i, j) in enumerate(triangle):
-                matrices[first + k, i, 4 + j] += 1
-                matrices[first + k, 4 + j, i] += 1
-                if i == j:
-                    matrices[first + k, 4 + i, 4 + i] = 1
-                    cone = np.zeros((3, size))
-                    cone[0, first + 10 + i], cone[2, first + k] = -1, -1
-                    rows.append(cone), b.append(np.array([0.0, 1.0, 0.0])), cones.append(clarabel.ExponentialConeT())
-                    q[first + 10 + i] = -gamma
-        upper = [(i, j) for j in range(order) for i in range(j + 1)]
-        rows.append(np.array([-matrices[:, i, j] * (1 if i == j else 2**0.5) for i, j in upper]))
-        offset = np.tensordot(centre, matrices[:c], axes=1)
-        (
-            b.append(np.array([offset[i, j] * (1 if i == j else 2**0.5) for i, j in upper])),
-            cones.append(clarabel.PSDTriangleConeT(order)),
-        )
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    P = sparse.csc_matrix(np.triu(scale * quadratic))
-    A = sparse.csc_matrix(np.vstack(rows))
-    solution = clarabel.DefaultSolver(P, scale * q, A, np.concatenate(b), cones, settings).solve()
-    assert "Solved" in str(solution.status)
-    return solution.obj_val / scale + constant
-
-
 @pytest.mark.parametrize("regime", REGIMES)
 @pytest.mark.parametrize("gamma", [1.0, 3.0, 10.0])
 def test_entropic_fit_reaches_the_optimum_that_clarabel_finds(arm, regime, gamma):
     R, r = arm.whitened(*REGIMES[regime])
     fit = fit_consistent(R, r, arm.physics, gamma)
-    best = clarabel_optimum(R, r, arm.physics, gamma)
+    best = clarabel_optimum(R, r, arm.physics, gamma)[0]
     bounds = -1e-5 * np.log(arm.physics.slack(fit.x)).sum()
     assert fit.objective - bounds == pytest.approx(best, abs=1e-3 * max(1.0, fit.cost / 10))
     assert fit.gap < 1e-3
@@ -76,7 +28,7 @@ def test_entropic_fit_reaches_the_optimum_that_clarabel_finds(arm, regime, gamma
 def test_pure_constraint_reaches_the_cost_that_clarabel_finds(arm, regime):
     R, r = arm.whitened(*REGIMES[regime])
     fit = nearest_consistent(R, r, arm.physics)
-    best = clarabel_optimum(R, r, arm.physics, 0.0)
+    best = clarabel_optimum(R, r, arm.physics, 0.0)[0]
     assert fit.cost == pytest.approx(best, rel=1e-3, abs=1e-3)
     assert fit.gap < 1e-3
     assert arm.physics.holds(fit.x)
@@ -197,6 +149,19 @@ def test_poor_data_are_rescued_by_the_prior_and_not_by_the_constraint(arm):
     assert pooled < 1.5 * least
 
 
+def test_where_least_squares_begin_to_be_worthless_the_physical_set_misses_six_percent():
+    arm = arm_with_measured_friction()
+    W = arm.regressor(*arm.within_limits(300, seed=5))
+    errors = []
+    for seed in range(1, 17):
+        R, r = arm.whitened(300, 0.2, 7.0, seed=seed, motion=arm.within_limits)
+        fits = np.linalg.lstsq(R, r, rcond=1e-10)[0], fit_pooled(R, r, arm.physics)[0].x
+        errors.append([100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth) for x in fits])
+    least_squares, pooled = np.median(errors, axis=0)
+    assert least_squares > 100
+    assert pooled < 7
+
+
 def unavoidable(arm, R, columns):
     """Expected torque error on the fast motion of least squares that know all but some columns [%]."""
     W = arm.regressor(*arm.motion(300, seed=5)).reshape(-1, 91)
@@ -224,6 +189,19 @@ def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
             moved = fit.x.copy()
             moved[kind] *= factor
             assert cost(moved) > cost(fit.x) - 0.01
+
+
+def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):
+    joint = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
+    ratings = {f"{kind}{k + 1}": 50 * joint[k] for kind in ("fv", "fc") for k in range(7)}
+    physics = make_physics(arm.physics.names, arm.prior, ratings=ratings)
+    W = arm.regressor(*arm.motion(300, seed=5))
+    errors = []
+    for seed in range(1, 9):
+        R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
+        errors.append([np.linalg.norm(W @ (fit_pooled(R, r, x)[0].x - arm.truth)) for x in (arm.physics, physics)])
+    equal, rated = np.median(errors, axis=0)
+    assert rated < 0.8 * equal
 
 
 def test_good_data_override_the_pooling(arm):
