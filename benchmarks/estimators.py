@@ -2,7 +2,7 @@
 
     python benchmarks/estimators.py [--json out/estimators.json] [--minutes 20] [--table]
 
-What is done is kept in the JSON file, and the next run goes on from there; --table only prints. For each estimator:
+What is done is kept in the JSON file, and the next run goes on from there; --table only prints Markdown. For each estimator:
 parameter error |db|/|b|, BIRDy's d_beta, torque error on the fitted motion (d_tau) and on an unseen noise-free one, the
 share of true base parameters inside their 95 % intervals, seconds; errors of the physical set.
 
@@ -15,6 +15,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,11 @@ from dynid.identify.rows import Rows, joint_factors
 from dynid.identify.stack import Source, stack
 from dynid.log import Log
 from dynid.quality.condition import choose_filter, condition
+from dynid.quality.spikes import despiked
 
 PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
 #: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.
-DRAWS, COUNTED, OF_TX40, OF_SIMULATED = 10, 40, 3, 3
+DRAWS, COUNTED, OF_TX40, OF_SIMULATED = 10, 40, 10, 3
 COVERAGE = ("standard", "lwr_like", "high_position")
 FIGURES = ("error", "d_beta", "d_tau", "unseen", "inside", "seconds", "physical_error", "physical_unseen")
 #: Largest parameter error that is asked for [%].
@@ -61,7 +63,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     arm, log = arm_of(name), recorded(name, regime, draw)
     start = time.perf_counter()
     chosen = choose_filter(log, arm.robot)
-    segments = condition(log, chosen, coulomb=arm.robot.coulomb_shape)
+    segments = condition(despiked(log, chosen.cutoff)[0], chosen, coulomb=arm.robot.coulomb_shape)
     observer, names = arm.base.model.observer(arm.base.reduction.base), arm.base.reduction.base_names
     rows = stack([Source(segments, chosen, "log")], observer, names, arm.robot.joint_names)
     made = time.perf_counter() - start
@@ -70,7 +72,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in (*PLAIN, *SIMULATED) if draw < OF_SIMULATED else PLAIN:
         start = time.perf_counter()
-        each = METHODS[method](part, prior)
+        each = METHODS[method](replace(part), prior)
         seconds = made + time.perf_counter() - start
         whole = full_set(arm.base, each).theta
         fitted = relative_error(part.factors[0], each.theta)
@@ -109,24 +111,54 @@ def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -
     return [float(x) for x in (error, d_beta, fitted, unseen, 100 * inside.mean(), seconds, physical, of_physical)]
 
 
-def tables(done: dict[str, dict[str, list[float]]]) -> None:
-    """Print one table an arm, and the coverage."""
-    for name in ("lwr", "tx40"):
-        head = "parameter error % (physical set) / unseen torque % (physical set); d_beta, d_tau; inside %; s"
-        print(f"\n{name}: {head}")
-        for regime in REGIMES:
-            runs = [found for key, found in done.items() if key.startswith(f"{name}/{regime}/")]
-            if not runs:
-                continue
-            asked = f", asked {TARGETS[regime]} %" if regime in TARGETS else ""
-            print(f" {regime}, {len(runs)} draws{asked}")
-            for method in ("OLS 50 Hz", *PLAIN, *SIMULATED, "auto"):
-                rows = [found[method] for found in runs if method in found]
-                if not rows:
-                    continue
-                e, b, t, u, i, s, pe, pu = np.mean(rows, axis=0)
-                errors = f"{e:8.3f} ({pe:7.3f}) / {u:7.3f} ({pu:7.3f})"
-                print(f"  {method:10s} {errors}   {b:6.2f} {t:6.2f}   {i:5.1f}  {s:5.2f}")
+def tables(done: dict[str, dict[str, list[float]]]) -> Iterator[str]:
+    """Yield Markdown: errors of each arm, share of true values inside the intervals, and seconds."""
+    names = {name: done_of(done, name) for name in ("lwr", "tx40")}
+    for name, regimes in names.items():
+        shown = ("OLS 50 Hz", *PLAIN, *SIMULATED)
+        yield f"\n| {name.upper()}: parameters / unseen torque [%] | asked | " + " | ".join(shown) + " | physical set |"
+        yield "| --- " * (len(shown) + 3) + "|"
+        for regime, runs in regimes.items():
+            cells = [cell(runs, method) for method in shown]
+            physical = np.mean([found["auto"][6:8] for found in runs], axis=0)
+            asked = f"{TARGETS[regime]} %" if regime in TARGETS else "-"
+            yield f"| {titled(regime, runs)} | {asked} | " + " | ".join([*cells, two(*physical)]) + " |"
+    yield "\n| inside the 95 % interval [%] | OLS 50 Hz (textbook) | " + " | ".join((*PLAIN, *SIMULATED)) + " |"
+    yield "| --- " * (len(PLAIN) + len(SIMULATED) + 2) + "|"
+    for name, regimes in names.items():
+        for regime, runs in regimes.items():
+            cells = [cell(runs, method, inside=True) for method in ("OLS 50 Hz", *PLAIN, *SIMULATED)]
+            yield f"| {name.upper()}, {titled(regime, runs)} | " + " | ".join(cells) + " |"
+    yield "\n| seconds, conditioning included | " + " | ".join((*PLAIN, *SIMULATED)) + " |"
+    yield "| --- " * (len(PLAIN) + len(SIMULATED) + 1) + "|"
+    for name, regimes in names.items():
+        runs = [found for some in regimes.values() for found in some]
+        times = [np.median([found[method][5] for found in runs if method in found]) for method in (*PLAIN, *SIMULATED)]
+        yield f"| {name.upper()} | " + " | ".join(f"{t:.2f}" for t in times) + " |"
+
+
+def done_of(done, name: str) -> dict[str, list[dict[str, list[float]]]]:
+    """Return the runs of each regime of an arm."""
+    runs = {regime: [v for key, v in done.items() if key.startswith(f"{name}/{regime}/")] for regime in REGIMES}
+    return {regime: some for regime, some in runs.items() if some}
+
+
+def titled(regime: str, runs) -> str:
+    return f"{regime.replace('_', ' ')} ({len(runs)})"
+
+
+def two(error: float, unseen: float) -> str:
+    return f"{error:.3f} / {unseen:.3f}" if error < 1 else f"{error:.1f} / {unseen:.1f}"
+
+
+def cell(runs, method: str, *, inside: bool = False) -> str:
+    """Return the mean figures of a method; how many draws where not all have it."""
+    rows = [found[method] for found in runs if method in found]
+    if not rows:
+        return "-"
+    mean = np.mean(rows, axis=0)
+    few = f" ({len(rows)})" if len(rows) < len(runs) else ""
+    return (f"{mean[4]:.1f}" if inside else two(mean[0], mean[3])) + few
 
 
 def main() -> None:
@@ -146,7 +178,7 @@ def main() -> None:
         done[key] = one(*job)
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(json.dumps(done))
-    tables(done)
+    print(*tables(done), sep="\n")
 
 
 if __name__ == "__main__":
