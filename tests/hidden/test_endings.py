@@ -48,6 +48,9 @@ def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
     assert found.theta[column] == pytest.approx(seen.verdict.named[0].values["a"], rel=0.1)
     assert found.joints[3].heldout_rms == pytest.approx(seen.proof.after[3], rel=0.1)
     assert again.robot.effects == tuple(specs)
+    after = investigate(sources, again, None, Options(), simulate=False)
+    assert after.verdict.word == "nothing_missing", "with the effect in the model, nothing else is missing"
+    assert named(after) == set()
 
 
 def test_two_effects_on_two_joints_are_both_named():

@@ -111,7 +111,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
     known = kept(stored.identification) if options["mode"] == "frozen" else None
-    earlier = earlier_logs(common, base, stored, options) if known else []
+    earlier = earlier_logs(common, base, stored, logs, options) if known else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")
         seen = investigate(sources, base, known, wanted, progress, earlier=earlier)
@@ -176,20 +176,26 @@ def conditioned(
     return read_sources(common, base, logs, reading_of(options, identify=False))[0]
 
 
-def earlier_logs(common: Common, base: BaseModel, stored: StoredResult, options: dict[str, Any]) -> list[Source]:
+def earlier_logs(
+    common: Common, base: BaseModel, stored: StoredResult, logs: tuple[Path, ...], options: dict[str, Any]
+) -> list[Source]:
     """Return the logs that a kept model was identified from, where they are still what they were.
 
-    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change.
+    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change. A new log
+    that is one of them cannot be compared with itself.
     """
     from dynid.files.artifact import sha256
 
-    paths = [Path(name) for name in stored.header.get("logs", [])]
-    there = tuple(
-        path for path, sha in zip(paths, stored.log_sha256, strict=False) if path.is_file() and sha256(path) == sha
-    )
-    if len(there) < len(paths):
+    new = {sha256(path) for path in logs}
+    before = [(Path(name), sha) for name, sha in zip(stored.header.get("logs", []), stored.log_sha256, strict=False)]
+    there = tuple(path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha)
+    if not all(path.is_file() for path, _ in before):
         text = "not all at hand: what the model lacked then may be taken for a change"
         common.terminal.stage("earlier", f"logs that it was identified from {text}")
+    if new & {sha for _, sha in before}:
+        common.terminal.stage(
+            "earlier", "the model was identified from a log given here: nothing has changed in that one"
+        )
     return conditioned(common, base, there, options, stored) if there else []
 
 

@@ -16,7 +16,7 @@ from dynid.gap.setting import Setting
 from dynid.identify.consistent import fit_pooled
 from dynid.identify.effects import course_of
 from dynid.identify.fullset import physics_of
-from dynid.model.effects.interface import Floats
+from dynid.model.effects.interface import Course, Floats
 from dynid.model.reference import reference_of
 from dynid.model.store import BaseModel
 from dynid.sim.replay import Replay, replay
@@ -54,7 +54,7 @@ def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | N
         setting.base.model,
         reference_of(setting.base.model, setting.base.reduction, theta),
     )
-    steady = np.zeros((len(whole), whole.n))
+    steady = own_effects(setting.base, theta, whole)
     at = 0
     for pick in picks:
         # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
@@ -85,6 +85,22 @@ def possible(base: BaseModel, board: Board) -> Floats:
     R = (V[:, seen] / np.sqrt(values[seen])).T / size
     K = base.reduction.K
     return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
+
+
+def own_effects(base: BaseModel, theta: Floats, course: Course) -> Floats:
+    """Return the torque of the effects that the model has already, along a motion, (N, n).
+
+    Args:
+        base: model and base parameters.
+        theta: values of the base parameters, (p,).
+        course: the motion.
+    """
+    observer, torque = base.model.observer(base.reduction.base), np.zeros((len(course), course.n))
+    first = len(observer.rows) - len(observer.course_entries)
+    entries = base.model.course(course)[observer.course_entries]
+    for joint, column, entry in zip(observer.rows[first:], observer.cols[first:], entries, strict=True):
+        torque[:, joint] += theta[column] * entry
+    return torque
 
 
 def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:

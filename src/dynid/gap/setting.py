@@ -11,6 +11,7 @@ from dynid.gap.against import against
 from dynid.gap.board import Board, build_board
 from dynid.gap.noise import ALIKE, Noise, Pair, find_repeats, noise_of, with_misfit
 from dynid.gap.stretches import Mask, Stretch, cut, stretches_of, with_physics
+from dynid.identify.effects import fitted, scale_with_model, settled, with_effects
 from dynid.identify.result import Identification
 from dynid.identify.stack import Source
 from dynid.model.effects.interface import Floats, sign_of
@@ -137,8 +138,8 @@ def make_setting(
         known: the model that is kept, None to refit it.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
-    p = base.reduction.rank
-    physics = reference_of(base.model, base.reduction, np.zeros(p) if known is None else known.theta)
+    start = first_guess(sources, base) if known is None else known.theta
+    physics = reference_of(base.model, base.reduction, start)
     stretches, matched = stretches_of(sources, base, physics), 0.0
     if known is not None and earlier:
         compared = against(stretches, stretches_of(earlier, base, physics), known.theta)
@@ -158,6 +159,13 @@ def make_setting(
     noise = noise_of(stretches, residuals, pairs, train)
     found = Setting(base, known, stretches, train, held, text, pairs, noise, theta, left, matched)
     return with_noise(found, noise, residuals)
+
+
+def first_guess(sources: Sequence[Source], base: BaseModel) -> Floats:
+    """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
+    if not scale_with_model(base):
+        return np.zeros(base.reduction.rank)
+    return fitted(settled([with_effects(s, base.model) for s in sources], base), base)
 
 
 def with_noise(setting: Setting, noise: Noise, residuals: Sequence[Floats]) -> Setting:

@@ -81,14 +81,19 @@ def settled(sources: Sequence[Source], base: BaseModel, first: Floats | None = N
         first: base parameters to begin with, (p,); those of a first fit when None.
     """
     found = list(sources)
-    if not any(added.effect.needs_model for added in base.model.added):
+    if not scale_with_model(base):
         return found
     theta = first
     for _ in range(ROUNDS):
-        theta = _fit(found, base) if theta is None else theta
+        theta = fitted(found, base) if theta is None else theta
         found = scaled(found, base, theta)
         theta = None
     return found
+
+
+def scale_with_model(base: BaseModel) -> bool:
+    """Return whether columns of the model's effects depend on the parameters that are identified."""
+    return any(added.effect.needs_model for added in base.model.added)
 
 
 def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[Source]:
@@ -97,5 +102,6 @@ def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[So
     return [with_effects(source, base.model, physics) for source in sources]
 
 
-def _fit(sources: Sequence[Source], base: BaseModel) -> Floats:
+def fitted(sources: Sequence[Source], base: BaseModel) -> Floats:
+    """Return base parameters of conditioned logs by weighted least squares, (p,)."""
     return weighted(*stack_base(sources, base).whole).theta
