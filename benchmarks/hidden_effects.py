@@ -31,6 +31,8 @@ DECOYS = ("plain", "spikes", "loud_when_fast", "joint_at_rest", "heavier_tool", 
 MESSES = ("uneven", "late_stamps", "drop_outs", "one_repeat", "uneven and drop_outs", "slow")
 #: Largest share of the arm's own torques that is hidden: what no lab would overlook is no test.
 LARGEST = {"torque_crosstalk": 0.2, "torque_gain": 0.2, "load_friction": 0.2, "load_viscous": 0.3}
+#: The same for effects that are torques of their own: the arm's weight would take up an offset of 50 N m.
+OVERLOOKED = 0.3
 WHOLE_ARM = ("base_tilt", "torque_delay", "tool_force", "payload")
 
 
@@ -357,7 +359,7 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
             if scale is None:
                 s["span"] = (q.min(0), q.max(0))
                 scale = unit(extra, q, qd, qdd, white, case)
-                scale = min(scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9))
+                scale = min(scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9), overlooked(extra, tau, case))
             tau = tau + (case.size if hide else 0.0) * scale * extra
             wander = disturbance(case, t, rng)
             if wander is not None and hide:
@@ -369,6 +371,12 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
             logs.append(recorded(case, clock + t, np.round(shown / step) * step, tau, rng))
             clock += seconds + 5.0
     return logs
+
+
+def overlooked(extra, tau, case):
+    """Return the factor that makes an effect as large, on some joint, as what a lab would just overlook."""
+    share = [np.sqrt(np.mean(a**2) / np.mean(b**2)) for a, b in zip(extra.T, tau.T, strict=True)]
+    return OVERLOOKED / max(max(share) * case.size, 1e-9)
 
 
 def unit(extra, q, qd, qdd, white, case):
