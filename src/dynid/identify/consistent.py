@@ -40,7 +40,7 @@ class ConsistentFit:
 
     Attributes:
         x: parameters, (c,).
-        cost: 1/2 |R x - r|^2.
+        cost: 1/2 |R x - r|^2, the pull of offsets to zero with it.
         objective: cost plus divergence from the prior.
         gap: bound on how far ``objective`` is above the best possible one.
         steps: Newton steps.
@@ -101,8 +101,9 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
 
     Nobody knows these in advance, and in a short or slow log one joint's may vanish or explode. The pull of each kind
     towards a common size s of all joints (for their ratings), minimised over s as well, is gamma * n * log(arithmetic /
-    geometric mean): no unit and no size is preferred, only equality. Good data override it. Source: empirical Bayes;
-    solved by majorisation.
+    geometric mean): no unit and no size is preferred, only equality. Offsets are normally distributed with the common
+    size of the Coulomb friction, from which a joint that moves one way only cannot tell them. Good data override it.
+    Source: empirical Bayes; solved by majorisation.
 
     Args:
         R: whitened regressor or its triangular factor, (rows, c).
@@ -113,8 +114,10 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
     Returns:
         The fit, and the physics with the sizes found as prior, for ``complete``.
     """
+    start = interior_point(physics)
+    physics = pool(physics, start)
     objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
-    here, steps = approach(objective, interior_point(physics), POOLING_TOLERANCE)
+    here, steps = approach(objective, start, POOLING_TOLERANCE)
     for _ in range(POOLING_ROUNDS):
         before, physics = physics, pool(physics, here.y)
         if np.allclose(physics.prior, before.prior, rtol=POOLED):
@@ -128,7 +131,9 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
 
 
 def pool(physics: Physics, x: Floats) -> Physics:
-    """Return the physics with the mean of each kind in x, for its rating, as prior of what is positive and had none.
+    """Return the physics with the size of each kind in x, for its rating, as prior of what is positive and had none.
+
+    The size is the mean, or with offsets what makes them and the Coulomb friction most likely together.
 
     Args:
         physics: bounds and prior.
@@ -137,12 +142,17 @@ def pool(physics: Physics, x: Floats) -> Physics:
     Returns:
         Physics in which friction and rotor inertia have a prior; pooled ones are updated by pooling again.
     """
-    prior = physics.prior.copy()
+    prior, spread = physics.prior.copy(), physics.spread.copy()
     for columns in physics.pools:
-        if len(columns) > 1:
-            rating = physics.ratings[columns]
-            prior[columns] = rating * np.mean(x[columns] / rating)
-    return replace(physics, prior=prior)
+        if len(columns) < 2:
+            continue
+        offsets = physics.offsets if physics.names[columns[0]].startswith("fc") else columns[:0]
+        total = float(np.sum(x[columns] / physics.ratings[columns]))
+        squares = float(np.sum((x[offsets] / physics.ratings[offsets]) ** 2))
+        count = len(columns) + len(offsets)
+        size = (total + np.sqrt(total**2 + 4 * count * squares)) / (2 * count)
+        prior[columns], spread[offsets] = physics.ratings[columns] * size, physics.ratings[offsets] * size
+    return replace(physics, prior=prior, spread=spread)
 
 
 def nearest_consistent(R: Floats, r: Floats, physics: Physics) -> ConsistentFit:
@@ -239,7 +249,7 @@ def _move_inside(physics: Physics, x: Floats) -> Floats:
     y = np.append(x, 1.0 + max(0.0, float((-physics.slack(x) / size).max())))
     # Why the weak pull to x: without data nothing else keeps friction and rotor inertia from growing for ever.
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
-    base = _objective(R, R @ y, physics, 1.0, 1.0)
+    base = _objective(R, R @ y, replace(physics, spread=np.full(c, np.inf)), 1.0, 1.0)
     for pull in (1e2, 1e4, 1e6, 1e8):
         y = minimise(replace(base, linear=np.append(base.linear, pull), G=G, h=h, mu=weights), y).y
         if np.all(physics.slack(y[:-1]) > 0.0):
@@ -266,6 +276,10 @@ def _objective(R: Floats, r: Floats, physics: Physics, gamma: float, bound_weigh
     for row in physics.G[~bound]:
         linear += gamma * row / (row @ physics.prior)
     mu = np.where(bound, bound_weight, gamma)
+    near_zero = np.flatnonzero(np.isfinite(physics.spread))
+    if len(near_zero):
+        pull = np.eye(len(linear))[near_zero] * (gamma**0.5 / physics.spread[near_zero])[:, None]
+        R, r = np.vstack([R, pull]), np.append(r, np.zeros(len(near_zero)))
     return Objective(R, r, physics.bodies, np.full(len(physics.bodies), float(gamma)), linear, physics.G, physics.h, mu)
 
 

@@ -88,6 +88,7 @@ class Physics:
         labels: one sentence for each bound, (k).
         pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
         ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
+        spread: standard deviation of parameters that are believed to be near zero, (c,); infinite elsewhere.
     """
 
     names: tuple[str, ...]
@@ -98,6 +99,12 @@ class Physics:
     labels: tuple[str, ...]
     pools: tuple[Ints, ...]
     ratings: Floats
+    spread: Floats
+
+    @property
+    def offsets(self) -> Ints:
+        """Columns of friction offsets."""
+        return np.array([k for k, name in enumerate(self.names) if re.fullmatch(r"fo\d+", name)], dtype=np.int64)
 
     @property
     def prior_pseudo_inertia(self) -> Floats:
@@ -168,8 +175,10 @@ def make_physics(
         np.array([where[name] for name in unknown if re.fullmatch(rf"{kind}\d+", name)], dtype=np.int64)
         for kind in nonnegative
     )
-    proportion = np.array([(ratings or {}).get(name, 1.0) for name in names])
-    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools, proportion)
+    # Why of fc: an offset is the part of the friction that does not change its sign.
+    proportion = np.array([(ratings or {}).get(re.sub(r"^fo(?=\d)", "fc", name), 1.0) for name in names])
+    nowhere = np.full(len(names), np.inf)
+    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools, proportion, nowhere)
 
 
 def _link_numbers(names: Sequence[str]) -> list[int]:

@@ -208,3 +208,17 @@ def test_good_data_override_the_pooling(arm):
     R, r = arm.whitened(5000)
     plain, pooled = fit_consistent(R, r, arm.physics).x, fit_pooled(R, r, arm.physics)[0].x
     assert abs(heldout(arm, plain) - heldout(arm, pooled)) < 0.05
+
+
+def test_a_joint_that_moves_one_way_only_has_friction_of_the_size_of_the_others():
+    """Its Coulomb friction and its offset are one number to the data: 1000 and -1000 N m fit as well."""
+    names = ("fc1", "fc2", "fc3", "fo1", "fo2", "fo3")
+    truth = np.array([2.0, 1.5, 2.5, 0.1, -0.2, 0.3])
+    R = 100 * np.eye(6)
+    R[:, [0, 3]] = 0
+    R[0, [0, 3]] = 100
+    physics = make_physics(names, np.zeros(6))
+    x = fit_pooled(R, R @ truth, physics)[0].x
+    assert x[0] + x[3] == pytest.approx(2.1, abs=0.05)
+    assert 0.7 < x[0] < 2.5
+    np.testing.assert_allclose(x[[1, 2, 4, 5]], truth[[1, 2, 4, 5]], atol=0.05)
