@@ -10,6 +10,7 @@ from dynid.gap.apply import identify_again, specs_of
 from dynid.gap.investigate import investigate, on_one_clock
 from dynid.gap.search import Options
 from dynid.gap.setting import kept
+from dynid.gap.verdict import labels
 from dynid.identify.estimate import estimate
 from dynid.identify.stack import stack_base
 
@@ -114,12 +115,14 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
     monkeypatch.setattr(hidden, "sines", together)
     tracked = hidden.motion
     monkeypatch.setattr(hidden, "motion", lambda arm, plan, t, rng, wobble: tracked(arm, plan, t, rng, 1e-5))
-    _, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
+    base, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
     pick = seen.verdict.named[0].pick
     assert {pick.place, *(place for _, place in pick.equals)} == {(2, 1), (2, 3)}
-    assert "one after the other" in seen.verdict.advice
+    assert seen.verdict.advice == (
+        f"To tell {' and '.join(labels(pick, base.robot.joint_names))} apart: move the two joints one after the other."
+    )
 
 
 def test_without_repeats_the_floor_is_a_bound_and_clean_logs_still_get_no_name():

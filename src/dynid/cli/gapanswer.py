@@ -84,6 +84,7 @@ def named_answer(robot: Robot, one: Fitted, seen: Investigation) -> dict[str, An
 
 def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
+    from dynid.gap.verdict import labels
     from dynid.gap.where import ABOVE
 
     terminal, verdict = common.terminal, seen.verdict
@@ -106,11 +107,12 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
     for one in verdict.named:
         terminal.fact("named", f"{one.pick.effect.title} on {place_text(robot, one)}: {one.pick.effect.signature}")
         terminal.fact("", ", ".join(number_text(one, name) for name in one.values))
+    groups = [" or ".join(labels(one.pick, robot.joint_names)) for one in verdict.named if one.pick.equals]
     words = {
         "named": "named",
         "nothing_missing": "nothing is missing",
         "unexplained": "something is missing that no effect of the catalogue explains",
-        "ambiguous": f"fit equally well: {'; '.join(' or '.join(group) for group in verdict.alternatives)}",
+        "ambiguous": f"fit equally well: {'; '.join(groups)}",
     }
     terminal.fact("verdict", words[verdict.word])
     shrink_table(common, robot, seen)

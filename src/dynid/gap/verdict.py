@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap.final import Fitted, Shrink
+from dynid.gap.picks import Pick
 from dynid.gap.search import Search
 from dynid.model.effects.catalogue import CATALOGUE
 
@@ -130,6 +131,12 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
     return ""
 
 
+def labels(pick: Pick, joints: Sequence[str]) -> list[str]:
+    """Return an effect with its place, and all that explain as much, in words."""
+    keys = [pick.key, *pick.equals]
+    return [f"{name} on {' from '.join(joints[j] for j in place) or 'the whole arm'}" for name, place in keys]
+
+
 def advice_of(
     word: str,
     found: Search,
@@ -149,9 +156,10 @@ def advice_of(
             f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
         )
     if word == "ambiguous":
-        one = next(f for f in named if f.pick.equals)
-        other = CATALOGUE[one.pick.equals[0][0]]
-        return f"To separate {one.pick.effect.name} from {other.name}: {one.pick.effect.separate}; {other.separate}."
+        pick = next(f.pick for f in named if f.pick.equals)
+        first, other = labels(pick, joints)[:2]
+        ways = dict.fromkeys([pick.effect.separate, CATALOGUE[pick.equals[0][0]].separate])
+        return f"To tell {first} and {other} apart: {'; '.join(ways)}."
     if word == "named":
         left = f" More is left on {', '.join(joints[j] for j in remainder)}." if remainder else ""
         return f"Add it with --apply and check on a new log with dynid validate.{left}{repeat}"
