@@ -19,9 +19,10 @@ import numpy as np
 import hidden_effects as hidden
 from dynid.files.robotfile import load_robot
 from dynid.gap.final import fit_picks, shrink
+from dynid.gap.finder import Options
 from dynid.gap.forward import forward
 from dynid.gap.investigate import investigate, on_one_clock
-from dynid.gap.search import Options, Search
+from dynid.gap.search import Search
 from dynid.gap.setting import kept, make_setting
 from dynid.identify.estimate import estimate
 from dynid.identify.sources import Reading, conditioned_source

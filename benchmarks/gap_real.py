@@ -21,8 +21,8 @@ import pinocchio as pin
 import hidden_effects as hidden
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
+from dynid.gap.finder import Options
 from dynid.gap.investigate import investigate
-from dynid.gap.search import Options
 from dynid.gap.setting import kept, make_setting
 from dynid.identify.estimate import estimate, last_share
 from dynid.identify.sources import Reading, conditioned_source

@@ -7,8 +7,8 @@ import pytest
 import gap_blind
 import hidden_effects as hidden
 from dynid.gap.apply import identify_again, specs_of
+from dynid.gap.finder import Options
 from dynid.gap.investigate import investigate, on_one_clock
-from dynid.gap.search import Options
 from dynid.gap.setting import kept
 from dynid.gap.verdict import labels
 from dynid.identify.estimate import estimate

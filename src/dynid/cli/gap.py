@@ -17,8 +17,8 @@ from dynid.errors import ExitStatus, WrongUsage
 
 if TYPE_CHECKING:
     from dynid.gap.final import Fitted
+    from dynid.gap.finder import Options
     from dynid.gap.investigate import Investigation
-    from dynid.gap.search import Options
     from dynid.identify.result import StoredResult
     from dynid.identify.stack import Source
     from dynid.model.store import BaseModel
@@ -129,7 +129,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
 def options_of(robot: Robot, options: dict[str, Any]) -> Options:
     """Return what is searched, every name checked."""
     from dynid.files.yamlfile import closest
-    from dynid.gap.search import Options
+    from dynid.gap.finder import Options
     from dynid.model.effects.catalogue import CATALOGUE
 
     effects: tuple[str, ...] = ()

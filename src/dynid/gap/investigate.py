@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from dynid.errors import PackageMissing
 from dynid.gap.board import Board
 from dynid.gap.final import Fitted, Shrink, fit_picks, shrink
+from dynid.gap.finder import Options
 from dynid.gap.forward import forward
-from dynid.gap.search import Options, Search, search, without
+from dynid.gap.search import Search, search, without
 from dynid.gap.setting import Known, Setting, make_setting
 from dynid.gap.verdict import NOT_SMALLER, Verdict, judge, refusal
 from dynid.gap.where import JointGap, where

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.gap.finder import Options
 from dynid.gap.investigate import investigate
-from dynid.gap.search import Options
 from dynid.identify.sources import Reading, conditioned_source
 from dynid.identify.stack import Source
 from dynid.log import Log
