@@ -139,7 +139,7 @@ def run(set_name, k, seed=0):
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.found.before - 1, 0))
     joint = int(np.argmax(visible))
-    size_seen = min(visible[c.joint] for c in cases) if len(cases) == 2 else visible.max()
+    size_seen = visible.max() if len(cases) == 1 else min(visible_alone(base, e, size, arm, number) for e in effects)
     row = {
         "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
         "truth": truth_of(cases, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
@@ -157,6 +157,13 @@ def run(set_name, k, seed=0):
         if k % 3 == 0:
             row["simulated"] = simulated(seen)
     return row
+
+
+def visible_alone(base, effect, size, arm, seed):
+    """Return the visible size of one of two effects, without the other."""
+    logs, _ = logs_of([effect], size, arm, seed)
+    chi = make_setting(on_one_clock(sources_of(logs, base.model)), base, None).board().chi()
+    return float(np.sqrt(np.maximum(chi - 1, 0)).max())
 
 
 def oracle_of(effects, size, arm, number, extra, known):
@@ -203,7 +210,7 @@ def outcome(row):
 WORDS = ("exact", "exact, with doubt", "ambiguous", "part of it", "nothing named", "not seen", "right and a wrong one", "wrong")
 SETS = {
     "clean": ((-1, 1e9),), "single": ((1, 1e9), (0.5, 1), (-1, 0.5)), "double": ((1, 1e9), (-1, 1)),
-    "changed": ((-1, 1e9),), "outside": ((-1, 1e9),), "messy": ((-1, 1e9),),
+    "changed": ((0.5, 1e9), (-1, 0.5)), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
 }  # fmt: skip
 #: Visible size from which something outside the catalogue should be seen: twice the power of a clean joint's limit.
 SEEN = 0.5

@@ -1,6 +1,7 @@
 """What all tests share: the recordings beside the project, and no silent skips in continuous integration."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,10 @@ from runner import Runner
 ROOT = Path(__file__).parents[1]
 #: Recordings of real arms, beside the project; tests that use them carry the mark ``data``.
 RECORDINGS = ROOT.parent / "shared" / "data"
+
+# A job in the background of a shell ignores Ctrl-C, and so would every program that is started here to be interrupted.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
