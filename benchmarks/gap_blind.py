@@ -195,7 +195,8 @@ def outcome(row):
     truth = {(name, tuple(place)) for name, place in row["truth"]}
     named = {(name, tuple(place)) for name, place in row["named"]}
     if row["verdict"] == "ambiguous" and named != truth:
-        options = [{tuple(n), *((e[0], tuple(e[1])) for e in equal)} for n, equal in zip(named, row["equals"], strict=True)]
+        each = [[one, *equal] for one, equal in zip(row["named"], row["equals"], strict=True)]
+        options = [{(name, tuple(place)) for name, place in group} for group in each]
         if all(truth & group for group in options):
             return "ambiguous"
     if named - truth:
