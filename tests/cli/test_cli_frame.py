@@ -197,6 +197,14 @@ def test_an_interrupted_command_says_one_line_and_leaves_no_half_file(dynid, num
     assert list(dynid.folder.iterdir()) == []
 
 
+def test_an_error_that_an_interrupt_sets_off_is_an_interrupt(dynid):
+    process = dynid.start("toy", "archive", stdout=-1, stderr=-1)
+    assert process.stdout.readline() == b"ready\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (130, b"interrupted\n")
+
+
 def test_a_reader_that_leaves_does_not_stop_the_job(dynid):
     process = dynid.start("toy", "chatter", stdout=-1, stderr=-1)
     process.stdout.readline()

@@ -407,16 +407,18 @@ def test_ctrl_c_at_any_moment_ends_within_a_second_with_130(arm):
     words = ("parameters", "arm.yaml", "long.csv", "--identify", "--force")
     began = time.monotonic()
     assert arm(*words).status == 0
-    stopped = 0
+    stopped, slower = 0, 1.0
     for moment in moments(5, 0.9 * (time.monotonic() - began)):
         shutil.rmtree(arm.folder / "out", ignore_errors=True)
         process = arm.start(*words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        time.sleep(moment)
+        time.sleep(moment * slower)
         process.send_signal(signal.SIGINT)
         sent = time.monotonic()
         _, err = process.communicate(timeout=30)
         assert process.returncode in (0, 130)
         stopped += process.returncode == 130
+        # Why: on a machine that was busier during the first run, the others are over before their moment.
+        slower *= 0.7 if process.returncode == 0 else 1.0
         if process.returncode == 130:
             assert time.monotonic() - sent < 1.0 * max(1.0, os.getloadavg()[0] / 2)
             assert err.splitlines()[-1] == b"interrupted"

@@ -95,6 +95,16 @@ def waits(common, **_):
         time.sleep(60)
 
 
+def waits_in_archive(common, **_):
+    import zipfile
+
+    with zipfile.ZipFile("archive.zip", "w") as archive:
+        archive._writing = True  # as an interrupt finds it that comes while an entry is being opened
+        common.terminal.answer("ready")
+        sys.stdout.flush()
+        time.sleep(60)
+
+
 def chatters(common, **_):
     for _i in range(5000):
         common.terminal.answer("a line of an answer that is longer than the reader wants")
@@ -104,7 +114,7 @@ def chatters(common, **_):
 JOBS = {
     "ask": asks, "typed": types_name, "write": writes, "text": writes_text, "values": values, "talk": talks,
     "wide": prints_wide, "work": works, "error": fails, "crash": crashes, "limit": misses_limit, "wait": waits,
-    "chatter": chatters,
+    "chatter": chatters, "archive": waits_in_archive,
 }  # fmt: skip
 
 

@@ -159,7 +159,9 @@ def interrupted() -> int:
 
 
 def crash(error: BaseException, told: Told) -> int:
-    """Write a crash file, say where it is, and return status 70."""
+    """Write a crash file, say where it is, and return status 70; what an interrupt has set off is an interrupt."""
+    if _set_off_by_interrupt(error):
+        return interrupted()
     trace = _trace(error)
     if told.debug:
         _say(trace.rstrip())
@@ -170,6 +172,14 @@ def crash(error: BaseException, told: Told) -> int:
     else:
         _say("  no crash file could be written; run again with --debug to see the details")
     return int(ExitStatus.INTERNAL)
+
+
+def _set_off_by_interrupt(error: BaseException) -> bool:
+    """Return whether Ctrl-C came first; a zip archive, for one, cannot be closed while an entry is being written."""
+    before: BaseException | None = error
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__context__
+    return before is not None
 
 
 def _trace(error: BaseException) -> str:
