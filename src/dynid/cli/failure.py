@@ -153,7 +153,8 @@ def os_error(error: OSError) -> DynidError:
 
 
 def interrupted() -> int:
-    """Say that the run was stopped."""
+    """Say that the run was stopped; what half-done objects say while they are cleared away helps nobody."""
+    sys.unraisablehook = lambda _: None
     _say("interrupted")
     return int(ExitStatus.INTERRUPTED)
 
