@@ -84,7 +84,7 @@ def named_answer(robot: Robot, one: Fitted, seen: Investigation) -> dict[str, An
 
 def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
-    from dynid.gap.verdict import labels
+    from dynid.gap.verdict import labels, place_text
     from dynid.gap.where import ABOVE
 
     terminal, verdict = common.terminal, seen.verdict
@@ -105,7 +105,10 @@ def show(common: Common, robot: Robot, seen: Investigation) -> None:
         ]
         terminal.table(["candidate", "joints", "held-out error", "chance", "said"], rows, numbers=False)
     for one in verdict.named:
-        terminal.fact("named", f"{one.pick.effect.title} on {place_text(robot, one)}: {one.pick.effect.signature}")
+        terminal.fact(
+            "named",
+            f"{one.pick.effect.title} on {place_text(one.pick.place, robot.joint_names)}: {one.pick.effect.signature}",
+        )
         terminal.fact("", ", ".join(number_text(one, name) for name in one.values))
     groups = [" or ".join(labels(one.pick, robot.joint_names)) for one in verdict.named if one.pick.equals]
     words = {
@@ -132,14 +135,10 @@ def number_text(one: Fitted, name: str) -> str:
     return f"{name} = {one.values[name]:.4g}{error} {one.units.get(name, '')}".strip()
 
 
-def place_text(robot: Robot, one: Fitted) -> str:
-    """Return where an effect sits, in words."""
-    place = one.pick.place
-    return "the whole arm" if not place else " from ".join(robot.joint_names[j] for j in place)
-
-
 def effect_row(robot: Robot, one: Fitted, seen: Investigation, said: str) -> list[str]:
     """Return one line of the table of candidates."""
+    from dynid.gap.verdict import place_text
+
     j = one.pick.proof.joint
     before, after = seen.proof.before[j], seen.proof.after[j]
     change = (
@@ -150,7 +149,7 @@ def effect_row(robot: Robot, one: Fitted, seen: Investigation, said: str) -> lis
     chance = one.pick.proof.p_value
     return [
         one.pick.effect.name,
-        place_text(robot, one),
+        place_text(one.pick.place, robot.joint_names),
         change,
         "<0.1 %" if chance < 1e-3 else f"{100 * chance:.1f} %",
         said,

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dynid.gap.board import WEAK, Board
+from dynid.gap.board import Board
 from dynid.gap.picks import Pick
-from dynid.gap.setting import Setting
+from dynid.gap.setting import Setting, information_root
 from dynid.identify.consistent import fit_pooled
 from dynid.identify.effects import course_of
 from dynid.identify.fullset import physics_of
@@ -39,11 +39,11 @@ def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | N
     Returns:
         The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
-    theta, amplitudes = possible(setting.base, board), board.theta[board.size :]
     held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
     count, k = max(held)
     if count < 2 * setting.stretches[k].rate:
         return None
+    theta, amplitudes = possible(setting.base, board), board.theta[board.size :]
     stretch = setting.stretches[k]
     segment = stretch.source.segments[0]
     first, last = stretch.t[setting.held[k]][[0, -1]]
@@ -78,12 +78,8 @@ def possible(base: BaseModel, board: Board) -> Floats:
         base: model and base parameters.
         board: the fitted model.
     """
-    p = base.reduction.rank
-    size = np.sqrt(np.maximum(np.diag(board.inverse)[:p], 1e-30))
-    values, V = np.linalg.eigh(board.inverse[:p, :p] / np.outer(size, size))
-    seen = values > WEAK * values[-1]
-    R = (V[:, seen] / np.sqrt(values[seen])).T / size
-    K = base.reduction.K
+    p, K = base.reduction.rank, base.reduction.K
+    R = information_root(board.inverse[:p, :p])
     return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
 
 

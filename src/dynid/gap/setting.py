@@ -71,7 +71,8 @@ class Setting:
         pairs: repeats.
         noise: the noise floor.
         theta: base parameters that effects are scaled with, (p,).
-        left: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m].
+        left: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m]; None where it
+            cancels, and when the baseline is refitted.
         matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
             compared with the model alone.
     """
@@ -120,11 +121,17 @@ def prior_rows(known: Known | None) -> Floats | None:
     """Return rows [L^T, L^T theta0] that hold parameters where they were, at most p of them, (r, p + 1)."""
     if known is None:
         return None
-    size = np.sqrt(np.maximum(np.diag(known.covariance), 1e-18))
-    values, V = np.linalg.eigh(known.covariance / np.outer(size, size))
-    kept = values > OPEN * values[-1]
-    root = (V[:, kept] / np.sqrt(np.maximum(values[kept], 1e-8))).T / size / TRUST
+    root = information_root(known.covariance) / TRUST
     return np.column_stack([root, root @ known.theta])
+
+
+def information_root(covariance: Floats) -> Floats:
+    """Return L^T with (L L^T)^-1 the covariance, without the directions that it leaves open, (r, p)."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
+    values, V = np.linalg.eigh(covariance / np.outer(size, size))
+    seen = values > OPEN * values[-1]
+    root: Floats = (V[:, seen] / np.sqrt(np.maximum(values[seen], 1e-8))).T / size
+    return root
 
 
 def make_setting(
@@ -153,6 +160,7 @@ def make_setting(
     left = None
     if known is not None:
         residuals = plain_fit(stretches, train, None)[1]
+    if known is not None and not matched:
         whole = plain_fit(stretches, train, None, nuisance=False)[1]
         # Why: the earlier identification knew no columns that are not judged; they take what it left at reversals.
         left = known.left * np.minimum(1.0, _rms(stretches, residuals, train) / _rms(stretches, whole, train))
@@ -176,13 +184,13 @@ def with_noise(setting: Setting, noise: Noise, residuals: Sequence[Floats]) -> S
         noise: measured from repeats or high frequencies.
         residuals: what a model leaves of the rows, one (M, n) a stretch.
     """
-    if setting.left is None:
+    if setting.known is None:
         return replace(setting, noise=noise)
     if setting.matched and noise.repeats:
         # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
         more = np.sqrt(1.0 + 1.0 / setting.matched)
         return replace(setting, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
-    left = _rms(setting.stretches, residuals, setting.train) if setting.matched else setting.left
+    left = setting.left if setting.left is not None else _rms(setting.stretches, residuals, setting.train)
     return replace(setting, noise=with_misfit(noise, setting.stretches, residuals, left))
 
 

@@ -11,6 +11,7 @@ from dynid.gap.final import Fitted, Shrink
 from dynid.gap.picks import Pick
 from dynid.gap.search import Search
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Place
 
 #: Mean square of the whitened residual up to which nothing is missing.
 NOTHING = 1.25
@@ -133,8 +134,12 @@ def refusal(found: Search, fitted: Sequence[Fitted], one: Fitted, proof: Shrink)
 
 def labels(pick: Pick, joints: Sequence[str]) -> list[str]:
     """Return an effect with its place, and all that explain as much, in words."""
-    keys = [pick.key, *pick.equals]
-    return [f"{name} on {' from '.join(joints[j] for j in place) or 'the whole arm'}" for name, place in keys]
+    return [f"{name} on {place_text(place, joints)}" for name, place in (pick.key, *pick.equals)]
+
+
+def place_text(place: Place, joints: Sequence[str]) -> str:
+    """Return where an effect sits, in words."""
+    return " from ".join(joints[j] for j in place) or "the whole arm"
 
 
 def advice_of(

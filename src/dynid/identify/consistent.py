@@ -116,13 +116,13 @@ def fit_pooled(R: Floats, r: Floats, physics: Physics, gamma: float = DEFAULT_GA
     """
     start = interior_point(physics)
     physics = pool(physics, start)
-    objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
+    objective = _objective(*_with_spread(R, r, physics, gamma), physics, gamma, BOUND_WEIGHT)
     here, steps = approach(objective, start, POOLING_TOLERANCE)
     for _ in range(POOLING_ROUNDS):
         before, physics = physics, pool(physics, here.y)
         if np.allclose(physics.prior, before.prior, rtol=POOLED):
             break
-        objective = _objective(R, r, physics, gamma, BOUND_WEIGHT)
+        objective = _objective(*_with_spread(R, r, physics, gamma), physics, gamma, BOUND_WEIGHT)
         here, more = approach(objective, here, POOLING_TOLERANCE)
         steps += more
     minimum = minimise(objective, here)
@@ -153,6 +153,13 @@ def pool(physics: Physics, x: Floats) -> Physics:
         size = (total + np.sqrt(total**2 + 4 * count * squares)) / (2 * count)
         prior[columns], spread[offsets] = physics.ratings[columns] * size, physics.ratings[offsets] * size
     return replace(physics, prior=prior, spread=spread)
+
+
+def _with_spread(R: Floats, r: Floats, physics: Physics, gamma: float) -> tuple[Floats, Floats]:
+    """Return the rows with those that hold parameters near zero."""
+    held = np.flatnonzero(np.isfinite(physics.spread))
+    pull = np.eye(R.shape[1])[held] * (gamma**0.5 / physics.spread[held])[:, None]
+    return np.vstack([R, pull]), np.append(r, np.zeros(len(held)))
 
 
 def nearest_consistent(R: Floats, r: Floats, physics: Physics) -> ConsistentFit:
@@ -249,7 +256,7 @@ def _move_inside(physics: Physics, x: Floats) -> Floats:
     y = np.append(x, 1.0 + max(0.0, float((-physics.slack(x) / size).max())))
     # Why the weak pull to x: without data nothing else keeps friction and rotor inertia from growing for ever.
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
-    base = _objective(R, R @ y, replace(physics, spread=np.full(c, np.inf)), 1.0, 1.0)
+    base = _objective(R, R @ y, physics, 1.0, 1.0)
     for pull in (1e2, 1e4, 1e6, 1e8):
         y = minimise(replace(base, linear=np.append(base.linear, pull), G=G, h=h, mu=weights), y).y
         if np.all(physics.slack(y[:-1]) > 0.0):
@@ -276,10 +283,6 @@ def _objective(R: Floats, r: Floats, physics: Physics, gamma: float, bound_weigh
     for row in physics.G[~bound]:
         linear += gamma * row / (row @ physics.prior)
     mu = np.where(bound, bound_weight, gamma)
-    near_zero = np.flatnonzero(np.isfinite(physics.spread))
-    if len(near_zero):
-        pull = np.eye(len(linear))[near_zero] * (gamma**0.5 / physics.spread[near_zero])[:, None]
-        R, r = np.vstack([R, pull]), np.append(r, np.zeros(len(near_zero)))
     return Objective(R, r, physics.bodies, np.full(len(physics.bodies), float(gamma)), linear, physics.G, physics.h, mu)
 
 
