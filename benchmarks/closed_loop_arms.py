@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
+from dynid.estimation.physical_constraints import BODY_PARAMETERS, body_parameters, pseudo_inertia
 from dynid.files.robotfile import load_robot
-from dynid.identify.physics import BODY_PARAMETERS, body_parameters, pseudo_inertia
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.prior import body_of

@@ -22,15 +22,15 @@ import numpy as np
 from scipy import signal
 
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
-from dynid.identify.estimate import prior_base
-from dynid.identify.fullset import full_set
-from dynid.identify.least_squares import ordinary, relative_error
-from dynid.identify.methods import METHODS, Part, choose
-from dynid.identify.rows import Rows, joint_factors
-from dynid.identify.stack import Source, stack
+from dynid.estimation.estimate import prior_base
+from dynid.estimation.estimators import METHODS, Part, choose
+from dynid.estimation.least_squares import ordinary, relative_error
+from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.physical_parameters import full_set
+from dynid.estimation.stack import Source, stack
 from dynid.log import Log
-from dynid.quality.condition import choose_filter, condition
-from dynid.quality.spikes import despiked
+from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.spikes import despiked
 
 PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
 #: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.

@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 
 from dynid.files.robotfile import load_robot
-from dynid.model.adjoint import Adjoint
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model, build_model
+from dynid.model.regressor_gradient import Adjoint
 from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.cost import Cost, figures
 from dynid.trajectory.feasible import Bounds, Shaping, bounds

@@ -17,22 +17,22 @@ from pathlib import Path
 import numpy as np
 
 import hidden_effects as hidden
+from dynid.estimation.estimate import estimate
+from dynid.estimation.sources import Reading, conditioned_source
+from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
-from dynid.gap.final import fit_picks, shrink
-from dynid.gap.finder import Options
-from dynid.gap.forward import forward
+from dynid.gap.forward_simulation import forward
 from dynid.gap.investigate import investigate, on_one_clock
+from dynid.gap.problem import kept, make_setting
+from dynid.gap.refit import fit_picks, shrink
 from dynid.gap.search import Search
-from dynid.gap.setting import kept, make_setting
-from dynid.identify.estimate import estimate
-from dynid.identify.sources import Reading, conditioned_source
-from dynid.identify.stack import stack_base
+from dynid.gap.stepwise_selection import Options
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
-from dynid.quality.stamps import evened
 from dynid.robot import Coulomb
+from dynid.signals.stamps import evened
 
 CUTOFF = 10.0
 #: Where each effect can be seen: joints (0-based) that carry it well on these arms.

@@ -19,18 +19,18 @@ import numpy as np
 import pinocchio as pin
 
 import hidden_effects as hidden
+from dynid.estimation.estimate import estimate, last_share
+from dynid.estimation.sources import Reading, conditioned_source
+from dynid.estimation.stack import stack_base
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.gap.finder import Options
 from dynid.gap.investigate import investigate
-from dynid.gap.setting import kept, make_setting
-from dynid.identify.estimate import estimate, last_share
-from dynid.identify.sources import Reading, conditioned_source
-from dynid.identify.stack import stack_base
+from dynid.gap.problem import kept, make_setting
+from dynid.gap.stepwise_selection import Options
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
-from dynid.quality.checks import prepare
+from dynid.signals.checks import prepare
 
 CUTOFF = 10.0
 #: Size of what is put in, over the residual of the joint that shows it most.

@@ -33,7 +33,7 @@ from arms import pinocchio_model, random_bodies  # noqa: E402
 from conic import clarabel_optimum  # noqa: E402
 from synthetic_arm import seven_joint_arm  # noqa: E402
 
-from dynid.identify.consistent import DEFAULT_GAMMA, fit_consistent, fit_pooled  # noqa: E402
+from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0

@@ -1,6 +1,6 @@
 """The noun Log: what a driver published, as time series keyed by joint name.
 
-A ``Log`` straight from a file is raw: the driver's own columns, order and units, all joints it had. ``dynid.quality``
+A ``Log`` straight from a file is raw: the driver's own columns, order and units, all joints it had. ``dynid.signals``
 turns it into DH quantities of one robot and says what is wrong with it.
 """
 

@@ -6,13 +6,13 @@ import pytest
 
 import gap_blind
 import hidden_effects as hidden
+from dynid.estimation.estimate import estimate
+from dynid.estimation.stack import stack_base
 from dynid.gap.apply import identify_again, specs_of
-from dynid.gap.finder import Options
 from dynid.gap.investigate import investigate, on_one_clock
-from dynid.gap.setting import kept
+from dynid.gap.problem import kept
+from dynid.gap.stepwise_selection import Options
 from dynid.gap.verdict import labels
-from dynid.identify.estimate import estimate
-from dynid.identify.stack import stack_base
 
 ARM = "lwr4plus"
 SECONDS = 15.0

@@ -8,12 +8,12 @@ from arms import random_bodies
 from follower import follow_motion
 
 from dynid.errors import NotSimulated, WrongUsage
-from dynid.identify.closed_loop import Arm, follow
-from dynid.identify.methods import METHODS, Part
-from dynid.identify.stack import Source, stack
+from dynid.estimation.closed_loop import Arm, follow
+from dynid.estimation.estimators import METHODS, Part
+from dynid.estimation.stack import Source, stack
 from dynid.model.store import obtain_base_model
-from dynid.quality.condition import choose_filter, condition
 from dynid.robot import Controller, Joint, Limits, Robot
+from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.arm import Friction
 from dynid.sim.sines import SineSpec, sines
 

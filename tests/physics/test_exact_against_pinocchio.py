@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from dynid.model import build_model
-from dynid.model.certificate import require_agreement
 from dynid.model.exact import reduce_exactly
 from dynid.model.reduce import random_states, reduce
+from dynid.model.reduction_check import require_agreement
 from dynid.robot import Joint, Robot
 
 TWISTS = (0, 30, 45, 60, 90, -90, 180)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from follower import follow_motion
 
+from dynid.estimation.drive_gains import Load, find_gains
+from dynid.estimation.estimate import estimate
+from dynid.estimation.payload import find_payload, last_link
+from dynid.estimation.result import StoredResult
+from dynid.estimation.stack import Source, stack
 from dynid.files.robotfile import load_robot
-from dynid.identify.drives import Load, find_gains
-from dynid.identify.estimate import estimate
-from dynid.identify.payload import find_payload, last_link
-from dynid.identify.result import StoredResult
-from dynid.identify.stack import Source, stack
 from dynid.model.prior import joined
 from dynid.model.store import obtain_base_model
-from dynid.quality.condition import choose_filter, condition
 from dynid.robot import Body, Controller
+from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid.estimation.least_squares import weighted
+from dynid.estimation.sources import Reading, read_source
+from dynid.estimation.stack import stack
 from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.identify.least_squares import weighted
-from dynid.identify.sources import Reading, read_source
-from dynid.identify.stack import stack
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.sim.sensors import Sensors

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
+from dynid.estimation import result
+from dynid.estimation.sources import Reading, read_source
+from dynid.estimation.stack import rows_of
 from dynid.files.robotfile import load_robot
-from dynid.identify import result
-from dynid.identify.sources import Reading, read_source
-from dynid.identify.stack import rows_of
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters
 from dynid.robot import Body

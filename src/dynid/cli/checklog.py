@@ -15,8 +15,8 @@ from dynid.errors import WrongUsage
 
 if TYPE_CHECKING:
     from dynid.log import Log
-    from dynid.quality.describe import LogSummary
     from dynid.robot import Robot
+    from dynid.signals.describe import LogSummary
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ def check_log(common: Common, path: Path, robot: Robot | None, options: LogOptio
         DynidError: the first serious fault of the log.
     """
     from dynid.files.logs import read_log
-    from dynid.quality.checks import prepare
-    from dynid.quality.describe import describe
+    from dynid.signals.checks import prepare
+    from dynid.signals.describe import describe
 
     exclude = stretches(options.exclude)
     if robot is None and path.exists():
@@ -112,7 +112,7 @@ def _lines(summary: LogSummary, raw: Log, robot: Robot) -> list[tuple[str, str]]
 
 
 def _columns(raw: Log, robot: Robot) -> str:
-    from dynid.quality.describe import describe
+    from dynid.signals.describe import describe
 
     found = describe(raw, robot)
     if not found.matched:

@@ -11,8 +11,8 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
 
 if TYPE_CHECKING:
-    from dynid.identify.compare import Comparison
-    from dynid.identify.result import StoredResult
+    from dynid.estimation.compare import Comparison
+    from dynid.estimation.result import StoredResult
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 #: Rows of changed numbers that are shown without -v.
@@ -46,7 +46,7 @@ def command(
     junit_file: Path | None,
 ) -> ExitStatus:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
-    from dynid.cli.loop3 import percent
+    from dynid.cli.log_options import percent
     from dynid.files.artifact import write_text
     from dynid.report import tables
 
@@ -103,7 +103,7 @@ def command(
 
 def load_runs(runs: tuple[Path, ...]) -> tuple[list[str], list[StoredResult]]:
     """Return results with short names for them: the folder's, or the whole path where two would be the same."""
-    from dynid.identify import result
+    from dynid.estimation import result
 
     paths = [run / "parameters.npz" if run.is_dir() else run for run in runs]
     names = [path.parent.name if path.name == "parameters.npz" and path.parent.name else str(path) for path in paths]
@@ -118,7 +118,7 @@ def compared(names: list[str], judged: list[StoredResult], *, required: bool) ->
     Raises:
         WrongUsage: a comparison is required and cannot be made.
     """
-    from dynid.identify.compare import compare, same_parameters
+    from dynid.estimation.compare import compare, same_parameters
 
     first = judged[0]
     found: list[Comparison | None] = []

@@ -12,7 +12,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.identify.result import StoredResult
+    from dynid.estimation.result import StoredResult
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
@@ -28,14 +28,14 @@ TWO_SIDED_95 = 1.96
 def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     """Run model, identify and validate on a simulated arm, and compare the result with the truth."""
     if effect:
-        from dynid.cli.story import tell
+        from dynid.cli.effect_demo import tell
 
         return tell(common, effect)
     from dynid.cli.identify import run_identify
     from dynid.cli.model import derive_or_load, reduce_now
     from dynid.cli.validate import run_validate
+    from dynid.estimation import result
     from dynid.files.robotfile import load_robot, packaged
-    from dynid.identify import result
 
     logs = packaged("trajectories")
     common = replace(common, out=common.out or Path("out") / "demo" / robot, force=True)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.machine import version_of
 from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
 from dynid.cli.settings import LOCAL, load_settings, settings_files
+from dynid.cli.versions import version_of
 from dynid.errors import ExitStatus
 from dynid.xdg import cache_folder, config_file
 
@@ -66,7 +66,7 @@ def checks() -> Iterator[Check]:
 def ros_checks() -> Iterator[Check]:
     """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
     from dynid.drivers.ros import master_uri
-    from dynid.drivers.rosplace import APT, missing_modules, ros_folders
+    from dynid.drivers.ros_paths import APT, missing_modules, ros_folders
 
     missing = missing_modules()
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"

@@ -12,8 +12,8 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, Finding, NotPhysical, WrongUsage
 
 if TYPE_CHECKING:
+    from dynid.estimation.result import StoredResult
     from dynid.export import Agreement, Exporter, Source
-    from dynid.identify.result import StoredResult
 
 #: The names of ``dynid.export.FORMATS``, repeated here so that help needs no import.
 NAMES = ("urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab")
@@ -51,8 +51,8 @@ def command(
     common: Common, run: Path, formats: tuple[str, ...], urdf: Path | None, which: str, allow_infeasible: bool
 ) -> ExitStatus:
     """Write the identified model as URDF, MJCF, SDF, YAML, C, Python or MATLAB."""
+    from dynid.estimation import result
     from dynid.export import FORMATS
-    from dynid.identify import result
 
     wanted = {name: FORMATS[name] for name in NAMES if name in formats or "all" in formats}
     if urdf is not None and "urdf" not in wanted:

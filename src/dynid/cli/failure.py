@@ -192,7 +192,7 @@ def _trace(error: BaseException) -> str:
 def _facts(told: Told) -> str:
     import platform
 
-    from dynid.cli.machine import version_lines
+    from dynid.cli.versions import version_lines
 
     command = " ".join(["dynid", *told.words])
     return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {Path.cwd()}", ""])

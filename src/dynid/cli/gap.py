@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.gapanswer import answer_of, show
-from dynid.cli.loop3 import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
+from dynid.cli.log_options import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
 
 if TYPE_CHECKING:
-    from dynid.gap.final import Fitted
-    from dynid.gap.finder import Options
+    from dynid.estimation.result import StoredResult
+    from dynid.estimation.stack import Source
     from dynid.gap.investigate import Investigation
-    from dynid.identify.result import StoredResult
-    from dynid.identify.stack import Source
+    from dynid.gap.refit import Fitted
+    from dynid.gap.stepwise_selection import Options
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
@@ -100,9 +100,9 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
         given: options, as on the command line.
     """
     from dynid.cli.validate import base_model_of
+    from dynid.estimation import result
     from dynid.gap.investigate import investigate
-    from dynid.gap.setting import kept
-    from dynid.identify import result
+    from dynid.gap.problem import kept
     from dynid.report.gap_record import save
 
     options = DEFAULTS | given
@@ -129,7 +129,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
 def options_of(robot: Robot, options: dict[str, Any]) -> Options:
     """Return what is searched, every name checked."""
     from dynid.files.yamlfile import closest
-    from dynid.gap.finder import Options
+    from dynid.gap.stepwise_selection import Options
     from dynid.model.effects.catalogue import CATALOGUE
 
     effects: tuple[str, ...] = ()
@@ -238,10 +238,10 @@ def add(
     options: dict[str, Any],
 ) -> list[Path]:
     """Write the copy of the robot file and the arm identified again with the effects."""
+    from dynid.estimation import result
     from dynid.files.artifact import sha256
     from dynid.gap.apply import identify_again, new_name, specs_of, write_robot
     from dynid.gap.investigate import on_one_clock
-    from dynid.identify import result
 
     robot = base.robot
     specs = specs_of(chosen, robot)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from dynid.cli.options import Common
 
 if TYPE_CHECKING:
-    from dynid.gap.final import Fitted
     from dynid.gap.investigate import Investigation
+    from dynid.gap.refit import Fitted
     from dynid.robot import Robot
 
 
@@ -84,8 +84,8 @@ def named_answer(robot: Robot, one: Fitted, seen: Investigation) -> dict[str, An
 
 def show(common: Common, robot: Robot, seen: Investigation) -> None:
     """Print where, what and how far."""
+    from dynid.gap.localisation import ABOVE
     from dynid.gap.verdict import labels, place_text
-    from dynid.gap.where import ABOVE
 
     terminal, verdict = common.terminal, seen.verdict
     noise = seen.found.setting.noise

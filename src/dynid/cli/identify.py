@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.beliefs import BELIEF_DEFAULTS, belief_options, believing
-from dynid.cli.loop3 import (
+from dynid.cli.log_options import (
     READING_DEFAULTS,
     base_model,
     hashes,
@@ -24,14 +23,15 @@ from dynid.cli.loop3 import (
     stack_sources,
 )
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.prior_options import BELIEF_DEFAULTS, belief_options, believing
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, LogNotFound, WrongUsage
 
 if TYPE_CHECKING:
-    from dynid.identify.estimate import HoldOut
-    from dynid.identify.result import Identification, StoredResult
-    from dynid.identify.stack import Stack
+    from dynid.estimation.estimate import HoldOut
+    from dynid.estimation.result import Identification, StoredResult
+    from dynid.estimation.stack import Stack
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
@@ -147,11 +147,11 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
         given: options, as on the command line.
     """
-    from dynid.cli.drives import in_amperes, with_gains
-    from dynid.cli.loads import add_payload, as_before
+    from dynid.cli.drive_gains import in_amperes, with_gains
+    from dynid.cli.payload import add_payload, as_before
     from dynid.cli.sensitivity import explain
+    from dynid.estimation import result as results
     from dynid.files.robotfile import load_robot
-    from dynid.identify import result as results
 
     options = DEFAULTS | given
     check_words(options)
@@ -197,7 +197,7 @@ def obtain_result(
     earlier: StoredResult | None,
 ) -> tuple[Identification, list[Path], dict[str, Any]]:
     """Return the result with what was written and its header: a new one, or the one that is there from equal inputs."""
-    from dynid.identify import result as results
+    from dynid.estimation import result as results
 
     path = folder / "parameters.npz"
     overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
@@ -215,7 +215,7 @@ def updated(
     stack: Stack, header: dict[str, Any], earlier: StoredResult, options: dict[str, Any]
 ) -> tuple[Stack, dict[str, Any]]:
     """Return the new logs' stack and header with what an earlier result was made from."""
-    from dynid.identify.recursive import UPDATABLE, with_earlier
+    from dynid.estimation.recursive import UPDATABLE, with_earlier
 
     if options["method"] not in ("auto", *UPDATABLE):
         raise WrongUsage(
@@ -285,8 +285,8 @@ def obtain_stack(
     inputs: dict[str, str],
 ) -> tuple[Stack, dict[str, Any]]:
     """Return the stack of the given logs, or of ``dynid parameters``."""
-    from dynid.identify import numeric
-    from dynid.identify.effects import settled
+    from dynid.estimation import observation_files
+    from dynid.estimation.effect_columns import settled
 
     if logs:
         stack, findings, timing = stack_logs(common, base, logs, options)
@@ -300,11 +300,11 @@ def obtain_stack(
             **timing.facts(),
         }
         of_stack = hashes(base.robot, logs, reading_part(options))
-        numeric.save(folder / "fullnumericregressor.npz", stack, {**common.header(of_stack), **header})
+        observation_files.save(folder / "fullnumericregressor.npz", stack, {**common.header(of_stack), **header})
         common.terminal.wrote(folder / "fullnumericregressor.npz")
         return stack, header
     path = folder / "fullnumericregressor.npz"
-    sources, stored = numeric.load(path)
+    sources, stored = observation_files.load(path)
     sources = settled(sources, base)
     common.terminal.stage("log", f"from {path}: {', '.join(stored['logs'])}")
     header = {key: stored[key] for key in ("robot", "key", "log_sha256", "logs", "cutoff_hz", "log_findings")}
@@ -319,7 +319,7 @@ def believes(options: dict[str, Any]) -> bool:
 
 def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> Identification:
     """Fit the stack."""
-    from dynid.identify.estimate import estimate
+    from dynid.estimation.estimate import estimate
 
     holdout = held_out(common, base, stack, options)
     found = estimate(
@@ -357,9 +357,9 @@ def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, A
     """Return what is held out, as --holdout says."""
     import numpy as np
 
-    from dynid.identify.effects import scaled
-    from dynid.identify.estimate import HoldOut, last_share
-    from dynid.identify.least_squares import weighted
+    from dynid.estimation.effect_columns import scaled
+    from dynid.estimation.estimate import HoldOut, last_share
+    from dynid.estimation.least_squares import weighted
 
     text = options["holdout"]
     if text == "none":
@@ -376,7 +376,7 @@ def write_results(
     common: Common, folder: Path, base: BaseModel, stack: Stack, found: Identification, header: dict[str, Any]
 ) -> list[Path]:
     """Write parameters.npz, parameters.yaml and estimatedmotion.npz."""
-    from dynid.identify import result
+    from dynid.estimation import result
     from dynid.validate import predict
 
     motions = [predict.predict(source, stack.rows_of_log(k), found.theta) for k, source in enumerate(stack.sources)]
@@ -403,7 +403,7 @@ def write_results(
 
 def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict[str, Any]:
     """Return the JSON answer."""
-    from dynid.identify.result import parameter_table
+    from dynid.estimation.result import parameter_table
 
     joints = [
         {
@@ -474,7 +474,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
 
 def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
     """Return one line a base parameter, with the digits that its error leaves."""
-    from dynid.identify.result import parameter_table
+    from dynid.estimation.result import parameter_table
 
     rows = []
     for row in parameter_table(found, base):

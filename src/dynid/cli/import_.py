@@ -12,7 +12,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.model.fromurdf import Imported
+    from dynid.model.from_urdf import Imported
 
 
 @dynid_command(
@@ -40,7 +40,7 @@ def command(common: Common, urdf: Path, **options: Any) -> ExitStatus:  # noqa: 
     from dynid.files.artifact import write_text
     from dynid.files.robotwrite import robot_text
     from dynid.files.urdffile import read_urdf
-    from dynid.model.fromurdf import import_arm
+    from dynid.model.from_urdf import import_arm
 
     found = import_arm(read_urdf(urdf), read_urdf(urdf, exact=True), **options)
     common.terminal.findings(found.findings)

@@ -154,7 +154,7 @@ def loop_map() -> str:
 
 def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from dynid.cli.machine import version_lines
+        from dynid.cli.versions import version_lines
 
         click.echo("\n".join(version_lines()))
         ctx.exit()

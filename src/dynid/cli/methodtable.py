@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.cli.loop3 import READING_DEFAULTS, base_model, stack_logs
+from dynid.cli.log_options import READING_DEFAULTS, base_model, stack_logs
 from dynid.cli.options import Common
 from dynid.errors import DynidError, WrongUsage
 
 if TYPE_CHECKING:
-    from dynid.identify.result import Identification
+    from dynid.estimation.result import Identification
     from dynid.model.store import BaseModel
 
 #: Two estimates of one parameter differ when they are this many of the larger standard error apart.
@@ -26,9 +26,9 @@ SHOWN = 4
 
 def compare_methods(common: Common, words: tuple[Path, ...]) -> dict[str, Any]:
     """Run all estimators, print the table, and return the JSON answer."""
+    from dynid.estimation.estimate import estimate, last_share
+    from dynid.estimation.estimators import METHODS, Part, choose
     from dynid.files.robotfile import load_robot
-    from dynid.identify.estimate import estimate, last_share
-    from dynid.identify.methods import METHODS, Part, choose
 
     if len(words) < 2:
         raise WrongUsage("--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG...")
@@ -111,7 +111,7 @@ def biased(least_squares: Identification, instruments: Identification) -> list[s
 
 def possible(base: BaseModel, result: Identification) -> bool | None:
     """Return whether some arm has exactly these base parameters; None where the log leaves directions open."""
-    from dynid.identify.fullset import reproduced
+    from dynid.estimation.physical_parameters import reproduced
 
     return reproduced(base, result.plain, result.covariance) if result.rank == len(result.names) else None
 

@@ -168,8 +168,8 @@ def _shown(value: object) -> str:
 
 def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) -> None:
     """Group into base parameters and write them."""
-    from dynid.model.certificate import base_parameters
     from dynid.model.reduce import DEPENDENT
+    from dynid.model.reduction_check import base_parameters
     from dynid.model.store import key_of, load_reduction, paths, save_reduction, stored_key
 
     path = paths(common.folder(built.model.robot.slug))[1]
@@ -271,7 +271,7 @@ def show_groups(common: Common, model: Model, form: str, *, still: bool) -> None
     import json
 
     from dynid.model.exact import reduce_exactly
-    from dynid.model.groups import groups_json, groups_latex, groups_text
+    from dynid.model.relation_text import groups_json, groups_latex, groups_text
 
     exact = reduce_exactly(model, still=still)
     facts = {"schema": "dynid/model/1", "robot": model.robot.name, **groups_json(exact)}

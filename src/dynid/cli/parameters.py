@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model, hashes, reading_of, reading_options, reading_part, stack_logs, stack_sources
+from dynid.cli.log_options import (
+    base_model,
+    hashes,
+    reading_of,
+    reading_options,
+    reading_part,
+    stack_logs,
+    stack_sources,
+)
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
 
 if TYPE_CHECKING:
-    from dynid.identify.stack import Stack
+    from dynid.estimation.stack import Stack
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
@@ -56,14 +64,14 @@ def command(common: Common, robot: str, logs: tuple[Path, ...], identify_now: bo
 
 def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
-    from dynid.identify import numeric
+    from dynid.estimation import observation_files
 
     folder = common.folder(robot.slug)
     path = folder / "fullnumericregressor.npz"
     inputs = hashes(robot, logs, reading_part(options))
     base = base_model(common, robot)
     if not may_write(common, path, inputs):
-        sources, header = numeric.load(path)
+        sources, header = observation_files.load(path)
         return answer_of(common, base, stack_sources(common, base, sources), header, [])
     stack, findings, timing = stack_logs(common, base, logs, options)
     header = {
@@ -85,11 +93,11 @@ def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, hea
     """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz."""
     import numpy as np
 
-    from dynid.identify import numeric
-    from dynid.identify.estimate import prior_base
+    from dynid.estimation import observation_files
+    from dynid.estimation.estimate import prior_base
     from dynid.validate import predict
 
-    numeric.save(folder / "fullnumericregressor.npz", stack, header)
+    observation_files.save(folder / "fullnumericregressor.npz", stack, header)
     prior = np.nan_to_num(prior_base(base))
     motions = [predict.predict(source, stack.rows_of_log(k), prior) for k, source in enumerate(stack.sources)]
     estimated = {
@@ -108,9 +116,9 @@ def answer_of(
     common: Common, base: BaseModel, stack: Stack, header: dict[str, Any], wrote: list[Path]
 ) -> dict[str, Any]:
     """Say what the log excites and return the JSON answer."""
-    from dynid.identify.estimate import prior_base
-    from dynid.identify.excitation import weakly_excited
-    from dynid.identify.least_squares import merge, solve
+    from dynid.estimation.estimate import prior_base
+    from dynid.estimation.excitation import weakly_excited
+    from dynid.estimation.least_squares import merge, solve
 
     solution = solve(merge(stack.whole[0]))
     weak = weakly_excited(base, stack, prior_base(base))

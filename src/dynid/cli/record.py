@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from dynid.drivers.ros import Node
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.motion import Motion
+    from dynid.record.monitor import Watch
     from dynid.record.preflight import Seen
     from dynid.record.recorder import Listener, Recorder
     from dynid.record.session import Outcome
-    from dynid.record.watch import Watch
     from dynid.robot import Robot
 
 
@@ -254,8 +254,8 @@ class Recording:
     # ------------------------------------------------------------ recording
     def _move(self, listener: Listener, port: LivePort, motion: Motion, seen: Seen) -> ExitStatus:
         from dynid.record import playing, session
+        from dynid.record.monitor import Rules
         from dynid.record.preflight import at_candle, check_place
-        from dynid.record.watch import Rules
 
         port.ready()
         self.terminal.stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
@@ -286,7 +286,7 @@ class Recording:
 
     def _listen_only(self, listener: Listener, port: LivePort) -> ExitStatus:
         from dynid.record import session
-        from dynid.record.watch import Rules
+        from dynid.record.monitor import Rules
 
         self._may_write()
         self.terminal.stage(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dynid.cli.record import Options
     from dynid.cli.terminal import Terminal
     from dynid.files.trajectoryfile import StoredTrajectory
-    from dynid.record.foresight import Course
+    from dynid.record.motion_checks import Course
     from dynid.record.preflight import Seen
     from dynid.robot import Robot
     from dynid.trajectory.limits import Torque
@@ -25,7 +25,7 @@ def course_of(terminal: Terminal, arm: Robot, stored: StoredTrajectory, seen: Se
         StartPoseOff: the arm moves, or is elsewhere and no approach was asked for.
     """
     from dynid.record import playing, preflight
-    from dynid.record.foresight import Course
+    from dynid.record.motion_checks import Course
 
     motion = playing.repeated(arm, playing.at_speed(stored.motion, given.speed), given.repeat)
     motion = playing.nearest_turn(arm, motion, seen.q)
@@ -51,7 +51,7 @@ def foresee(
         LimitBroken: a joint limit or a torque.
         Collision: links, floor or obstacles come too near.
     """
-    from dynid.record import foresight
+    from dynid.record import motion_checks as foresight
     from dynid.trajectory.clearance import Scene, scene_from
 
     terminal = common.terminal
@@ -80,7 +80,7 @@ def foresee(
 
 def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path | None) -> float | None:
     """Judge the torques; return the largest share of a rating, None where nothing can be said."""
-    from dynid.record.foresight import check_torque
+    from dynid.record.motion_checks import check_torque
 
     if arm.torque.source == "gravity_free" or arm.torque.relative:
         reason = "are counted in amperes" if arm.torque.relative else "lack gravity, and so does its model"
@@ -99,7 +99,7 @@ def _foresee_torque(common: Common, arm: Robot, course: Course, parameters: Path
 
 def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Torque, str]:
     """Return what predicts torques, and its name."""
-    from dynid.cli.loop3 import base_model
+    from dynid.cli.log_options import base_model
     from dynid.trajectory.predict import believed
 
     if parameters is None:
@@ -107,7 +107,7 @@ def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Tor
         theta, words = believed(base.model, base.reduction), "the robot file's prior, without friction"
     else:
         from dynid.cli.validate import base_model_of
-        from dynid.identify import result
+        from dynid.estimation import result
 
         stored = result.load(parameters)
         if stored.robot.joint_names != arm.joint_names:

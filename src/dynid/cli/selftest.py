@@ -8,7 +8,7 @@ from dynid.cli.options import Common
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.gap.selftest import Case
+    from dynid.gap.self_test import Case
 
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 
@@ -16,7 +16,7 @@ ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 def run_self_test(common: Common) -> ExitStatus:
     """Hide effects in a simulated arm one by one and print what is named."""
     from dynid.files.robotfile import load_robot, packaged
-    from dynid.gap.selftest import self_test
+    from dynid.gap.self_test import self_test
     from dynid.model.store import obtain_model
     from dynid.sim.hidden import CASES
     from dynid.sim.plant import read_plant

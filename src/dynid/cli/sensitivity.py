@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.cli.loop3 import reading_of, stacked_again
+from dynid.cli.log_options import reading_of, stacked_again
 from dynid.cli.options import Common
 
 if TYPE_CHECKING:
-    from dynid.identify.result import Identification
+    from dynid.estimation.result import Identification
     from dynid.model.store import BaseModel
 
 #: Cut-offs that are tried, times the chosen one.
@@ -39,7 +39,7 @@ def explain(
     import numpy as np
 
     from dynid.errors import DynidError
-    from dynid.identify.estimate import estimate, last_share
+    from dynid.estimation.estimate import estimate, last_share
 
     answer: list[dict[str, Any]] = []
     sure = np.isfinite(found.std_error) & (found.std_error > 0)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.robot import Robot
+    from dynid.sim.driver_loop import Imperfections, Rig
     from dynid.sim.plant import Plant
-    from dynid.sim.rig import Imperfections, Rig
 
     Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ MIDDLE = 0.5
 
 
 def _fault(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, float]:
-    from dynid.sim.rig import FAULTS
+    from dynid.sim.driver_loop import FAULTS
 
     if value is None:
         return "", 0.0
@@ -101,7 +101,7 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
     from dynid.drivers.priority import hurry
     from dynid.drivers.ros import connect
     from dynid.files.robotfile import load_robot
-    from dynid.sim.faces import face_of
+    from dynid.sim.ros_drivers import face_of
 
     arm = load_robot(robot)
     topic = options["topic"] or (arm.driver.topic if arm.driver else None) or "/joint_states"
@@ -172,8 +172,8 @@ def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa:
 
     import numpy as np
 
+    from dynid.sim.driver_loop import Rig
     from dynid.sim.follow import PointFollower, VelocityFollower
-    from dynid.sim.rig import Rig
 
     @contextmanager
     def made() -> Any:  # noqa: ANN401
@@ -219,7 +219,7 @@ def _arm(robot: Robot, plant: Plant | None, dt: float) -> Any:  # noqa: ANN401
 
 
 def _imperfections(robot: Robot, plant: Plant | None, options: dict[str, Any]) -> Imperfections:
-    from dynid.sim.rig import Imperfections
+    from dynid.sim.driver_loop import Imperfections
 
     noise = plant.sensors.torque_noise if plant else (0.0,) * robot.n
     found = Imperfections(

@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dynid.cli.bar import Bar
 from dynid.cli.failure import is_terminal, silence_streams, use_color, visible
+from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
 
 if TYPE_CHECKING:

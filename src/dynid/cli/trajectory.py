@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import base_model
-from dynid.cli.motionanswer import answer_of, search_facts, show
-from dynid.cli.motionstore import reuse, review_stored, write
-from dynid.cli.motionview import shown, view
-from dynid.cli.motionwishes import inputs_of, waypoints_of, wishes_of, with_plan
+from dynid.cli.log_options import base_model
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
+from dynid.cli.trajectory_files import reuse, review_stored, write
+from dynid.cli.trajectory_options import inputs_of, waypoints_of, wishes_of, with_plan
+from dynid.cli.trajectory_preview import shown, view
+from dynid.cli.trajectory_summary import answer_of, search_facts, show
 from dynid.errors import Declined
 
 if TYPE_CHECKING:
-    from dynid.cli.motionview import Verdict, View
+    from dynid.cli.trajectory_preview import Verdict, View
     from dynid.files.planfile import Plan, Waypoints
     from dynid.model.store import BaseModel
     from dynid.trajectory.planning import Proposal, Workshop
@@ -204,7 +204,7 @@ def accepted(common: Common, options: dict[str, Any]) -> Answer:
 
 def find(common: Common, task: Task, shop: Workshop, look: View) -> Verdict:
     """Return the first motion that passes every judge."""
-    from dynid.cli.motionview import judge_contact
+    from dynid.cli.trajectory_preview import judge_contact
     from dynid.trajectory.limits import check
     from dynid.trajectory.planning import first_accepted, judged, proposals, searched
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.loop3 import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
+from dynid.cli.log_options import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, SameRecording
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dynid.identify.result import StoredResult
-    from dynid.identify.rows import Rows
+    from dynid.estimation.observation_rows import Rows
+    from dynid.estimation.result import StoredResult
     from dynid.model.store import BaseModel
     from dynid.validate.metrics import JointCheck
     from dynid.validate.predict import EstimatedMotion
@@ -57,10 +57,10 @@ def command(common: Common, parameters: Path, log: Path, **options: Any) -> Exit
 
 def run_validate(common: Common, parameters: Path, log: Path, **given: Any) -> dict[str, Any]:  # noqa: ANN401
     """Replay a log, write and print what comes out, and return the JSON answer."""
-    from dynid.cli.drives import in_amperes
-    from dynid.identify import result
-    from dynid.identify.effects import scaled
-    from dynid.identify.stack import rows_of
+    from dynid.cli.drive_gains import in_amperes
+    from dynid.estimation import result
+    from dynid.estimation.effect_columns import scaled
+    from dynid.estimation.stack import rows_of
     from dynid.validate import metrics, predict
 
     options = DEFAULTS | given

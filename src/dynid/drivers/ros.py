@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from dynid.drivers.rosplace import APT, missing_modules, ros_folders
+from dynid.drivers.ros_paths import APT, missing_modules, ros_folders
 from dynid.errors import MasterSilent, RosMissing
 from dynid.xdg import cache_folder
 

@@ -4,7 +4,7 @@
 """
 
 from dynid.export.formats import FORMATS
+from dynid.export.full_model import WholeArm, whole_arm
 from dynid.export.interface import Agreement, Exporter, LoadingFailed, Source
-from dynid.export.wholearm import WholeArm, whole_arm
 
 __all__ = ["FORMATS", "Agreement", "Exporter", "LoadingFailed", "Source", "WholeArm", "whole_arm"]

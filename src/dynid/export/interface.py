@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.export.wholearm import WholeArm
+from dynid.export.full_model import WholeArm
 from dynid.model.reduce import random_states
 from dynid.model.store import BaseModel
 

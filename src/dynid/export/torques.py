@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.export.wholearm import WholeArm
+from dynid.export.full_model import WholeArm
 from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]

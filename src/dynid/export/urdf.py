@@ -9,8 +9,8 @@ from pathlib import Path
 from dynid.export.engines import bullet, mapped, pinocchio
 from dynid.export.frames import world_gravity
 from dynid.export.interface import Exporter, Source, Torques
-from dynid.export.ownurdf import attached, rewritten
 from dynid.export.torques import RIGID, part
+from dynid.export.user_urdf import attached, rewritten
 from dynid.robot import JointMap
 from dynid.sim.urdf import urdf_text
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import BagTruncated, Finding, LogNotFound
+from dynid.files.bag_recovery import MAGIC, Connection, scan
 from dynid.files.messages import Collector, Series, broken_bytes
-from dynid.files.salvage import MAGIC, Connection, scan
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, JointNamesDiffer, LogNotFound, WrongMessageType
 from dynid.files.artifact import sha256
 from dynid.files.bag import clock, list_topics, read_topics
+from dynid.files.bag_recovery import MAGIC
 from dynid.files.messages import KINOVA_TYPES, Series
 from dynid.files.npzlog import read_npz_log
-from dynid.files.salvage import MAGIC
 from dynid.files.textlog import read_csv, read_folder
 from dynid.log import Log
 from dynid.robot import Robot

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.files.salvage import Connection
+from dynid.files.bag_recovery import Connection
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

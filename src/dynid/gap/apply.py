@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from dynid.errors import CannotWrite
+from dynid.estimation.effect_columns import on_time, scaled, settled, with_effects
+from dynid.estimation.estimate import HoldOut, estimate
+from dynid.estimation.least_squares import weighted
+from dynid.estimation.result import Identification
+from dynid.estimation.stack import Source, stack_base
 from dynid.files.artifact import write_text
-from dynid.gap.final import Fitted
-from dynid.gap.setting import Setting
-from dynid.gap.stretches import Mask
-from dynid.identify.effects import on_time, scaled, settled, with_effects
-from dynid.identify.estimate import HoldOut, estimate
-from dynid.identify.least_squares import weighted
-from dynid.identify.result import Identification
-from dynid.identify.stack import Source, stack_base
+from dynid.gap.problem import Setting
+from dynid.gap.refit import Fitted
+from dynid.gap.segments import Mask
 from dynid.model.reduce import with_added
 from dynid.model.reference import reference_of
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
-from dynid.quality.condition import Segment
 from dynid.robot import EffectSpec, Robot
+from dynid.signals.conditioning import Segment
 
 
 def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:

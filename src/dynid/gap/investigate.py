@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid.errors import PackageMissing
-from dynid.gap.board import Board
-from dynid.gap.final import Fitted, Shrink, fit_picks, shrink
-from dynid.gap.finder import Options
-from dynid.gap.forward import forward
+from dynid.estimation.stack import Source
+from dynid.gap.forward_simulation import forward
+from dynid.gap.localisation import JointGap, where
+from dynid.gap.problem import Known, Setting, make_setting
+from dynid.gap.refit import Fitted, Shrink, fit_picks, shrink
 from dynid.gap.search import Search, search, without
-from dynid.gap.setting import Known, Setting, make_setting
+from dynid.gap.stepwise_selection import Options
 from dynid.gap.verdict import NOT_SMALLER, Verdict, judge, refusal
-from dynid.gap.where import JointGap, where
-from dynid.identify.stack import Source
+from dynid.gap.whitened_regression import Board
 from dynid.model.effects.interface import Floats
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.stretches import Mask, Stretch
+from dynid.gap.segments import Mask, Stretch
 from dynid.model.effects.interface import Floats
-from dynid.quality.condition import Filter
+from dynid.signals.conditioning import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynid.gap.board import Board
-from dynid.gap.evidence import Proof, make_candidate, score
-from dynid.gap.finder import Finder, Options, wanted_effects
+from dynid.estimation.effect_columns import on_time
+from dynid.estimation.stack import Source
+from dynid.gap.localisation import between_reversals
 from dynid.gap.noise import noise_of
-from dynid.gap.picks import Pick, effect_torque, with_picks
-from dynid.gap.setting import Known, Setting, make_setting, nuisance_columns, with_noise
-from dynid.gap.where import between_reversals
-from dynid.identify.effects import on_time
-from dynid.identify.stack import Source
+from dynid.gap.problem import Known, Setting, make_setting, nuisance_columns, with_noise
+from dynid.gap.selected_effects import Pick, effect_torque, with_picks
+from dynid.gap.significance import Proof, make_candidate, score
+from dynid.gap.stepwise_selection import Finder, Options, wanted_effects
+from dynid.gap.whitened_regression import Board
 from dynid.model.effects.interface import Floats, Place
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress

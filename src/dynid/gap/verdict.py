@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.gap.final import Fitted, Shrink
-from dynid.gap.picks import Pick
+from dynid.gap.refit import Fitted, Shrink
 from dynid.gap.search import Search
+from dynid.gap.selected_effects import Pick
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Place
 

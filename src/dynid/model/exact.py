@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import ReductionsDisagree
-from dynid.model.field import (
+from dynid.model.formula import ONE, Formula
+from dynid.model.kernels import geometry as float_geometry
+from dynid.model.prime_field import (
     PRIME,
     FieldState,
     Residues,
@@ -25,8 +27,6 @@ from dynid.model.field import (
     residue,
     run_program,
 )
-from dynid.model.formula import ONE, Formula
-from dynid.model.kernels import geometry as float_geometry
 from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]
@@ -214,7 +214,7 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
 
     Source: Paper Eq. 13 and section II-B; docs/explanation/base-parameters.md.
     """
-    from dynid.model.naming import name_coefficients
+    from dynid.model.symbolic_relations import name_coefficients
 
     draws = Draws(model, still=still)
     own = draws.actual()

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dynid.model.field import PRIME, ROOTS, residue
+from dynid.model.prime_field import PRIME, ROOTS, residue
 
 Monomial = tuple[tuple[str, int], ...]
 

@@ -26,10 +26,10 @@ from dynid.errors import (
     TorqueScale,
 )
 from dynid.motion import Motion
-from dynid.quality.gravity import expected_torque
+from dynid.record.monitor import Rules
 from dynid.record.recorder import Listener
-from dynid.record.watch import Rules
 from dynid.robot import Robot
+from dynid.signals.gravity import expected_torque
 
 Floats = NDArray[np.float64]
 

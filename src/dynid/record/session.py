@@ -15,10 +15,10 @@ import numpy as np
 from dynid.drivers.live import LivePort
 from dynid.drivers.ros import Node, knock
 from dynid.errors import CannotWrite, DynidError, MasterSilent
+from dynid.record.monitor import Rules, Watch
 from dynid.record.playing import Reference
 from dynid.record.recorder import Listener, Recorder, Tally
 from dynid.record.stream import Stream
-from dynid.record.watch import Rules, Watch
 
 #: The recording goes on this long after the last command, so that the end of the motion is in it [s].
 TAIL = 0.5

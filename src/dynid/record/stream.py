@@ -12,8 +12,8 @@ from typing import Any
 
 from dynid.drivers.joints import Sample
 from dynid.drivers.live import LivePort
+from dynid.record.monitor import Watch
 from dynid.record.playing import Reference
-from dynid.record.watch import Watch
 
 #: Periods of standing still that end a motion, so that a velocity stream ends with zero.
 LAST = 10

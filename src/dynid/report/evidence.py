@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.result import Identification, StoredResult, load
 from dynid.files.artifact import read_artifact
-from dynid.identify.result import Identification, StoredResult, load
 from dynid.report import gap_record
 from dynid.report.gap_record import GapRecord
 from dynid.robot import Robot

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.files.artifact import written_whole
-from dynid.gap.final import Shrink
-from dynid.gap.where import JointGap
+from dynid.gap.localisation import JointGap
+from dynid.gap.refit import Shrink
 from dynid.report.figures import ESTIMATED, MEASURED, RESIDUAL
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.gap.final import Shrink
-from dynid.gap.where import JointGap, Region
+from dynid.gap.localisation import JointGap, Region
+from dynid.gap.refit import Shrink
 
 SCHEMA = "dynid/gap/1"
 _SHRINK = ("before", "after", "ratio", "floor")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.identify.result import StoredResult
+from dynid.estimation.result import StoredResult
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.adjoint import Adjoint
 from dynid.model.effects import State
 from dynid.model.regressor import Model
+from dynid.model.regressor_gradient import Adjoint
 from dynid.trajectory.basis import Basis
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.observation_rows import Rows
+from dynid.estimation.stack import Source
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.identify.rows import Rows
-from dynid.identify.stack import Source
-from dynid.quality.condition import Filter, Segment
-from dynid.quality.filters import decimate
+from dynid.signals.conditioning import Filter, Segment
+from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 

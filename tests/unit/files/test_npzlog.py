@@ -11,7 +11,7 @@ import pytest
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.logs import read_log
 from dynid.files.npzlog import read_npz_log, write_log
-from dynid.quality.checks import prepare
+from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log, shared_data
 
 

@@ -115,7 +115,7 @@ def test_rows_tell_the_same_as_long_as_they_go_on():
 
 def test_noise_without_repeats_is_no_larger_than_what_is_left():
     """Slow residuals have hardly any power at the upper end of the pass band, and what there is leaks from below."""
-    from dynid.quality.condition import Filter
+    from dynid.signals.conditioning import Filter
 
     t = np.arange(4000) / RATE
     rows = Rows(motion(t))
@@ -126,7 +126,7 @@ def test_noise_without_repeats_is_no_larger_than_what_is_left():
 
 
 def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
-    from dynid.quality.condition import Filter
+    from dynid.signals.conditioning import Filter
 
     rng = np.random.default_rng(8)
     rows = Rows(motion(np.arange(4000) / RATE))

@@ -10,10 +10,10 @@ import pytest
 from dynid.errors import ReductionsDisagree
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.certificate import certified, require_agreement
 from dynid.model.exact import reduce_exactly
-from dynid.model.groups import base_name, group_text
 from dynid.model.reduce import reduce
+from dynid.model.reduction_check import certified, require_agreement
+from dynid.model.relation_text import base_name, group_text
 from dynid.robot import Coupling, Joint, Robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"

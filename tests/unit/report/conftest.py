@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding
+from dynid.estimation.physical_parameters import FullSet
+from dynid.estimation.result import Identification, JointQuality, StoredResult
 from dynid.files.robotfile import load_robot
-from dynid.identify.fullset import FullSet
-from dynid.identify.result import Identification, JointQuality, StoredResult
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model

@@ -7,8 +7,8 @@ import pytest
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, write_artifact
-from dynid.gap.final import Shrink
-from dynid.gap.where import JointGap, Region
+from dynid.gap.localisation import JointGap, Region
+from dynid.gap.refit import Shrink
 from dynid.report.gap_record import SCHEMA, load, save
 from dynid.report.page import page
 

@@ -16,7 +16,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.field import FieldState, Residues
+from dynid.model.prime_field import FieldState, Residues
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -49,8 +49,9 @@ class Column:
         unit: unit of the parameter.
         rows: indices of the joints it acts on, 0-based.
         evaluate: its entries in those rows for a block, each (B,).
-        exact: the same entries in the prime field of ``model/field.py`` for states given there; None for a function
-            that is no polynomial of the state, such as a sign: it takes part as an independent function of the motion.
+        exact: the same entries in the prime field of ``model/prime_field.py`` for states given there; None for a
+            function that is no polynomial of the state, such as a sign: it takes part as an independent function of
+            the motion.
         pull: adds weights @ d entries / d state to a gradient, given the state, a weight (B,) for each row and the
             gradient; None where nobody has written it, and differences are taken.
     """

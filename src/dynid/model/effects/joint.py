@@ -8,7 +8,7 @@ from dynid.model.effects.coulomb import coulomb_column
 from dynid.model.effects.interface import Column, Floats, State
 from dynid.model.effects.offset import offset_column
 from dynid.model.effects.viscous import viscous_column
-from dynid.model.field import FieldState, Residues, product, residue, typed
+from dynid.model.prime_field import FieldState, Residues, product, residue, typed
 from dynid.robot import Robot
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynid.model.kinematics import frames
 from dynid.report.evidence import Evidence
 from dynid.report.figures import ESTIMATED, RESIDUAL
-from dynid.report.portrait import Ellipsoid, portrait
+from dynid.report.inertia_ellipsoids import Ellipsoid, portrait
 from dynid.report.sections.interface import Picture, Section
 from dynid.report.svg import as_svg, page_style
 from dynid.robot import Robot

@@ -1,0 +1,108 @@
+"""How much later than the positions the torques were stamped, found from the torques themselves.
+
+A torque that is late by d is W theta at t - d, to first order W theta - d * (W theta)'. The slope of the fitted torques
+is one more column of the regression, and its coefficient is the delay; what it shares with real parameters (viscous
+friction looks like late gravity) widens its error. Docs: docs/explanation/estimators.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding
+from dynid.estimation.hac import hac_covariance
+from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
+from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.stack import Stack
+
+Floats = NDArray[np.float64]
+
+#: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
+#: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
+CLEAR = 4.0
+#: Below this a delay is not worth correcting [s]: within the half sample that a controller holds its torque.
+LEAST = 2e-3
+#: A delay beyond this gets a line of its own [s].
+NOTABLE = 3e-3
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Time from positions to torques.
+
+    Attributes:
+        seconds: positive when the torques are late [s].
+        std_error: honest standard error [s].
+    """
+
+    seconds: float
+    std_error: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is large enough and certain enough to be corrected."""
+        return abs(self.seconds) >= LEAST and abs(self.seconds) > CLEAR * self.std_error
+
+
+@dataclass(frozen=True)
+class _WithSlope:
+    """The rows of a stack with the slope of the fitted torques as last column; may be walked many times."""
+
+    stack: Stack
+    columns: Floats
+    slopes: tuple[Floats, ...]
+
+    def __iter__(self) -> Iterator[Rows]:
+        for rows, slope in zip(self.stack, self.slopes, strict=True):
+            yield replace(rows, W=np.concatenate([rows.W @ self.columns, -slope[:, :, None]], axis=2), Z=None)
+
+
+def estimate_delay(stack: Stack) -> Delay:
+    """Estimate the delay that all joints share.
+
+    Args:
+        stack: the stacked logs; a rank that is short does no harm.
+    """
+    fit = weighted(*stack.whole)
+    whitened = merge(stack.whole[0], 1.0 / fit.noise)[:-1, :-1]
+    length = np.linalg.norm(whitened, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    _, sigma, Vt = np.linalg.svd(whitened / length)
+    columns = (Vt[sigma > RANK_TOLERANCE * sigma[0]] / length).T
+    rows = _WithSlope(stack, columns, _slopes(stack, fit.theta))
+    found = weighted(*joint_factors(rows))
+    variance = hac_covariance(rows, found.theta, found.noise).covariance[-1, -1]
+    return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
+
+
+def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
+    """Return the time derivative of the fitted torques, one array for each piece of rows."""
+    stretches: list[list[tuple[Floats, Floats]]] = []
+    for rows in stack:
+        if not (rows.follows and stretches):
+            stretches.append([])
+        stretches[-1].append((rows.t, rows.W @ theta))
+    slopes: list[Floats] = []
+    for pieces in stretches:
+        t, tau = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
+        # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
+        step = (t[-1] - t[0]) / max(1, len(t) - 1)
+        slope[2:-2] = (8 * (tau[3:-1] - tau[1:-3]) - (tau[4:] - tau[:-4])) / (12 * step) if len(t) > 4 else slope[2:-2]
+        slopes += np.split(slope, np.cumsum([len(piece[0]) for piece in pieces])[:-1])
+    return tuple(slopes)
+
+
+def delay_findings(found: Delay, applied: float) -> list[Finding]:
+    """Say that the torques are late, when they are by more than a few milliseconds."""
+    if abs(found.seconds) < NOTABLE or not found.clear:
+        return []
+    word = "later" if found.seconds > 0 else "earlier"
+    size = f"{1e3 * abs(found.seconds):.1f} +- {1e3 * found.std_error:.1f} ms"
+    done = "corrected" if applied else "not corrected: --delay auto"
+    text = f"torques are stamped {size} {word} than positions; {done}"
+    return [Finding("W321", "warning", text, {"delay_s": found.seconds, "std_error_s": found.std_error})]

@@ -1,0 +1,70 @@
+"""fullnumericregressor.npz: the stack of loop 3 before anything is identified.
+
+It holds the conditioned motion that rows are made from and one triangular factor of [W tau] for each joint: all that
+least squares needs, and small however long the log was. The stacked matrix itself is never stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynid.errors import NotAnArtifact
+from dynid.estimation.stack import Source, Stack
+from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.signals.conditioning import Filter, Segment
+
+SCHEMA = "dynid/fullnumericregressor/1"
+_ARRAYS = tuple(field.name for field in fields(Segment))
+
+
+def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
+    """Write fullnumericregressor.npz."""
+    segments = [(k, segment) for k, source in enumerate(stack.sources) for segment in source.segments]
+    # Why not always joined: a long log is mostly one stretch, and a copy of it would double the memory.
+    stretches = [segment for _, segment in segments]
+    arrays = {
+        name: getattr(stretches[0], name)
+        if len(stretches) == 1
+        else np.concatenate([getattr(stretch, name) for stretch in stretches])
+        for name in _ARRAYS
+    }
+    factors, rows = stack.whole
+    arrays |= {"R": factors, "rows": rows}
+    facts = {
+        **header,
+        "base": list(stack.names),
+        "joints": list(stack.joints),
+        "lengths": [len(segment) for _, segment in segments],
+        "source_of_segment": [k for k, _ in segments],
+        "sources": [{"name": source.name, **asdict(source.chosen)} for source in stack.sources],
+    }
+    write_artifact(path, Artifact(SCHEMA, facts, arrays))
+
+
+def load(path: Path) -> tuple[list[Source], dict[str, Any]]:
+    """Read fullnumericregressor.npz: the conditioned logs and the header."""
+    artifact = read_artifact(path, SCHEMA)
+    h, a = dict(artifact.header), artifact.arrays
+    try:
+        edges = np.cumsum([0, *h["lengths"]]).tolist()
+        segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
+        owners: Sequence[int] = h["source_of_segment"]
+        sources = []
+        for k, s in enumerate(h["sources"]):
+            chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
+            sources.append(
+                Source(
+                    [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
+                    chosen,
+                    str(s["name"]),
+                )
+            )
+        return sources, h
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -1,0 +1,201 @@
+"""The body fixed to the last link, from a log with it and a result without it.
+
+A body phi on the last link changes the base parameters by K_n phi, where K_n are the columns of that link in
+``Reduction.K``. Both estimates are uncertain, so the change is known with the sum of their covariances. Friction may
+have changed since (load, warmth), so it is taken from the loaded log alone. Docs: docs/explanation/consistency.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding, WrongUsage
+from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent
+from dynid.estimation.least_squares import merge
+from dynid.estimation.physical_constraints import BODY_PARAMETERS, basis, make_physics, pseudo_inertia
+from dynid.estimation.result import Identification, StoredResult
+from dynid.model.prior import body_of
+from dynid.model.reduce import Reduction
+from dynid.robot import Body
+
+Floats = NDArray[np.float64]
+
+#: Density of the ball that stands for a load's inertia before measuring [kg/m^3]: between plastic and steel.
+DENSITY = 2000.0
+#: Mass of that ball when the data say nothing or less than nothing [kg].
+LEAST_MASS = 0.05
+#: Singular value, relative to the largest, below which a direction counts as unknown.
+UNKNOWN = 1e-10
+#: Misfit over its expectation from which on something else than a load has changed.
+MISFIT = 4.0
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body in the frame of the last link.
+
+    Attributes:
+        body: mass, centre of mass, inertia about it.
+        std_error: of mass [kg], centre of mass [m] and inertia xx, xy, xz, yy, yz, zz [kg m^2], (10,).
+        misfit: how much worse the change of the base parameters is explained by a body than its errors allow; 1 is
+            as expected. Errors are widened by its root.
+    """
+
+    body: Body
+    std_error: Floats
+    misfit: float
+
+    def facts(self) -> dict[str, Any]:
+        """Return the body for JSON."""
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        errors = self.std_error.tolist()
+        return {
+            "mass_kg": self.body.mass,
+            "com_m": list(self.body.com),
+            "inertia_com_kg_m2": dict(zip(keys, self.body.inertia_com, strict=True)),
+            "std_error": {
+                "mass_kg": errors[0],
+                "com_m": errors[1:4],
+                "inertia_com_kg_m2": dict(zip(keys, errors[4:], strict=True)),
+            },
+            "misfit": self.misfit,
+        }
+
+    def findings(self) -> list[Finding]:
+        """Say when a body on the last link does not explain what has changed."""
+        if self.misfit < MISFIT:
+            return []
+        text = (
+            f"a body on the last link explains the change badly (chi^2 is {self.misfit:.1f} times its expectation): "
+            "is it fixed to the last link, and is everything else as before?"
+        )
+        return [Finding("W411", "warning", text, {"misfit": self.misfit})]
+
+
+def find_payload(loaded: Identification, unloaded: StoredResult) -> Payload:
+    """Return the body that the loaded arm has in addition.
+
+    Args:
+        loaded: identified from a log with the body.
+        unloaded: identified without it, with the same base parameters.
+
+    Raises:
+        WrongUsage: the results are of different arms, or the last link is not identified.
+    """
+    reduction = unloaded.reduction
+    if loaded.names != unloaded.identification.names:
+        raise WrongUsage(
+            f"{unloaded.path} has other base parameters than this log's model",
+            fix="identify both with the same robot file",
+        )
+    K = reduction.K[:, last_link(reduction, unloaded.robot.n)]
+    empty = unloaded.identification
+    if not empty.factors.size:
+        raise WrongUsage(f"{unloaded.path} holds no triangular factors", fix="identify the unloaded log again")
+    information = of_change(_information(empty), _information(loaded), friction(loaded.names))
+    return fitted_body(K, loaded.plain - empty.plain, information, empty.covariance + loaded.covariance)
+
+
+def _information(found: Identification) -> Floats:
+    """Return what a log says about its base parameters, as smooth as its rows and as honest as its covariance.
+
+    Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens to be
+    too small its inverse would trust the log most.
+    """
+    A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
+    inflation = float(np.sum((A @ found.covariance) * A)) / max(1, found.rank)
+    return np.asarray(A.T @ A) / max(inflation, 1e-300)
+
+
+def last_link(reduction: Reduction, n: int) -> NDArray[np.intp]:
+    """Return the columns of the last link's ten parameters among all parameters."""
+    where = {name: k for k, name in enumerate(reduction.names)}
+    if f"m{n}" not in where:
+        raise WrongUsage(f"link {n} is not among the identified ones", fix="`links: all` in the robot file")
+    return np.array([where[f"{kind}{n}"] for kind in BODY_PARAMETERS])
+
+
+def friction(names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Return which base parameters are friction."""
+    return np.array([name.startswith("f") for name in names])
+
+
+def of_change(before: Floats, after: Floats, free: NDArray[np.bool_]) -> Floats:
+    """Return the information about the change of parameters between two estimates, (p, p).
+
+    Args:
+        before: information of the first estimate, (p, p).
+        after: of the second.
+        free: parameters of which the first shall say nothing, (p,).
+    """
+    kept = ~free
+    old = np.zeros_like(before)
+    shared = before[np.ix_(kept, free)]
+    old[np.ix_(kept, kept)] = before[np.ix_(kept, kept)] - shared @ _inverse(before[np.ix_(free, free)]) @ shared.T
+    return np.asarray(after - after @ _inverse(old + after) @ after)
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Return the inverse of a symmetric matrix; directions that it leaves out stay out."""
+    diagonal = np.diagonal(matrix)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    inner = np.linalg.pinv(scale[:, None] * matrix * scale, rcond=UNKNOWN, hermitian=True)
+    return np.asarray(scale[:, None] * inner * scale)
+
+
+def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floats) -> Payload:
+    """Return the possible body that explains a change of base parameters best.
+
+    Args:
+        K: change of the base parameters by each of the ten parameters, (p, 10).
+        change: of the base parameters, (p,).
+        information: what the parts of the change are weighted by, (p, p).
+        covariance: honest covariance of the change, (p, p).
+    """
+    diagonal = np.diagonal(information)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    root = (np.sqrt(np.maximum(values, 0.0)) * axes).T * scale
+    R, r = root @ K, root @ change
+    names = tuple(f"{kind}1" for kind in BODY_PARAMETERS)
+    physics = make_physics(names, _ball(np.linalg.lstsq(R, r, rcond=None)[0]).parameters())
+    freedom = max(1, int(np.sum(values > UNKNOWN * values.max())) - len(names))
+    misfit = 2 * fit_consistent(R, r, physics).cost / freedom
+    wide = math.sqrt(max(1.0, misfit))
+    x = fit_consistent(R / wide, r / wide, physics).x
+    inverse = np.linalg.inv(pseudo_inertia(x))
+    prior = DEFAULT_GAMMA * np.einsum("ab,kbc,cd,lda->kl", inverse, basis(), inverse, basis())
+    bread = np.linalg.inv(R.T @ R / wide**2 + prior)
+    pull = K.T @ information / wide**2
+    # Why widened once more: what no body explains is no noise, and the covariance does not know of it.
+    posterior = bread @ (wide**2 * pull @ covariance @ pull.T + prior) @ bread
+    J = _shown_by(x)
+    return Payload(body_of(x), np.sqrt(np.diagonal(J @ posterior @ J.T)), misfit)
+
+
+def _ball(phi: Floats) -> Body:
+    """Return a ball with the mass and centre of mass of a first estimate."""
+    mass = max(float(phi[0]), LEAST_MASS)
+    x, y, z = (phi[1:4] / mass if phi[0] > LEAST_MASS else np.zeros(3)).tolist()
+    inertia = 0.4 * mass * (3 * mass / (4 * math.pi * DENSITY)) ** (2 / 3)
+    return Body(mass, (x, y, z), (inertia, 0.0, 0.0, inertia, 0.0, inertia))
+
+
+def _shown(x: Floats) -> Floats:
+    body = body_of(x)
+    return np.array([body.mass, *body.com, *body.inertia_com])
+
+
+def _shown_by(x: Floats) -> Floats:
+    """Return the derivative of mass, centre of mass and inertia about it by the ten parameters, (10, 10)."""
+    J = np.zeros((10, 10))
+    for k in range(10):
+        h = np.zeros(10)
+        h[k] = 1e-6 * max(abs(x[k]), 1e-3 * x[0])
+        J[:, k] = (_shown(x + h) - _shown(x - h)) / (2 * h[k])
+    return J

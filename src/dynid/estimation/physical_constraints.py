@@ -1,0 +1,193 @@
+"""What makes a parameter vector physical: pseudo-inertias, bounds on masses and centres of mass, signs.
+
+Reads parameter names (``m1 ... Izz1 Im1 fv1 fc1 fo1``); writes ``Physics``, the constraint set that
+``dynid.estimation.consistent`` works with.
+
+Source: Wensing, Kim, Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
+identification" (the pseudo-inertia); Lee, Wensing, Park 2020, "Geometric robot dynamic identification" (its metric).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.robot import LINK_PARAMETERS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
+BODY_PARAMETERS = LINK_PARAMETERS[:10]
+#: Parameters that no real drive has with a minus sign: rotor inertia, viscous and Coulomb friction.
+NONNEGATIVE = ("Im", "fv", "fc")
+
+
+@cache
+def basis() -> Floats:
+    """Return E with P = sum_k parameter_k * E_k, (10, 4, 4)."""
+    E = np.zeros((10, 4, 4))
+    E[0, 3, 3] = 1.0
+    for axis in range(3):
+        E[1 + axis, axis, 3] = E[1 + axis, 3, axis] = 1.0
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        if i == j:
+            E[4 + k, :3, :3] = 0.5 * np.eye(3)
+            E[4 + k, i, i] = -0.5
+        else:
+            E[4 + k, i, j] = E[4 + k, j, i] = -1.0
+    E.setflags(write=False)
+    return E
+
+
+def pseudo_inertia(bodies: Floats) -> Floats:
+    """Map body parameters to pseudo-inertias P = [[tr(I)/2 - I, mc], [mc^T, m]].
+
+    Args:
+        bodies: m, mc, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the frame origin, (..., 10).
+
+    Returns:
+        P, (..., 4, 4): the second moment of the mass distribution in homogeneous coordinates.
+    """
+    return (bodies @ basis().reshape(10, 16)).reshape(*bodies.shape[:-1], 4, 4)
+
+
+def body_parameters(P: Floats) -> Floats:
+    """Map pseudo-inertias back to body parameters, (..., 4, 4) -> (..., 10)."""
+    sigma = P[..., :3, :3]
+    inertia = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
+    i, j = np.triu_indices(3)
+    return np.concatenate([P[..., 3:, 3], P[..., :3, 3], inertia[..., i, j]], axis=-1)
+
+
+def smallest_eigenvalues(bodies: Floats) -> Floats:
+    """Return the smallest eigenvalue of each pseudo-inertia, (..., 10) -> (...,); negative: no such body."""
+    return np.asarray(np.linalg.eigvalsh(pseudo_inertia(bodies))[..., 0])
+
+
+def is_consistent(bodies: Floats) -> bool:
+    """Return whether every body is a distribution of positive mass, (L, 10)."""
+    return bool(np.all(smallest_eigenvalues(bodies) > 0.0))
+
+
+@dataclass(frozen=True)
+class Physics:
+    """The set of physical parameter vectors and the prior inside it.
+
+    Attributes:
+        names: parameter names, (c).
+        bodies: columns of the ten parameters of each link, (L, 10).
+        prior: what is believed before measuring, (c,); zero where nothing is.
+        G: rows of the bounds G x >= h, (k, c).
+        h: right side of the bounds, (k,).
+        labels: one sentence for each bound, (k).
+        pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
+        ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
+        spread: standard deviation of parameters that are believed to be near zero, (c,); infinite elsewhere.
+    """
+
+    names: tuple[str, ...]
+    bodies: Ints
+    prior: Floats
+    G: Floats
+    h: Floats
+    labels: tuple[str, ...]
+    pools: tuple[Ints, ...]
+    ratings: Floats
+    spread: Floats
+
+    @property
+    def offsets(self) -> Ints:
+        """Columns of friction offsets."""
+        return np.array([k for k, name in enumerate(self.names) if re.fullmatch(r"fo\d+", name)], dtype=np.int64)
+
+    @property
+    def prior_pseudo_inertia(self) -> Floats:
+        """P of the prior's links, (L, 4, 4)."""
+        return pseudo_inertia(self.prior[self.bodies])
+
+    def slack(self, x: Floats) -> Floats:
+        """Return how far the bounds are kept, (k,); negative: broken."""
+        return np.asarray(self.G @ x - self.h)
+
+    def holds(self, x: Floats) -> bool:
+        """Return whether x is a physical parameter vector."""
+        return is_consistent(x[self.bodies]) and bool(np.all(self.slack(x) >= 0.0))
+
+
+def link_columns(names: Sequence[str]) -> Ints:
+    """Return the columns of the ten body parameters of each link found in ``names``, (L, 10)."""
+    where = {name: k for k, name in enumerate(names)}
+    links = sorted({int(found[1]) for name in names if (found := re.fullmatch(r"m(\d+)", name))})
+    return np.array([[where[f"{p}{link}"] for p in BODY_PARAMETERS] for link in links], dtype=np.int64).reshape(-1, 10)
+
+
+def make_physics(
+    names: Sequence[str],
+    prior: Floats,
+    *,
+    total_mass: tuple[float, float] | None = None,
+    link_mass: Mapping[int, tuple[float, float]] | None = None,
+    com_box: Mapping[int, tuple[Floats, Floats]] | None = None,
+    nonnegative: Sequence[str] = NONNEGATIVE,
+    ratings: Mapping[str, float] | None = None,
+) -> Physics:
+    """Collect what is known about the arm besides the measurement.
+
+    Args:
+        names: parameter names, (c).
+        prior: prior parameters, (c,); the bodies in it must be consistent.
+        total_mass: smallest and largest mass of all links in ``names`` [kg].
+        link_mass: the same for single links, by link number.
+        com_box: corners of the box that holds the centre of mass, in the link frame, by link number [m].
+        nonnegative: prefixes of the parameters that cannot be negative.
+        ratings: by parameter, what those of one kind are thought to be in proportion to; equal where nothing is said.
+
+    Returns:
+        Bounds and prior together.
+    """
+    where = {name: k for k, name in enumerate(names)}
+    rows: list[tuple[dict[int, float], float, str]] = []
+    for name, k in where.items():
+        if re.sub(r"\d+$", "", name) in nonnegative:
+            rows.append(({k: 1.0}, 0.0, f"{name} >= 0"))
+    masses = {link: where[f"m{link}"] for link in _link_numbers(names)}
+    if total_mass is not None:
+        rows += _between(dict.fromkeys(masses.values(), 1.0), total_mass, "total mass [kg]")
+    for link, bounds in (link_mass or {}).items():
+        rows += _between({masses[link]: 1.0}, bounds, f"m{link} [kg]")
+    for link, (low, high) in (com_box or {}).items():
+        for axis, (a, b) in enumerate(zip(low, high, strict=True)):
+            first, m, letter = where[f"mc{'xyz'[axis]}{link}"], masses[link], "xyz"[axis]
+            rows.append(({first: 1.0, m: -float(a)}, 0.0, f"c{letter}{link} >= {a:g} m"))
+            rows.append(({first: -1.0, m: float(b)}, 0.0, f"c{letter}{link} <= {b:g} m"))
+    G, h = np.zeros((len(rows), len(names))), np.array([row[1] for row in rows])
+    for k, (terms, _, _) in enumerate(rows):
+        G[k, list(terms)] = list(terms.values())
+    labels, prior = tuple(row[2] for row in rows), np.asarray(prior, dtype=float)
+    unknown = [name for name in names if prior[where[name]] <= 0.0]
+    pools = tuple(
+        np.array([where[name] for name in unknown if re.fullmatch(rf"{kind}\d+", name)], dtype=np.int64)
+        for kind in nonnegative
+    )
+    # Why of fc: an offset is the part of the friction that does not change its sign.
+    proportion = np.array([(ratings or {}).get(re.sub(r"^fo(?=\d)", "fc", name), 1.0) for name in names])
+    nowhere = np.full(len(names), np.inf)
+    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools, proportion, nowhere)
+
+
+def _link_numbers(names: Sequence[str]) -> list[int]:
+    return sorted({int(found[1]) for name in names if (found := re.fullmatch(r"m(\d+)", name))})
+
+
+def _between(
+    terms: dict[int, float], bounds: tuple[float, float], what: str
+) -> list[tuple[dict[int, float], float, str]]:
+    low, high = bounds
+    negative = {k: -value for k, value in terms.items()}
+    return [(terms, low, f"{what} >= {low:g}"), (negative, -high, f"{what} <= {high:g}")]

@@ -1,0 +1,157 @@
+"""Take out of the rows what nobody knows of them: what friction does while a joint turns back.
+
+A joint that turns back creeps and sticks for some milliseconds, at velocities below the encoder's noise. The Coulomb
+column is wrong there, each time in the same way, and friction and inertia pay for it. The filter over the rows is much
+longer than a reversal: whatever happened, what is left of it in the rows is, to second order, the filter's kernel at
+that time and the kernel's slope, of unknown sizes. These are random effects: their variance is found from the
+residuals, and rows are weighted by the inverse of the covariance that they make. Where encoders are good enough, little
+is taken. Reads rows and the times at which joints turn back. Source: Harville 1977 (variance components).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.least_squares import triangle, weighted
+from dynid.estimation.observation_rows import Rows, joined, robust_noise, runs
+from dynid.signals.filters import pulse, pulse_slope, pulse_width
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Instants of one stretch that are worked on together: many kernels long, few enough for small matrices.
+TOGETHER = 256
+#: Instants up to which a log is settled: beyond, it takes longer than everything else together.
+LONGEST = 1 << 14
+#: Shapes of reversals that differ by less than this are one.
+SAME = 1e-3
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What reversals may leave in the rows of one joint and stretch.
+
+    Attributes:
+        basis: orthonormal, (M, k).
+        size: length of a reversal's effect along each, of those that are one long, (k,).
+        seen: the rows [W tau] along each, (k, p + 1).
+    """
+
+    basis: Floats
+    size: Floats
+    seen: Floats
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Rows in which what happens at reversals counts no more than it tells; may be walked many times.
+
+    Attributes:
+        rows: the rows as they are.
+        shapes: of each stretch and joint.
+        strength: variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
+    """
+
+    rows: Iterable[Rows]
+    shapes: tuple[tuple[Shapes, ...], ...]
+    strength: Floats
+
+    def __iter__(self) -> Iterator[Rows]:
+        for together, shapes in zip(_stretches(self.rows), self.shapes, strict=True):
+            yield _without(together, shapes, self.strength)
+
+    def factors(self, factors: Floats) -> Floats:
+        """Return the factors of these rows from those of the rows as they are, (n, p + 1, p + 1)."""
+        return np.array([_less(R, [each[j] for each in self.shapes], self.strength[j]) for j, R in enumerate(factors)])
+
+
+def settled(rows: Iterable[Rows], factors: Floats, counts: Ints) -> Iterable[Rows]:
+    """Return the rows with as little trust in reversals as their residuals ask for.
+
+    Args:
+        rows: filtered rows; they come back as they are when they do not say where joints turn back.
+        factors: one factor of them a joint, (n, p + 1, p + 1).
+        counts: number of rows of each joint, (n,).
+    """
+    first = next(iter(rows), None)
+    if first is None or not first.turns or counts.max() > LONGEST:
+        return rows
+    shapes = tuple(tuple(_shapes(some, j) for j in range(len(counts))) for some in _stretches(rows))
+    flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
+    without = Settled(rows, shapes, np.full(len(counts), np.inf))
+    taken = np.array([sum(len(each[j].size) for each in shapes) for j in range(len(counts))])
+    rest = np.maximum(counts - taken, 1)
+    theta = weighted(without.factors(factors), rest).theta
+    noise = robust_noise(without, theta) * np.sqrt(counts / rest)
+    return replace(without, strength=_strength(shapes, theta, noise * np.sqrt(flat)))
+
+
+def _strength(shapes: tuple[tuple[Shapes, ...], ...], theta: Floats, noise: Floats) -> Floats:
+    """Return how much larger residuals are in the shapes of reversals than noise makes them, by moments, (n,).
+
+    Args:
+        shapes: of each stretch and joint.
+        theta: parameters that reversals had no part in, (p,).
+        noise: along any of the shapes; filtered noise has all its power where they have theirs, (n,) [N m].
+    """
+    excess, sizes = np.zeros_like(noise), np.zeros_like(noise)
+    for stretch in shapes:
+        for j, each in enumerate(stretch):
+            left = each.seen @ np.append(theta, -1.0) / noise[j]
+            excess[j] += float(np.sum(left**2 - 1.0))
+            sizes[j] += float(np.sum(each.size**2))
+    return np.asarray(np.maximum(excess, 0.0) / np.maximum(sizes, 1e-12))
+
+
+def _stretches(rows: Iterable[Rows]) -> Iterator[Rows]:
+    return (joined(run) for run in runs(rows, TOGETHER))
+
+
+def _step(rows: Rows) -> float:
+    return float(np.median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
+
+
+def _shapes(rows: Rows, joint: int) -> Shapes:
+    half, times = pulse_width(rows.cutoff), rows.turns[joint]
+    times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
+    whole = np.arange(-half, half, _step(rows))
+    good, lag = rows.mask[:, joint], rows.t[:, None] - times
+    effects = np.hstack([
+        shape(lag, rows.cutoff) / np.linalg.norm(shape(whole, rows.cutoff)) for shape in (pulse, pulse_slope)
+    ]) * good[:, None]  # fmt: skip
+    square, vector = np.linalg.eigh(effects.T @ effects)
+    size = np.sqrt(np.maximum(square, 0.0))
+    vector, size = vector[:, size > SAME], size[size > SAME]
+    basis = effects @ (vector / size)
+    seen = basis.T @ np.column_stack([rows.W[:, joint], rows.tau[:, joint]])
+    return Shapes(basis, size, seen)
+
+
+def _trusted(each: Shapes, strength: float) -> Floats:
+    """Return the share of the rows' weight along each shape that is left, (k,)."""
+    return 1.0 / (1.0 + strength * each.size**2)
+
+
+def _less(R: Floats, shapes: list[Shapes], strength: float) -> Floats:
+    taken = np.concatenate([each.seen * np.sqrt(1.0 - _trusted(each, strength))[:, None] for each in shapes])
+    length = np.linalg.norm(R, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    scaled, taken = R / length, taken / length
+    value, vector = np.linalg.eigh(scaled.T @ scaled - taken.T @ taken)
+    return triangle(np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T * length)
+
+
+def _without(rows: Rows, shapes: tuple[Shapes, ...], strength: Floats) -> Rows:
+    """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
+    W, tau = np.where(rows.mask[:, :, None], rows.W, 0.0), np.where(rows.mask, rows.tau, 0.0)
+    Z = None if rows.Z is None else np.where(rows.mask[:, :, None], rows.Z, 0.0)
+    for j, each in enumerate(shapes):
+        if strength[j] > 0.0 and len(each.size):
+            less = each.basis * (1.0 - np.sqrt(_trusted(each, strength[j])))
+            for x in (W, tau) if Z is None else (W, tau, Z):
+                x[:, j] -= less @ (each.basis.T @ x[:, j])
+    return replace(rows, W=W, tau=tau, Z=Z)

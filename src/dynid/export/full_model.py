@@ -1,0 +1,102 @@
+"""All parameters of an arm as simulators need them: one body a link, rotors, friction, and the origin of each number.
+
+Reads an identification. The physical set is possible by construction; the plain estimate gets the set nearest to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.physical_constraints import smallest_eigenvalues
+from dynid.estimation.physical_parameters import FROM_DATA, FullSet
+from dynid.model.prior import body_of, prior_bodies
+from dynid.model.store import BaseModel
+from dynid.robot import LINK_PARAMETERS, Body, Robot
+
+Floats = NDArray[np.float64]
+
+#: Size of a parameter of a link of a kilogram and a decimetre: what "nearest" is measured in.
+_SIZE = {
+    "m": 1.0,
+    **dict.fromkeys(("mcx", "mcy", "mcz"), 0.1),
+    **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"), 0.01),
+}
+
+
+@dataclass(frozen=True)
+class WholeArm:
+    """All parameters of an arm.
+
+    Attributes:
+        robot: the arm.
+        bodies: one a link in its DH frame, n.
+        rotor_inertia: seen from the joint side, (n,) [kg m^2 or kg].
+        friction: parameters beyond the links' and rotors', by name.
+        origin: ``"data"`` or ``"prior"`` by parameter name.
+    """
+
+    robot: Robot
+    bodies: tuple[Body, ...]
+    rotor_inertia: tuple[float, ...]
+    friction: Mapping[str, float]
+    origin: Mapping[str, str]
+
+    def values(self, names: Sequence[str]) -> Floats:
+        """Return the parameters of the given names."""
+        known = dict(self.friction)
+        for i, (body, rotor) in enumerate(zip(self.bodies, self.rotor_inertia, strict=True), start=1):
+            row = (*body.parameters().tolist(), rotor)
+            known |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, row, strict=True)}
+        return np.array([known.get(name, 0.0) for name in names])
+
+    def joint_friction(self, prefix: str) -> Floats:
+        """Return one kind of friction of all joints, such as ``fv``, zero where a joint has none, (n,)."""
+        return np.array([self.friction.get(f"{prefix}{i + 1}", 0.0) for i in range(self.robot.n)])
+
+    def impossible_links(self) -> tuple[int, ...]:
+        """Return the numbers of the links whose numbers no body has, 1-based."""
+        return tuple(i for i, body in enumerate(self.bodies, start=1) if smallest_eigenvalue(body) <= 0.0)
+
+    def origin_of_link(self, link: int) -> str:
+        """Return in a few words which of a link's ten parameters were measured."""
+        kinds: dict[str, list[str]] = {"data": [], "prior": []}
+        for name in LINK_PARAMETERS[:10]:
+            kinds[self.origin.get(f"{name}{link}", "prior")].append(f"{name}{link}")
+        return "; ".join(f"from {kind}: {', '.join(names)}" for kind, names in kinds.items() if names)
+
+
+def smallest_eigenvalue(body: Body) -> float:
+    """Return the smallest eigenvalue of a body's pseudo-inertia; a body that can exist has a positive one."""
+    return float(smallest_eigenvalues(body.parameters()))
+
+
+def whole_arm(base: BaseModel, physical: FullSet, theta: Floats) -> WholeArm:
+    """Return all parameters behind base parameters; links that were not identified keep the prior's bodies.
+
+    Args:
+        base: model and base parameters.
+        physical: the physical set of the result.
+        theta: base parameters that are wanted, (p,); those of the physical set, or others that the nearest set gets.
+    """
+    robot, names = base.robot, physical.names
+    size = np.array([_SIZE.get(name.rstrip("0123456789"), 1.0) for name in names])
+    K = base.reduction.K * size
+    gamma = physical.x + size * np.linalg.lstsq(K, theta - physical.theta, rcond=1e-12)[0]
+    values = dict(zip(names, gamma.tolist(), strict=True))
+    bodies = list(prior_bodies(robot))
+    for link in robot.identified_links:
+        bodies[link - 1] = body_of(np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]]))
+    return WholeArm(
+        robot=robot,
+        bodies=tuple(bodies),
+        rotor_inertia=tuple(values.get(f"Im{i + 1}", 0.0) for i in range(robot.n)),
+        friction={name: values[name] for name in names[len(base.model.link_columns) :]},
+        origin={
+            name: "data" if share >= FROM_DATA else "prior"
+            for name, share in zip(names, physical.data_share.tolist(), strict=True)
+        },
+    )

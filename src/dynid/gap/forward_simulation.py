@@ -1,0 +1,135 @@
+"""The gap in the forward simulation: held-out torques replayed through the model, before and after.
+
+What is simulated is the physically possible arm next to the fitted base parameters, as it would be exported: small
+errors of light links would otherwise make mass matrices that no arm has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dynid.estimation.consistent import fit_pooled
+from dynid.estimation.effect_columns import course_of
+from dynid.estimation.physical_parameters import physics_of
+from dynid.gap.problem import Setting, information_root
+from dynid.gap.selected_effects import Pick
+from dynid.gap.whitened_regression import Board
+from dynid.model.effects.interface import Course, Floats
+from dynid.model.reference import reference_of
+from dynid.model.store import BaseModel
+from dynid.sim.replay import Replay, replay
+
+#: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque
+#: become hundreds of rad/s^2.
+LEAST_INERTIA = 2e-3
+#: States along the motion at which that is checked.
+CHECKED = 200
+
+
+def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | None:
+    """Replay the longest held-out stretch through a model.
+
+    Args:
+        setting: the search's setting.
+        board: the fitted model, with the effects beside it.
+        picks: these effects.
+
+    Returns:
+        The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
+    """
+    held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
+    count, k = max(held)
+    if count < 2 * setting.stretches[k].rate:
+        return None
+    theta, amplitudes = possible(setting.base, board), board.theta[board.size :]
+    stretch = setting.stretches[k]
+    segment = stretch.source.segments[0]
+    first, last = stretch.t[setting.held[k]][[0, -1]]
+    part = slice(*np.searchsorted(segment.since, [first, last]).tolist())
+    whole = course_of(
+        segment,
+        stretch.source.chosen,
+        setting.base.model,
+        reference_of(setting.base.model, setting.base.reduction, theta),
+    )
+    steady = own_effects(setting.base, theta, whole)
+    at = 0
+    for pick in picks:
+        # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
+        columns = pick.effect.columns(whole, pick.place, pick.shape)
+        steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(
+            amplitudes[at : at + len(columns)], columns, axes=1
+        ).T
+        at += len(columns)
+    tau = segment.tau[part] - steady[part]
+    some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
+    if least_inertia(setting.base, theta, segment.q[some]) < LEAST_INERTIA:
+        return None
+    model = acceleration_of(setting.base, theta)
+    return replay(setting.base.robot, model, segment.since[part], segment.q[part], segment.qd[part], tau)
+
+
+def possible(base: BaseModel, board: Board) -> Floats:
+    """Return the base parameters of the physically possible arm next to fitted ones, (p,).
+
+    Args:
+        base: model and base parameters.
+        board: the fitted model.
+    """
+    p, K = base.reduction.rank, base.reduction.K
+    R = information_root(board.inverse[:p, :p])
+    return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
+
+
+def own_effects(base: BaseModel, theta: Floats, course: Course) -> Floats:
+    """Return the torque of the effects that the model has already, along a motion, (N, n).
+
+    Args:
+        base: model and base parameters.
+        theta: values of the base parameters, (p,).
+        course: the motion.
+    """
+    observer, torque = base.model.observer(base.reduction.base), np.zeros((len(course), course.n))
+    first = len(observer.rows) - len(observer.course_entries)
+    entries = base.model.course(course)[observer.course_entries]
+    for joint, column, entry in zip(observer.rows[first:], observer.cols[first:], entries, strict=True):
+        torque[:, joint] += theta[column] * entry
+    return torque
+
+
+def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:
+    """Return the smallest eigenvalue of the mass matrix over positions, [kg m^2]."""
+    still = np.zeros_like(q)
+    return float(np.linalg.eigvalsh(_dynamics(base, theta)(q, still)[1]).min())
+
+
+def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
+    """Return the forward dynamics of base parameters: times, positions, velocities, torques -> accelerations, (B, n).
+
+    Args:
+        base: model and base parameters.
+        theta: values of the base parameters, (p,).
+    """
+    dynamics = _dynamics(base, theta)
+
+    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+        bias, M = dynamics(q, qd)
+        return np.asarray(np.linalg.solve(M, (tau - bias)[..., None])[..., 0])
+
+    return acceleration
+
+
+def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
+    """Return a function from states to torques at no acceleration, (B, n), and mass matrices, (B, n, n)."""
+    physics, n = reference_of(base.model, base.reduction, theta), base.robot.n
+    unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
+
+    def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
+        still = physics.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1)))
+        torque = still.reshape(len(q), n + 1, n)
+        M = torque[:, 1:] - torque[:, :1]
+        return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))
+
+    return dynamics

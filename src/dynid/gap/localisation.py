@@ -1,0 +1,143 @@
+"""Where model and measurement disagree: which joint, at which speed, position, load, time and direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.gap.whitened_regression import Board
+from dynid.model.effects.interface import Floats
+
+#: Mean square of the whitened residual from which a joint is above its noise floor.
+ABOVE = 1.1
+#: A region stands out when its mean square is so many times that of its joint's other rows.
+STANDS_OUT = 1.6
+#: Fewest rows of a region that is judged.
+FEWEST = 60
+#: Time after a reversal that counts as the reversal [s].
+REVERSAL = 0.15
+
+
+@dataclass(frozen=True)
+class Region:
+    """One part of one joint's rows.
+
+    Attributes:
+        kind: what it is cut by: speed, position, load, time, direction, reversal.
+        name: which part.
+        chi: mean square of the whitened residual there.
+        rows: number of rows.
+    """
+
+    kind: str
+    name: str
+    chi: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """The disagreement of one joint.
+
+    Attributes:
+        joint: index.
+        chi: mean square of the whitened residual; 1 at the noise floor.
+        share: of what all joints have above their floors, 0 to 1.
+        regions: its parts.
+        text: where it is, in words.
+    """
+
+    joint: int
+    chi: float
+    share: float
+    regions: tuple[Region, ...]
+    text: str
+
+
+def where(board: Board) -> list[JointGap]:
+    """Return the disagreement of every joint."""
+    chi = board.chi()
+    energy = np.array(
+        [max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, board.e, board.noise.sigma, strict=True)]
+    )
+    total = energy.sum()
+    found = []
+    for j in range(len(chi)):
+        regions = regions_of(board, j)
+        text = _words(regions, float(chi[j])) if chi[j] > ABOVE else "at the noise floor"
+        found.append(JointGap(j, float(chi[j]), float(energy[j] / total) if total > 0 else 0.0, tuple(regions), text))
+    return found
+
+
+def regions_of(board: Board, joint: int) -> list[Region]:
+    """Cut one joint's whitened residual by what the arm did."""
+    rows, e = board.joints[joint], board.e[joint] * board.noise.count[joint] ** 0.5
+    if len(e) < 3 * FEWEST:
+        return []
+    signals = {
+        key: np.concatenate([getattr(s, key)[:, joint] for s in board.stretches])[rows.place]
+        for key in ("q", "qd", "tau")
+    }
+    t = np.concatenate([s.t + 1e6 * s.log for s in board.stretches])[rows.place]
+    turning = np.concatenate([_near_reversal(s.qd[:, joint], s.rate) for s in board.stretches])[rows.place]
+    speed = np.abs(signals["qd"])
+    parts: list[tuple[str, str, NDArray[np.bool_]]] = []
+    for kind, signal, names in (
+        ("speed", speed, ("slow", "medium", "fast")),
+        ("position", signals["q"], ("lower end", "middle", "upper end")),
+        ("load", np.abs(signals["tau"]), ("low", "medium", "high")),
+        ("time", t, ("early", "middle", "late")),
+    ):
+        edges = np.quantile(signal, [1 / 3, 2 / 3])
+        third = np.searchsorted(edges, signal)
+        parts += [(kind, name, third == k) for k, name in enumerate(names)]
+    parts += [("direction", "forward", signals["qd"] > 0), ("direction", "backward", signals["qd"] <= 0)]
+    parts += [("reversal", "at reversals", turning), ("reversal", "between reversals", ~turning)]
+    return [Region(kind, name, float(np.mean(e[m] ** 2)), int(m.sum())) for kind, name, m in parts if m.sum() >= FEWEST]
+
+
+def _near_reversal(qd: Floats, rate: float) -> Floats:
+    turns = np.flatnonzero(np.diff(np.sign(qd)) != 0)
+    near = np.zeros(len(qd), dtype=bool)
+    width = max(1, round(REVERSAL * rate))
+    for k in turns:
+        near[max(0, k - width // 2) : k + width] = True
+    return near
+
+
+def between_reversals(board: Board) -> Floats:
+    """Return the mean square of each whitened residual away from reversals, (n,); 1 where there is too little."""
+    chi = np.ones(len(board.e))
+    for j, (rows, e) in enumerate(zip(board.joints, board.e, strict=True)):
+        near = np.concatenate([_near_reversal(s.qd[:, j], s.rate) for s in board.stretches])[rows.place]
+        if (~near).sum() >= FEWEST:
+            chi[j] = board.noise.count[j] * float(np.mean(e[~near] ** 2))
+    return chi
+
+
+def _words(regions: list[Region], chi: float) -> str:
+    """Return the strongest contrasts in words."""
+    strong = []
+    for kind in dict.fromkeys(r.kind for r in regions):
+        of = [r for r in regions if r.kind == kind]
+        top = max(of, key=lambda r: r.chi)
+        rest = [r.chi for r in of if r is not top]
+        if rest and top.chi - 1 > STANDS_OUT * max(max(rest) - 1, 0.05):
+            strong.append((top.chi / max(rest), _phrase(top)))
+    if not strong:
+        return "everywhere alike"
+    return ", ".join(text for _, text in sorted(strong, reverse=True)[:2])
+
+
+def _phrase(region: Region) -> str:
+    endings = {
+        "speed": f"when {region.name}",
+        "position": f"at the {region.name} of its travel",
+        "load": f"at {region.name} load",
+        "time": f"{region.name} in the recording",
+        "direction": f"when moving {region.name}",
+        "reversal": region.name,
+    }
+    return endings[region.kind]

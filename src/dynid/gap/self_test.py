@@ -1,0 +1,71 @@
+"""The self-test: hide one thing after the other, and nothing, in simulated logs, and count what is named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.estimation.sources import Reading, conditioned_source
+from dynid.estimation.stack import Source
+from dynid.gap.investigate import investigate
+from dynid.gap.stepwise_selection import Options
+from dynid.log import Log
+from dynid.model.reduce import reduce
+from dynid.model.regressor import Model
+from dynid.model.store import BaseModel
+from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
+from dynid.sim.plant import Plant
+
+#: Cut-off of the search [Hz].
+CUTOFF = 10.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case and what was said.
+
+    Attributes:
+        hidden: what was hidden.
+        verdict: the verdict.
+        named: identifiers and 0-based joints that were named.
+        right: whether that is right.
+    """
+
+    hidden: Hidden
+    verdict: str
+    named: tuple[tuple[str, tuple[int, ...]], ...]
+    right: bool
+
+
+def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] = CASES) -> Iterator[Case]:
+    """Yield one case after the other.
+
+    Args:
+        model: the arm's model.
+        plant: its truth.
+        seed: of motions and noise.
+        cases: what is hidden.
+    """
+    base = BaseModel(model, reduce(model))
+    for k, hidden in enumerate(cases):
+        logs = hidden_logs(model.robot, plant, hidden, np.random.default_rng([seed, k]))
+        seen = investigate(sources_of(logs, model), base, None, Options(), simulate=False)
+        named = tuple((f.pick.effect.name, f.pick.place) for f in seen.verdict.named)
+        yield Case(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
+
+
+def sources_of(logs: list[Log], model: Model) -> list[Source]:
+    """Condition logs in memory, whose columns are DH quantities already."""
+    reading = Reading(cutoff=CUTOFF)
+    return [conditioned_source(log, model, reading, f"log {k + 1}") for k, log in enumerate(logs)]
+
+
+def right(hidden: Hidden, verdict: str, named: tuple[tuple[str, tuple[int, ...]], ...]) -> bool:
+    """Return whether a verdict is right."""
+    if hidden.name == "nothing":
+        return verdict == "nothing_missing"
+    if hidden.name in OUTSIDE:
+        return verdict == "unexplained" and not named
+    return len(named) == 1 and named[0][0] == hidden.name and named[0][1][:1] in ((), (hidden.joint,))

@@ -1,0 +1,105 @@
+"""From a raw log to a clean one in DH quantities, with every check on the way.
+
+Reads a ``Log`` as it came from disk; gives back a ``Log`` with ``dh`` set, names and columns of the robot, findings,
+and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and filtering come later, in ``condition``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynid.drivers import driver_of
+from dynid.errors import Finding
+from dynid.log import Log
+from dynid.robot import Robot
+from dynid.signals.columns import in_si, joint_of_motor, selected, to_dh
+from dynid.signals.gravity import check_gravity, check_zero
+from dynid.signals.motion import check_amount
+from dynid.signals.stamps import check_gaps, check_rate, evened, noted, ordered, without
+from dynid.signals.values import (
+    check_degrees,
+    check_finite,
+    check_repeats,
+    check_torque_scale,
+    clipped,
+    credible,
+    unwrapped,
+)
+from dynid.signals.velocity import check_order, check_slopes, slopes
+
+
+def prepare(
+    log: Log,
+    robot: Robot,
+    *,
+    exclude: Sequence[tuple[float, float]] = (),
+    sort_time: bool = False,
+    identify: bool = True,
+) -> Log:
+    """Return the log in DH quantities of the robot, checked.
+
+    Args:
+        log: as read from disk.
+        robot: the arm, with its driver map.
+        exclude: stretches to leave out, first and last time in the log's own clock [s].
+        sort_time: whether samples are put in the order of their stamps.
+        identify: whether the log must also move enough to identify from (E313, E401).
+
+    Returns:
+        The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
+        is known to spoil is moved to ``extra["qd_reported"]``.
+
+    Raises:
+        DynidError: the first serious fault, by code E303 to E401 of the catalogue.
+    """
+    log = without(log, exclude)
+    log = _usable_velocity(selected(log, robot), robot)
+    log = ordered(log, sort_time=sort_time)
+    check_finite(log, robot)
+    findings = list(check_gaps(log, exclude))
+    log = in_si(log, robot)
+    check_degrees(log, robot)
+    flat, flat_findings = clipped(log, robot)
+    log = evened(unwrapped(to_dh(log, robot), robot))
+    check_order(log, robot)
+    findings += check_slopes(log, robot)
+    check_torque_scale(log, robot)
+    check_rate(log, robot)
+    findings += check_repeats(log, robot)
+    check_gravity(log, robot)
+    findings += check_zero(log, robot)
+    if identify:
+        check_amount(log, robot)
+    log = replace(log, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
+    return _trusted_velocity(noted(log, *findings, *flat_findings), robot)
+
+
+def _usable_velocity(log: Log, robot: Robot) -> Log:
+    """Drop a velocity that was never measured: all zero while positions change, or not a number throughout.
+
+    Why: a velocity that the driver spoils anyway must not fail the log because it is not a number in places.
+    """
+    if log.qd is None:
+        return log
+    whole = credible(log.qd)
+    empty = not (whole.any() if driver_of(robot).velocity_trusted else whole.all()) or (
+        not np.any(log.qd) and bool(np.any(np.diff(log.q, axis=0)))
+    )
+    return replace(log, qd=None) if empty else log
+
+
+def _trusted_velocity(log: Log, robot: Robot) -> Log:
+    """Put aside a velocity that the driver is known to spoil, and say so."""
+    driver = driver_of(robot)
+    if log.qd is None or driver.velocity_trusted:
+        return log
+    ratio = slopes(log, robot)
+    shown = ", ".join("-" if np.isnan(value) else f"{value:.2f}" for value in ratio)
+    text = f"the reported velocity is not used ({driver.velocity_note}); its slope to dq/dt is {shown}"
+    evidence = {"slope": [None if np.isnan(value) else float(value) for value in ratio]}
+    kept = [finding for finding in log.findings if finding.code != "W308"]
+    log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
+    return noted(log, Finding("W308", "info", text, evidence))

@@ -1,0 +1,105 @@
+"""The numbers that ``dynid check LOG`` shows: samples, rate, columns, units, motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.log import Log
+from dynid.robot import Robot
+from dynid.signals.columns import in_si, matched, selected, to_dh
+from dynid.signals.motion import speed
+from dynid.signals.stamps import GAP_SAMPLES, rows
+from dynid.signals.values import credible, unwrapped
+from dynid.signals.velocity import slopes
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """What a log holds; numbers per joint are in the robot's order and DH quantities.
+
+    Attributes:
+        samples: number of samples.
+        duration: from first to last sample [s].
+        rate: median sample rate [Hz].
+        jitter: half the spread of the middle 95 % of the sample times, as a share of the median.
+        gaps: number of gaps.
+        longest_gap: longest step between samples [s].
+        matched: the log's own names of the joints' columns, () when it names none.
+        ignored: names of the columns that belong to no joint.
+        span: range of each position [rad or m].
+        rms_velocity: [rad/s or m/s].
+        velocity_slope: measured velocity over the change of position, None where not measured or not moving.
+        torque_max: largest torque [N m, N, or A].
+        torque_share: the same as a share of the rating, None where the rating is unknown.
+        torque_unit: ``"Nm"`` or ``"A"``.
+        least_moving: name of the joint with the smallest rms velocity in relation to its speed limit.
+    """
+
+    samples: int
+    duration: float
+    rate: float
+    jitter: float
+    gaps: int
+    longest_gap: float
+    matched: tuple[str, ...]
+    ignored: tuple[str, ...]
+    span: tuple[float, ...]
+    rms_velocity: tuple[float, ...]
+    velocity_slope: tuple[float | None, ...]
+    torque_max: tuple[float, ...]
+    torque_share: tuple[float | None, ...]
+    torque_unit: str
+    least_moving: str
+
+
+def describe(log: Log, robot: Robot) -> LogSummary:
+    """Return the numbers of a log, raw or prepared; samples that are not numbers are passed over.
+
+    Raises:
+        JointCountDiffers: fewer columns than joints.
+        JointNamesDiffer: names of the robot file are not in the log.
+    """
+    columns, ignored = matched(log, robot)
+    samples = len(log)
+    clean = unwrapped(to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot), robot)
+    step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
+    usual = float(np.median(step)) or float("nan")
+    low, high = np.percentile(step, [2.5, 97.5])
+    v = speed(clean) if len(clean) > 2 else np.zeros_like(clean.q)
+    rms = np.sqrt(np.mean(v**2, axis=0)) if len(clean) else np.zeros(robot.n)
+    top = np.max(np.abs(clean.tau), axis=0) if len(clean) else np.zeros(robot.n)
+    slope = slopes(clean, robot) if len(clean) > 2 else np.full(robot.n, np.nan)
+    limits = [joint.limits for joint in robot.joints]
+    ratings = [None if clean.tau_unit == "A" else limit.torque for limit in limits]
+    relative = rms / np.array([limit.velocity or 1.0 for limit in limits])
+    return LogSummary(
+        samples=samples,
+        duration=clean.duration,
+        rate=1.0 / usual,
+        jitter=float(high - low) / 2 / usual,
+        gaps=int(np.sum(step > GAP_SAMPLES * usual)),
+        longest_gap=float(step.max()),
+        matched=tuple(log.names[i] for i in columns) if log.names else (),
+        ignored=tuple(ignored),
+        span=tuple(np.ptp(clean.q, axis=0).tolist()) if len(clean) else (0.0,) * robot.n,
+        rms_velocity=tuple(rms.tolist()),
+        velocity_slope=tuple(None if np.isnan(value) else float(value) for value in slope),
+        torque_max=tuple(top.tolist()),
+        torque_share=tuple(None if r is None else float(value) / r for value, r in zip(top, ratings, strict=True)),
+        torque_unit=clean.tau_unit,
+        least_moving=robot.joint_names[int(np.argmin(relative))],
+    )
+
+
+def _whole_rows(log: Log) -> Log:
+    """Return the samples that are numbers throughout and later than the one before."""
+    latest = np.fmax.accumulate(np.concatenate([[-np.inf], log.t[:-1]]))
+    good = np.isfinite(log.t) & (log.t > latest) & credible(log.q).all(axis=1) & credible(log.tau).all(axis=1)
+    if log.qd is not None and not credible(log.qd).all():
+        log = replace(log, qd=None)
+    return rows(log, np.flatnonzero(good))

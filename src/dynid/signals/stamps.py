@@ -1,0 +1,224 @@
+"""Checks of the time stamps: order, duplicates, gaps, rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers import driver_of
+from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
+from dynid.log import Log
+from dynid.robot import Robot
+from dynid.signals.motion import bandwidth, moving
+
+Floats = NDArray[np.float64]
+
+#: A step of this many sample times is a gap: the low-pass, about five samples long, cannot bridge more.
+GAP_SAMPLES = 5.0
+#: With more than one sample in twenty missing the resampled grid is mostly interpolation where it matters.
+LOST_SHARE = 0.05
+#: Two stamps in a hundred may fall together on a busy machine; one in five means that the clock is too coarse.
+DUPLICATE_SHARE = 0.2
+#: Below this rate [Hz] the step of the friction at a reversal falls between two samples.
+LEAST_RATE = 20.0
+#: The low-pass keeps five times the fastest motion and must stay below 80 % of half the rate: 5 * 2 / 0.8.
+SAMPLES_PER_PERIOD = 12.5
+#: Rate [Hz] that is comfortable for an arm, named in the advice.
+GOOD_RATE = 50.0
+#: Fewer samples than this are no recording.
+LEAST_SAMPLES = 20
+#: A step further than this from a whole number of sample times leaves open which sample it belongs to.
+UNCLEAR = 0.4
+#: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
+STRAIGHTER = 0.5
+#: Stamps that stray by less than this share of a sample time are put right without a word.
+WORTH_SAYING = 0.05
+
+
+def ordered(log: Log, *, sort_time: bool) -> Log:
+    """Return the log with increasing time: sorted if asked for, samples with a repeated stamp dropped (W311).
+
+    Raises:
+        NotFinite: a stamp is not a number.
+        TimeNotIncreasing: time goes back, or stands still in many samples.
+        LogTooShort: hardly any samples.
+    """
+    bad = np.flatnonzero(~np.isfinite(log.t))
+    if len(bad):
+        text = f"the time is not a number in {len(bad)} samples, first in row {bad[0] + 1}"
+        raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
+    if len(log) < LEAST_SAMPLES:
+        raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
+    if sort_time:
+        log = rows(log, np.argsort(log.t, kind="stable"))
+    _check_order(log)
+    fresh = np.concatenate([[True], np.diff(log.t) > 0])
+    repeated = int(np.sum(~fresh))
+    if not repeated:
+        return log
+    if repeated > DUPLICATE_SHARE * len(log):
+        text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
+        raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
+    first = float(log.t[np.flatnonzero(~fresh)[0]])
+    text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
+    return noted(rows(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated}))
+
+
+def _check_order(log: Log) -> None:
+    step = np.diff(log.t)
+    back = np.flatnonzero(step < 0)
+    if not len(back):
+        return
+    row = int(back[0])
+    before, after = float(log.t[row]), float(log.t[row + 1])
+    text = f"time goes back {before - after:.3g} s at row {row + 2} (t = {before:.2f} s)"
+    if len(back) > 3:
+        raise TimeNotIncreasing(
+            f"{text}, and {len(back) - 1} times more: stamps are shuffled?", where=log.topic, fix="--sort-time"
+        )
+    overlap = " ".join(f"--exclude {_down(log.t[i + 1])}-{_up(log.t[i])}" for i in back)
+    fix = f"leave the overlap out with {overlap}, or use --sort-time if stamps are just shuffled"
+    raise TimeNotIncreasing(f"{text}: two recordings joined?", where=log.topic, fix=fix)
+
+
+def _down(t: float) -> str:
+    return f"{np.floor(t * 1000) / 1000:.3f}"
+
+
+def _up(t: float) -> str:
+    return f"{np.ceil(t * 1000) / 1000:.3f}"
+
+
+def evened(log: Log) -> Log:
+    """Return the log on an even clock where its samples were taken evenly and only the stamps came late (W323).
+
+    A recorder on a busy machine stamps what arrives. Whether stamps or samples are uneven is asked of the positions: a
+    sample lies on the line between its neighbours but for the curvature, if its time is right.
+    """
+    step = np.diff(log.t)
+    if len(step) < LEAST_SAMPLES:
+        return log
+    count = _samples_between(step)
+    if count is None:
+        return log
+    number = np.concatenate([[0.0], np.cumsum(count)])
+    slope, start = np.polyfit(number, log.t, 1)
+    t = start + slope * number
+    if float(np.abs(t - log.t).max()) > GAP_SAMPLES * slope:
+        return log
+    close = (count[:-1] == 1) & (count[1:] == 1)
+    given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
+    moves = given > 0
+    if not moves.any() or float(np.mean(even[moves] / given[moves])) > STRAIGHTER:
+        return log
+    late = float(np.std(log.t - t))
+    if late < WORTH_SAYING * slope:
+        return replace(log, t=t)
+    text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
+    return noted(replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}))
+
+
+def _samples_between(step: Floats) -> Floats | None:
+    """Return how many sample times each step is; None when that is not clear."""
+    usual = float(np.mean(step[step < 1.5 * np.median(step)]))
+    number = np.arange(len(step))
+    away = np.cumsum(step) / usual
+    away -= np.polyval(np.polyfit(number, away, 1), number)
+    blocks = [float(np.median(part)) for part in np.array_split(away, max(4, len(step) // 25))]
+    if max(blocks) - min(blocks) < UNCLEAR:
+        return np.ones(len(step))  # none is lost, however late single ones are
+    count = np.round(step / usual)
+    unclear = (np.abs(step / usual - count) > UNCLEAR) & (count < GAP_SAMPLES)
+    return None if np.any(count < 1) or np.any(unclear) else count
+
+
+def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
+    """Return the mean square distance of samples from the line between their neighbours, (n,)."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    away = q[1:-1] - (1 - share) * q[:-2] - share * q[2:]
+    return np.asarray(np.mean(away[close] ** 2, axis=0)) if close.any() else np.zeros(q.shape[1])
+
+
+def without(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
+    """Return the log without the samples of the stretches, ends included.
+
+    Raises:
+        LogTooShort: nothing is left.
+    """
+    if not exclude:
+        return log
+    keep = np.ones(len(log), dtype=bool)
+    for start, end in exclude:
+        keep &= ~((log.t >= start) & (log.t <= end))
+    if not keep.any():
+        raise LogTooShort("--exclude leaves no sample", fix="exclude less")
+    return rows(log, np.flatnonzero(keep))
+
+
+def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Finding, ...]:
+    """Return finding W312 for gaps of a log with increasing time; excluded stretches are none.
+
+    Raises:
+        TooManyLost: more than one sample in twenty is missing.
+    """
+    step = np.diff(log.t)
+    usual = float(np.median(step))
+    wanted = np.zeros(len(step), dtype=bool)
+    for start, end in exclude:
+        wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
+    kept = step[~wanted]
+    lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
+    # Why: jitter alone lengthens some steps and shortens others; the mean step tells lost samples from late ones.
+    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
+    share = lost / (lost + len(log))
+    gaps = np.flatnonzero((step > GAP_SAMPLES * usual) & ~wanted)
+    longest = int(gaps[np.argmax(step[gaps])]) if len(gaps) else int(np.argmax(np.where(wanted, 0.0, step)))
+    where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
+    if share > LOST_SHARE:
+        raise TooManyLost(
+            f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be",
+            where=log.topic,
+        )
+    if not len(gaps):
+        return ()
+    evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
+    text = f"{len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
+    return (Finding("W312", "warning", text, evidence),)
+
+
+def check_rate(log: Log, robot: Robot) -> None:
+    """Raise when samples arrive too rarely for the motion.
+
+    Raises:
+        RateTooLow: with the driver's way to publish faster.
+    """
+    if not moving(log, robot).any():
+        return
+    fastest = bandwidth(log, robot)
+    needed = max(LEAST_RATE, SAMPLES_PER_PERIOD * fastest)
+    if log.rate < needed:
+        raise RateTooLow(
+            f"joint states arrive at {log.rate:.1f} Hz; "
+            f"the fastest motion, {fastest:.1f} Hz, needs >= {max(GOOD_RATE, needed):.0f} Hz",
+            where=log.topic,
+            fix=driver_of(robot).rate_fix,
+        )
+
+
+def rows(log: Log, keep: NDArray[np.intp]) -> Log:
+    """Return the log with some of its rows, in the given order."""
+    extra = {key: value[keep] if _has_rows(value, len(log)) else value for key, value in log.extra.items()}
+    qd = log.qd[keep] if log.qd is not None else None
+    return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)
+
+
+def noted(log: Log, *findings: Finding) -> Log:
+    """Return the log with further findings."""
+    return replace(log, findings=(*log.findings, *findings))
+
+
+def _has_rows(value: object, n: int) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == n

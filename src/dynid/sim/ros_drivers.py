@@ -1,0 +1,338 @@
+"""A simulated arm's face to ROS: the topics, types, names, units and quirks of one driver each.
+
+Source: kinova-ros for the Gen2; CentroEPiaggio/kuka-lwr (ros_control over FRI) for the LWR4+.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.drivers.action_msgs import (
+    ABORTED,
+    ACTIVE,
+    CANCEL,
+    GOAL,
+    PREEMPTED,
+    REJECTED,
+    RESULT,
+    STATUS,
+    SUCCEEDED,
+    action_message,
+)
+from dynid.drivers.joints import Columns
+from dynid.drivers.kinova_msgs import message, service
+from dynid.drivers.ros import Node, import_ros
+from dynid.robot import Robot
+from dynid.sim.command_log import Received
+from dynid.sim.driver_loop import Measured, Rig
+from dynid.sim.follow import PointFollower, VelocityFollower
+
+Floats = NDArray[np.float64]
+
+#: FRI sends no velocity; CentroEPiaggio's node differentiates and smooths with this share of the new value.
+SMOOTHING = 0.2
+
+
+class Face(ABC):
+    """A driver as other nodes see it.
+
+    Args:
+        node: this process in the graph.
+        rig: the simulation.
+        topic: topic of the joint states.
+    """
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        self.node, self.rig, self.topic = node, rig, topic
+        self.robot: Robot = rig.robot
+        self.columns = Columns(self.robot)
+        self.received = Received(self.robot, 0.01)
+        self._state = import_ros("sensor_msgs.msg").JointState
+        self._began = time.time_ns()
+        self._monotonic = time.monotonic_ns()
+        self._publisher = self.publisher(topic, self._state)
+
+    def publisher(self, topic: str, kind: Any) -> Any:  # noqa: ANN401
+        """Return a publisher that never blocks the physics."""
+        return self.node.rospy.Publisher(topic, kind, queue_size=1000, tcp_nodelay=True)
+
+    def subscribe(self, topic: str, kind: Any, callback: Any) -> None:  # noqa: ANN401
+        """Listen to commands."""
+        self.node.rospy.Subscriber(topic, kind, callback, queue_size=None, tcp_nodelay=True)
+
+    def publish(self, measured: Measured) -> None:
+        """Publish one sample."""
+        if self.rig.faulty("dies"):
+            os._exit(1)
+        self._publisher.publish(self.state(measured))
+
+    @abstractmethod
+    def state(self, measured: Measured) -> Any:  # noqa: ANN401
+        """Return the joint state of a sample."""
+
+    def _joint_state(self, names: list[str], stamp: int, q: Floats, qd: Floats, tau: Floats) -> Any:  # noqa: ANN401
+        found = self._state()
+        found.header.stamp.secs, found.header.stamp.nsecs = divmod(stamp, 10**9)
+        found.name = names
+        # Unit: both arms send 32-bit numbers.
+        found.position, found.velocity, found.effort = (
+            values.astype(np.float32).astype(float).tolist() for values in (q, qd, tau)
+        )
+        return found
+
+    def _driver_values(self, measured: Measured) -> tuple[Floats, Floats, Floats]:
+        columns = self.columns
+        return columns.positions(measured.q), columns.velocities(measured.qd), columns.efforts(measured.tau)
+
+    def heard(self) -> float | None:
+        """Note a command and return the time, or None when the driver is deaf."""
+        self.rig.commanded()
+        return None if self.rig.faulty("deaf") else time.monotonic()
+
+
+class KinovaFace(Face):
+    """kinova-ros: 13 names, degrees in its own messages, stop and start as services."""
+
+    FINGERS = ("finger_1", "finger_2", "finger_3", "finger_tip_1", "finger_tip_2", "finger_tip_3")
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        super().__init__(node, rig, topic)
+        self.namespace = topic.split("/out/")[0]
+        prefix = self.columns.names[0].removesuffix("1")
+        self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
+        self._angles_type = message("JointAngles")
+        self._angles, self._torques, self._command = (
+            self.publisher(f"{self.namespace}/out/{name}", self._angles_type)
+            for name in ("joint_angles", "joint_torques", "joint_command")
+        )
+        gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
+        node.rospy.set_param(gravity, rig.imperfections.fault == "gravity-free")
+        node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / rig.rate)
+        self.subscribe(f"{self.namespace}/in/joint_velocity", message("JointVelocity"), self._velocity)
+        services = {"start": ("Start", self._start), "set_zero_torques": ("ZeroTorques", self._zero)}
+        services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
+        if rig.imperfections.fault != "no-stop":
+            services["stop"] = ("Stop", self._stop)
+        for name, (kind, callback) in services.items():
+            node.rospy.Service(f"{self.namespace}/in/{name}", service(kind), callback)
+
+    def state(self, measured: Measured) -> Any:  # noqa: ANN401
+        """Return the joint state with fingers; its stamp is wall time, taken before torques are polled."""
+        fingers = np.zeros(len(self.FINGERS))
+        q, qd, tau = self._driver_values(measured)
+        values = (np.concatenate([part, fingers]) for part in (q, doubled(qd), tau))
+        return self._joint_state(self._names, self._began + round(measured.since * 1e9), *values)
+
+    def publish(self, measured: Measured) -> None:
+        """Publish the joint state and the messages without time stamps."""
+        super().publish(measured)
+        for publisher, values in (
+            (self._angles, np.degrees(self.columns.positions(measured.q))),
+            (self._torques, self.columns.efforts(measured.tau)),
+            (self._command, np.degrees(self.columns.positions(self.rig.follower.goal))),
+        ):
+            publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
+
+    def _velocity(self, command: Any) -> None:  # noqa: ANN401
+        now = self.heard()
+        values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
+        speed = np.radians(values) * self.columns.sign
+        self.received.velocity(time.monotonic(), speed)
+        if now is not None:
+            assert isinstance(self.rig.follower, VelocityFollower)
+            self.rig.follower.push(speed)
+
+    def _stop(self, request: Any) -> Any:  # noqa: ANN401
+        if self.rig.faulty("stop-fails"):
+            raise self.node.rospy.ServiceException("no connection to the arm")
+        self.rig.follower.stop()
+        return service("Stop")._response_class("Arm stopped")
+
+    def _start(self, request: Any) -> Any:  # noqa: ANN401
+        self.rig.follower.start()
+        return service("Start")._response_class("Arm started")
+
+    def _zero(self, request: Any) -> Any:  # noqa: ANN401
+        self.rig.zero_torques()
+        return service("ZeroTorques")._response_class()
+
+    def _mode(self, request: Any) -> Any:  # noqa: ANN401
+        return service("SetTorqueControlMode")._response_class()
+
+
+def doubled(qd: Floats) -> Floats:
+    """Return velocities as kinova-ros publishes them: twice the firmware's, and wrapped above 180 deg/s after that."""
+    degrees = 2 * np.degrees(qd)
+    return np.asarray(np.radians(np.where(degrees > 180, degrees - 360, degrees)))
+
+
+class TrajectoryFace(Face):
+    """Any driver with joint states and a joint_trajectory_controller."""
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        super().__init__(node, rig, topic)
+        self.namespace = topic.rsplit("/", 1)[0]
+        trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
+        self.subscribe(f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory)
+
+    @property
+    def follower(self) -> PointFollower:
+        """The controller."""
+        assert isinstance(self.rig.follower, PointFollower)
+        return self.rig.follower
+
+    def state(self, measured: Measured) -> Any:  # noqa: ANN401
+        """Return the joint state in chain order with wall time."""
+        stamp = self._began + round(measured.since * 1e9)
+        return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
+
+    def points(self, trajectory: Any) -> list[tuple[Floats, Floats, Floats, float]]:  # noqa: ANN401
+        """Return position, velocity and acceleration of each point in DH quantities, and its time from the start."""
+        where = [trajectory.joint_names.index(name) for name in self.columns.names]
+        return [
+            (
+                self.columns.positions_dh(np.array(point.positions)[where]),
+                self.columns.velocities_dh(np.array(point.velocities)[where]),
+                self.columns.velocities_dh(np.array(point.accelerations)[where]),
+                point.time_from_start.to_sec(),
+            )
+            for point in trajectory.points
+        ]
+
+    def _trajectory(self, command: Any) -> None:  # noqa: ANN401
+        if not command.points:
+            self.follower.hold()
+            return
+        now = self.heard()
+        q, qd, qdd, after = self.points(command)[-1]
+        self.received.point(time.monotonic(), q, qd, qdd)
+        if now is not None:
+            self.follower.push((q, qd, after))
+
+
+class ActionFace(TrajectoryFace):
+    """The same with the controller's FollowJointTrajectory action, which takes one goal at a time."""
+
+    #: Status messages [Hz], as actionlib's server publishes them.
+    STATUS_RATE = 5.0
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        super().__init__(node, rig, topic)
+        base = f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory"
+        self._goal: Any = None
+        self._told = -1.0
+        # Why: goals come in threads of their own, while the physics looks whether they are reached.
+        self._turn = threading.RLock()
+        self._statuses = self.publisher(f"{base}/status", action_message(STATUS))
+        self._results = self.publisher(f"{base}/result", action_message(RESULT))
+        self.subscribe(f"{base}/goal", action_message(GOAL), self._begin)
+        if rig.imperfections.fault != "no-stop":
+            self.subscribe(f"{base}/cancel", action_message(CANCEL), self._cancel)
+
+    def publish(self, measured: Measured) -> None:
+        """Publish the joint state, and how the goal stands."""
+        super().publish(measured)
+        with self._turn:
+            if self._goal is not None:
+                self._look()
+            if measured.since - self._told >= 1 / self.STATUS_RATE:
+                self._told = measured.since
+                self._say(ACTIVE)
+
+    def _look(self) -> None:
+        """See how the goal stands."""
+        if self.rig.faulty("deaf"):
+            self.follower.hold()
+        elif self.rig.faulty("gives-up"):
+            self.follower.hold()
+            self._end(ABORTED, "a joint left its path tolerance")
+        elif not self.follower.following:
+            self._end(SUCCEEDED, "")
+
+    def _begin(self, goal: Any) -> None:  # noqa: ANN401
+        now = self.heard()
+        points = self.points(goal.goal.trajectory)
+        begin = time.monotonic()
+        for q, qd, qdd, after in points:
+            self.received.point(begin + after, q, qd, qdd)
+        with self._turn:
+            if self._goal is not None:
+                self._end(PREEMPTED, "another goal came")
+            self._goal = goal.goal_id
+            if now is None:
+                self._end(REJECTED, "the controller is not running")
+                return
+            self.follower.play([(q, qd, after) for q, qd, _, after in points])
+            self._say(ACTIVE)
+
+    def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
+        with self._turn:
+            if self._goal is None or cancel.id not in ("", self._goal.id) or self.rig.faulty("stop-fails"):
+                return
+            self.follower.hold()
+            self._end(PREEMPTED, "cancelled")
+
+    def _end(self, state: int, text: str) -> None:
+        result = action_message(RESULT)()
+        result.status.goal_id, result.status.status, result.status.text = self._goal, state, text
+        self._say(state, text)
+        self._results.publish(result)
+        self._goal = None
+
+    def _say(self, state: int, text: str = "") -> None:
+        found = action_message(STATUS)()
+        if self._goal is not None:
+            status = action_message("actionlib_msgs/GoalStatus")()
+            status.goal_id, status.status, status.text = self._goal, state, text
+            found.status_list = [status]
+        self._statuses.publish(found)
+
+
+class LwrFace(TrajectoryFace):
+    """LWR4+ through ros_control: alphabetical names, stamps of the monotonic clock, a differentiated velocity."""
+
+    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
+        super().__init__(node, rig, topic)
+        self._order = np.argsort(self.columns.names)
+        self._names = [self.columns.names[i] for i in self._order]
+        self._before: tuple[float, Floats, Floats] | None = None
+        if rig.imperfections.fault != "no-stop":
+            self.subscribe(f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop)
+
+    def state(self, measured: Measured) -> Any:  # noqa: ANN401
+        """Return the joint state as hardware_interface's std::map orders it."""
+        q, _, tau = self._driver_values(measured)
+        qd = self._differentiated(measured.since, q)
+        stamp = self._monotonic + round(measured.since * 1e9)
+        return self._joint_state(self._names, stamp, *(values[self._order] for values in (q, qd, tau)))
+
+    def _differentiated(self, since: float, q: Floats) -> Floats:
+        if self._before is None:
+            self._before = (since, q, np.zeros_like(q))
+        then, old, speed = self._before
+        if since > then:
+            speed = SMOOTHING * (q - old) / (since - then) + (1 - SMOOTHING) * speed
+        self._before = (since, q, speed)
+        return speed
+
+    def _stop(self, pressed: Any) -> None:  # noqa: ANN401
+        if self.rig.faulty("stop-fails"):
+            return
+        if pressed.data:
+            self.rig.follower.stop()
+        else:
+            self.rig.follower.start()
+
+
+def face_of(node: Node, rig: Rig, topic: str) -> Face:
+    """Return the face of the driver that the robot file names."""
+    kind = rig.robot.driver.kind if rig.robot.driver else "generic"
+    faces: dict[str, type[Face]] = {"kinova_gen2": KinovaFace, "lwr4plus": LwrFace}
+    return faces.get(kind, ActionFace)(node, rig, topic)

@@ -1,0 +1,125 @@
+"""A seven-joint arm with known bodies, its regressor taken from Pinocchio: independent of dynid's own model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from dynid.estimation.physical_constraints import Physics, body_parameters, make_physics, pseudo_inertia
+from dynid.robot import LINK_PARAMETERS, Body
+
+TWIST = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
+OFFSET = np.array([0.31, 0, 0.4, 0, 0.39, 0, 0.078])
+LENGTH = np.array([0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.08])
+MASS = np.array([2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27])
+NAMES = tuple(f"{p}{i}" for i in range(1, 8) for p in LINK_PARAMETERS) + tuple(
+    f"{p}{i}" for i in range(1, 8) for p in ("fv", "fc")
+)
+#: How much the true links differ from cylinders: relative stretch and shear, shift [m].
+SHAPE = np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0, 0, 0, 0]])
+#: Limits of position [rad], speed [rad/s] and acceleration [rad/s^2].
+LIMITS = np.array([
+    0.95 * np.deg2rad([170, 120, 170, 120, 170, 120, 170]),
+    np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
+    [6, 6, 8, 8, 12, 12, 12],
+])  # fmt: skip
+#: Viscous [N m s/rad] and Coulomb friction [N m] as measured on such arms: trajectories/lwr4plus_truth.yaml.
+MEASURED_FRICTION = np.array([[1.0, 0.9, 0.7, 0.65, 0.4, 0.3, 0.2], [1.3, 1.1, 0.8, 0.75, 0.5, 0.4, 0.3]])
+NOISE = np.array([0.5, 0.5, 0.3, 0.3, 0.15, 0.1, 0.06])
+
+
+def cylinder(mass: float, length: float, radius: float = 0.06) -> np.ndarray:
+    across = mass * (3 * radius**2 + length**2) / 12
+    return Body(mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)).parameters()
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Regressor, truth and prior."""
+
+    truth: np.ndarray
+    prior: np.ndarray
+    physics: Physics
+
+    def regressor(self, q, qd, qdd):
+        return regressor(q, qd, qdd)
+
+    def motion(self, samples: int, alpha: float = 1.0, seed: int = 0):
+        """Five harmonics of 0.1 Hz at 500 samples in 10 s, slowed down by alpha."""
+        rng = np.random.default_rng(seed)
+        t, w = np.linspace(0, 10, samples), 0.2 * np.pi * np.arange(1, 6)
+        a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None] ** 0.5
+        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+        q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+        return q, alpha * qd, alpha**2 * qdd
+
+    def within_limits(self, samples: int, alpha: float = 1.0, seed: int = 0):
+        """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
+        rng = np.random.default_rng(seed)
+        t, orders = np.linspace(0, 10, samples), np.arange(1, 6)
+        w = 0.2 * np.pi * orders
+        a, b = rng.standard_normal((2, 5, 7)) / orders[:, None]
+        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+        q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+        q -= (q.max(axis=0) + q.min(axis=0)) / 2
+        scale = np.min(LIMITS / np.abs([q, qd, qdd]).max(axis=1), axis=0)
+        return scale * q, alpha * scale * qd, alpha**2 * scale * qdd
+
+    def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1, motion=None):
+        """Triangular factor (R, r) of noisy whitened rows."""
+        rng = np.random.default_rng(seed)
+        W = regressor(*(motion or self.motion)(samples, alpha))
+        tau = W @ self.truth + noise * NOISE * rng.standard_normal((samples, 7))
+        rows = np.concatenate([W, tau[:, :, None]], axis=2) / (noise * NOISE)[:, None]
+        F = np.linalg.qr(rows.reshape(-1, 92), mode="r")
+        return F[:91, :91], F[:91, 91]
+
+
+@lru_cache
+def _pinocchio_model():
+    model, placement, parent = pin.Model(), pin.SE3.Identity(), 0
+    for i in range(7):
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i}")
+        model.appendBodyToJoint(parent, pin.Inertia.Zero(), pin.SE3.Identity())
+        lift = pin.SE3(np.eye(3), np.array([0, 0, OFFSET[i]]))
+        placement = lift * pin.SE3(pin.utils.rotate("x", TWIST[i]), np.zeros(3))
+    return model, model.createData()
+
+
+def regressor(q, qd, qdd) -> np.ndarray:
+    model, scratch = _pinocchio_model()
+    ours = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # Pinocchio has Iyy before Ixz
+    W = np.zeros((len(q), 7, 91))
+    for k in range(len(q)):
+        Y = pin.computeJointTorqueRegressor(model, scratch, q[k], qd[k], qdd[k]).reshape(7, 7, 10)
+        W[k, :, :77].reshape(7, 7, 11)[:, :, :10] = Y[:, :, ours]
+    joint = np.arange(7)
+    W[:, joint, 11 * joint + 10] = qdd
+    W[:, joint, 77 + 2 * joint] = qd
+    W[:, joint, 78 + 2 * joint] = np.tanh(qd / 0.01)
+    return W
+
+
+@lru_cache
+def seven_joint_arm() -> Arm:
+    rng = np.random.default_rng(0)
+    truth, prior = np.zeros(91), np.zeros(91)
+    for i in range(7):
+        stretch = np.eye(4) + rng.standard_normal((4, 4)) * SHAPE
+        P = stretch @ pseudo_inertia(cylinder(MASS[i], LENGTH[i])) @ stretch.T
+        truth[11 * i : 11 * i + 10] = body_parameters(P)
+        prior[11 * i : 11 * i + 10] = cylinder(MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i])
+    truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
+    truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
+    return Arm(truth, prior, make_physics(NAMES, prior))
+
+
+def arm_with_measured_friction() -> Arm:
+    """The same arm with friction of the size measured on such arms: a third."""
+    arm = seven_joint_arm()
+    truth = arm.truth.copy()
+    truth[77::2], truth[78::2] = MEASURED_FRICTION
+    return replace(arm, truth=truth)

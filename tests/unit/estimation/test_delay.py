@@ -1,0 +1,67 @@
+"""The delay of the torques: what was put in comes out, and what was never there is left alone."""
+
+import numpy as np
+import pytest
+from test_stack import motion, truth
+
+from dynid.estimation.delay import estimate_delay
+from dynid.estimation.stack import Source, stack
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.model import build_model
+from dynid.model.reduce import reduce
+from dynid.model.store import BaseModel
+from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.delay import without_delay
+
+
+@pytest.fixture(scope="module")
+def base():
+    model = build_model(load_robot("scara"))
+    return BaseModel(model, reduce(model))
+
+
+def stacked(base, log):
+    chosen = choose_filter(log, base.robot)
+    source, observer = Source(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
+    return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
+
+
+def late(base, delay, seconds=30.0):
+    """A log whose torques belong to the exact motion ``delay`` earlier, with noise."""
+    t, q, qd, qdd = motion(base.robot, seconds, 0)
+    tau = base.model.regressor(q, qd, qdd) @ truth(base)
+    moved = np.column_stack([np.interp(t - delay, t, column) for column in tau.T])
+    noise = np.random.default_rng(0).normal(size=tau.shape) * 0.02 * np.std(tau, axis=0)
+    return Log(t, q, moved + noise, base.robot.joint_names, dh=True)
+
+
+@pytest.mark.parametrize("delay", [0.020, 0.006, -0.010])
+def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
+    log = late(base, delay)
+    found = estimate_delay(stacked(base, log))
+    assert found.clear
+    assert found.seconds == pytest.approx(delay, abs=max(4 * found.std_error, 0.06 * abs(delay)))
+    left = estimate_delay(stacked(base, without_delay(log, found.seconds)))
+    assert abs(left.seconds) < 1e-3
+
+
+def test_torques_on_time_are_not_moved(base):
+    assert not estimate_delay(stacked(base, late(base, 0.0))).clear
+
+
+def test_the_torque_of_a_later_time_is_taken_and_the_end_is_cut(base):
+    t = np.arange(200) / 100.0
+    x = np.column_stack([np.sin(t)] * base.robot.n)
+    log = Log(t, x, x**2, base.robot.joint_names, dh=True)
+    moved = without_delay(log, 0.013)
+    assert len(moved) == 198
+    assert np.allclose(moved.tau[:, 0], np.sin(moved.t + 0.013) ** 2, atol=1e-7)
+    assert without_delay(log, 0.0) is log
+
+
+def test_torques_from_inside_a_gap_do_not_count(base):
+    t = np.concatenate([np.arange(100), np.arange(150, 250)]) / 100.0
+    x = np.column_stack([np.sin(t)] * base.robot.n)
+    moved = without_delay(Log(t, x, x, base.robot.joint_names, dh=True), 0.02)
+    assert moved.extra["clipped"][:, 0].sum() == 2

@@ -1,0 +1,67 @@
+"""Gains of the drives from currents of a simulated arm, against those that were put in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loaded_arm import LOAD, recorded
+
+from dynid.estimation.drive_gains import Load, find_gains
+from dynid.estimation.payload import last_link
+from dynid.estimation.stack import Source, stack
+from dynid.model import build_model
+from dynid.model.reduce import reduce
+from dynid.model.store import BaseModel
+from dynid.signals.conditioning import choose_filter, condition
+
+GAINS = np.array([11.0, 9.5, 8.0, 7.0, 3.5, 3.0, 2.4])
+
+
+@pytest.fixture(scope="module")
+def base():
+    model = build_model(recorded(1, seconds=6.0)[0])
+    return BaseModel(model, reduce(model))
+
+
+def currents(base, seed, load=None):
+    log = recorded(seed, load)[1]
+    log = replace(log, tau=log.tau / GAINS, tau_unit="A")
+    chosen = choose_filter(log, base.robot, 6.0)
+    source, observer = Source(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
+    return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
+
+
+@pytest.fixture(scope="module")
+def empty(base):
+    return currents(base, 11)
+
+
+@pytest.fixture(scope="module")
+def loaded(base):
+    return currents(base, 12, LOAD)
+
+
+def test_a_load_of_known_mass_tells_all_gains_within_three_percent(base, empty, loaded):
+    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
+    found = find_gains(empty, np.full(7, np.nan), Load(loaded, K[:, 0] * LOAD.mass, K[:, 1:]))
+    assert found.gain == pytest.approx(GAINS, rel=0.03)
+    assert not found.relative
+    assert np.all(np.abs(found.gain - GAINS) < 4 * found.std_error)
+
+
+def test_a_load_that_is_known_whole_tells_them_better(base, empty, loaded):
+    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
+    found = find_gains(empty, np.full(7, np.nan), Load(loaded, K @ LOAD.parameters(), K[:, :0]))
+    assert found.gain == pytest.approx(GAINS, rel=0.03)
+
+
+def test_one_known_gain_tells_the_others(empty):
+    known = np.full(7, np.nan)
+    known[1] = GAINS[1]
+    assert find_gains(empty, known).gain == pytest.approx(GAINS, rel=0.05)
+
+
+def test_without_any_size_the_ratios_are_found(empty):
+    found = find_gains(empty, np.full(7, np.nan))
+    assert found.relative
+    assert found.gain == pytest.approx(GAINS / np.exp(np.mean(np.log(GAINS))), rel=0.05)

@@ -1,0 +1,141 @@
+"""Least squares from triangular factors against the textbook formulas on all rows."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import LogTooShort
+from dynid.estimation.least_squares import (
+    accumulate,
+    joint_rms,
+    merge,
+    ordinary,
+    relative_error,
+    ridge,
+    solve,
+    weighted,
+)
+from dynid.estimation.observation_rows import Rows, joint_factors
+
+TRUTH = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
+NOISE = np.array([0.1, 1.0, 10.0])
+
+
+def rows(samples=400, noise=NOISE, seed=0):
+    rng = np.random.default_rng(seed)
+    W = rng.standard_normal((samples, len(noise), 5)) * [1, 1, 3, 1, 100]
+    return W, W @ TRUTH + noise * rng.standard_normal((samples, len(noise)))
+
+
+def factors(W, tau):
+    return joint_factors([Rows(W, tau)])
+
+
+def test_ordinary_fit_is_that_of_all_rows():
+    W, tau = rows()
+    fit = ordinary(*factors(W, tau))
+    X, y = W.reshape(-1, 5), tau.ravel()
+    theta, squares = np.linalg.lstsq(X, y, rcond=None)[:2]
+    assert np.allclose(fit.theta, theta, rtol=1e-12)
+    assert np.allclose(fit.covariance, squares / (1200 - 5) * np.linalg.inv(X.T @ X), rtol=1e-9)
+    assert np.allclose(fit.rms, np.sqrt(np.mean((tau - W @ theta) ** 2, axis=0)))
+    assert fit.solution.condition_number == pytest.approx(np.linalg.cond(X))
+    assert fit.solution.condition_number_scaled == pytest.approx(np.linalg.cond(X / np.linalg.norm(X, axis=0)))
+
+
+def test_rows_added_one_log_at_a_time_give_the_batch_result():
+    W, tau = rows(3000)
+    batch, count = factors(W, tau)
+    R = None
+    for k in range(0, 3000, 700):
+        R = accumulate(R, W[k : k + 700, 1], tau[k : k + 700, 1])
+    halves = np.stack([factors(W[:1000], tau[:1000])[0][1], factors(W[1000:], tau[1000:])[0][1]])
+    for other in (R, merge(halves)):
+        assert np.allclose(np.abs(other), np.abs(batch[1]), rtol=1e-10, atol=1e-10)
+    assert list(count) == [3000] * 3
+
+
+def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
+    W, tau = rows(4000)
+    fit = weighted(*factors(W, tau))
+    assert np.allclose(fit.noise, NOISE, rtol=0.05)
+    X = (W / fit.noise[:, None]).reshape(-1, 5)
+    assert np.allclose(fit.theta, np.linalg.lstsq(X, (tau / fit.noise).ravel(), rcond=None)[0], rtol=1e-9)
+    assert np.allclose(fit.covariance, np.linalg.inv(X.T @ X), rtol=1e-9)
+
+
+def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
+    ratio = [weighted(*factors(*rows(12, seed=s))).noise ** 2 / NOISE**2 for s in range(400)]
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)
+
+
+def test_weighting_beats_ordinary_least_squares_where_joints_differ():
+    error = np.array(
+        [
+            [np.linalg.norm((f(*factors(*rows(100, seed=s))).theta - TRUTH)[:4]) for f in (ordinary, weighted)]
+            for s in range(30)
+        ]
+    )
+    assert np.all(np.median(error, axis=0) * [0.2, 1] > [np.median(error[:, 1]), 0])
+
+
+def test_ridge_is_the_bayesian_posterior_mean():
+    W, tau = rows(50)
+    prior, covariance = TRUTH + 0.3, np.diag([0.1, 0.2, 0.1, 0.4, 0.1]) ** 2
+    covariance[0, 1] = covariance[1, 0] = 0.01
+    fit = ridge(*factors(W, tau), prior, covariance)
+    X, y = (W / fit.noise[:, None]).reshape(-1, 5), (tau / fit.noise).ravel()
+    precision = X.T @ X + np.linalg.inv(covariance)
+    assert np.allclose(fit.theta, np.linalg.solve(precision, X.T @ y + np.linalg.solve(covariance, prior)))
+    assert np.allclose(fit.covariance, np.linalg.inv(precision))
+
+
+def test_rank_and_open_directions_are_found_whatever_the_units():
+    W, tau = rows(100)
+    W[:, :, 3] = 1e-4 * (W[:, :, 0] + 2 * W[:, :, 1])
+    solution = solve(merge(factors(W, tau)[0]))
+    assert solution.rank == 4
+    assert solution.condition_number_scaled == np.inf
+    open_direction = solution.weak[:, 0] / solution.weak[3, 0]
+    assert np.allclose(open_direction, [-1e-4, -2e-4, 0, 1, 0], atol=1e-10)
+    assert np.allclose(W.reshape(-1, 5) @ solution.weak, 0, atol=1e-10)
+
+
+def test_slow_motion_does_not_lose_rank():
+    W, tau = rows(100)
+    slow = np.array([1, 1, 1e-2, 1e-4, 1e-6])
+    normal, slowed = (solve(merge(factors(W * s, tau)[0])) for s in (np.ones(5), slow))
+    assert slowed.rank == 5
+    assert slowed.condition_number_scaled == pytest.approx(normal.condition_number_scaled)
+    assert slowed.condition_number > 50 * normal.condition_number
+
+
+def test_noise_free_rows_give_the_truth():
+    W, tau = rows(noise=np.zeros(3))
+    fit = weighted(*factors(W, tau))
+    assert np.allclose(fit.theta, TRUTH, rtol=1e-10)
+
+
+def test_errors_of_any_parameters_come_from_the_factors_alone():
+    W, tau = rows()
+    R, count = factors(W, tau)
+    guess = TRUTH * 1.1
+    residual = tau - W @ guess
+    assert np.allclose(joint_rms(R, count, guess), np.sqrt(np.mean(residual**2, axis=0)))
+    assert relative_error(R, guess) == pytest.approx(100 * np.linalg.norm(residual) / np.linalg.norm(tau))
+
+
+def test_fewer_rows_than_parameters_are_refused():
+    with pytest.raises(LogTooShort):
+        weighted(*factors(*rows(1)))
+
+
+def test_unusable_rows_do_not_count():
+    W, tau = rows()
+    usable = np.ones(tau.shape, dtype=bool)
+    usable[::7, 1] = False
+    spoilt = np.where(usable, tau, 1e6)
+    R, count = joint_factors([Rows(W, spoilt, usable=usable)])
+    assert list(count) == [400, usable[:, 1].sum(), 400]
+    keep = usable.ravel()
+    expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]
+    assert np.allclose(ordinary(R, count).theta, expected)

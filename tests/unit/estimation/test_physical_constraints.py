@@ -1,0 +1,55 @@
+"""Pseudo-inertias and bounds against textbook bodies."""
+
+import numpy as np
+import pytest
+
+from dynid.estimation.physical_constraints import (
+    body_parameters,
+    is_consistent,
+    link_columns,
+    make_physics,
+    pseudo_inertia,
+    smallest_eigenvalues,
+)
+from dynid.robot import LINK_PARAMETERS, Body
+
+
+def test_pseudo_inertia_is_the_second_moment_of_point_masses():
+    rng = np.random.default_rng(1)
+    points, masses = rng.standard_normal((20, 3)), rng.uniform(0.1, 1, 20)
+    homogeneous = np.column_stack([points, np.ones(20)])
+    expected = np.einsum("k,ka,kb->ab", masses, homogeneous, homogeneous)
+    total = sum(Body(m, tuple(p)).parameters() for m, p in zip(masses, points, strict=True))
+    assert np.allclose(pseudo_inertia(total), expected)
+
+
+def test_maps_are_inverse_of_each_other():
+    bodies = np.random.default_rng(2).standard_normal((5, 10))
+    assert np.allclose(body_parameters(pseudo_inertia(bodies)), bodies)
+
+
+def test_a_rod_thicker_than_its_length_allows_is_refused():
+    possible = Body(1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.015)).parameters()
+    impossible = Body(1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.021)).parameters()  # Izz > Ixx + Iyy
+    assert is_consistent(possible[None])
+    assert not is_consistent(np.stack([possible, impossible]))
+    assert smallest_eigenvalues(np.stack([possible, impossible]))[1] == pytest.approx(-0.0005, rel=0.05)
+
+
+def test_columns_are_found_by_name_whatever_their_order():
+    names = ["fv2", *[f"{p}2" for p in LINK_PARAMETERS], *[f"{p}3" for p in reversed(LINK_PARAMETERS)]]
+    columns = link_columns(names)
+    assert [[names[k] for k in row] for row in columns] == [[f"{p}{i}" for p in LINK_PARAMETERS[:10]] for i in (2, 3)]
+
+
+def test_bounds_hold_inside_and_break_outside():
+    names = [f"{p}1" for p in LINK_PARAMETERS] + ["fv1", "fo1"]
+    x = np.concatenate([Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]])
+    box = {1: (np.array([0, -1, -1]), np.array([0.2, 1, 1]))}
+    physics = make_physics(names, x, total_mass=(1, 3), com_box=box)
+    assert physics.holds(x)
+    for change in ({"m1": 2.0}, {"mcx1": 0.5}, {"fv1": -2.0}, {"Im1": -0.2}, {"mcx1": -0.3}):
+        broken = x.copy()
+        for name, value in change.items():
+            broken[names.index(name)] += value
+        assert not physics.holds(broken), change

@@ -1,0 +1,58 @@
+"""A result that is updated with a new log equals the fit on both logs."""
+
+import json
+
+import numpy as np
+import pytest
+from loaded_arm import recorded
+
+from dynid.estimation.result import load
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory, runner):
+    folder = tmp_path_factory.mktemp("updates")
+    (folder / "home").mkdir()
+    for name, seed in (("one", 41), ("two", 42)):
+        log = recorded(seed, seconds=15.0)[1]
+        np.savez(folder / f"{name}.npz", t=log.t, q=log.q, tau=log.tau)
+    return runner(folder, folder / "home")
+
+
+def run(shop, *words):
+    done = shop("identify", "kuka_lwr4plus", *words, "--cutoff", "6", "--delay", "off", "--json")
+    assert done.status == 0, done.err
+    return json.loads(done.out)
+
+
+def test_an_updated_result_equals_the_fit_on_both_logs(shop):
+    run(shop, "one.npz", "-o", "first", "--method", "ols")
+    updated = run(shop, "two.npz", "-o", "updated", "--update", "first/parameters.npz", "--method", "ols")
+    batch = run(shop, "one.npz", "two.npz", "-o", "batch", "--method", "ols")
+    one, other = (load(shop.folder / name / "parameters.npz") for name in ("updated", "batch"))
+    sigma = np.sqrt(np.diagonal(other.identification.covariance))
+    assert np.abs((one.identification.plain - other.identification.plain) / sigma).max() < 1e-6
+    ratio = np.sqrt(np.diagonal(one.identification.covariance)) / sigma
+    assert 0.7 < np.median(ratio) < 1.4
+    assert updated["relative_error_percent"] == pytest.approx(batch["relative_error_percent"], rel=1e-9)
+    assert one.log_sha256 == other.log_sha256
+
+
+def test_an_updated_weighted_fit_differs_by_what_reversals_tell(shop):
+    run(shop, "one.npz", "-o", "some", "--method", "wls")
+    run(shop, "two.npz", "-o", "more", "--update", "some/parameters.npz", "--method", "wls")
+    run(shop, "one.npz", "two.npz", "-o", "all", "--method", "wls")
+    one, other = (load(shop.folder / name / "parameters.npz").identification for name in ("more", "all"))
+    assert np.abs((one.plain - other.plain) / np.sqrt(np.diagonal(other.covariance))).max() < 1.0
+
+
+def test_the_same_log_is_not_added_twice(shop):
+    run(shop, "one.npz", "-o", "twice")
+    done = shop("identify", "kuka_lwr4plus", "one.npz", "--update", "twice/parameters.npz", "-o", "none")
+    assert done.status == 2
+
+
+def test_an_updated_result_may_take_the_place_of_the_old_one(shop):
+    run(shop, "one.npz", "-o", "place", "--method", "wls")
+    run(shop, "two.npz", "-o", "place", "--update", "place/parameters.npz")
+    assert len(load(shop.folder / "place" / "parameters.npz").log_sha256) == 2

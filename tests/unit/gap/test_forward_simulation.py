@@ -1,0 +1,48 @@
+"""What is replayed is an arm that can exist."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dynid.files.robotfile import load_robot
+from dynid.gap.forward_simulation import least_inertia, possible
+from dynid.model.prior import prior_parameters
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.model.store import BaseModel
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Return the model, and base parameters of an arm that is heavier than its prior says."""
+    model = build_model(load_robot("kuka_lwr4plus"))
+    base = BaseModel(model, reduce(model))
+    links = 1.3 * prior_parameters(model.robot).reshape(-1, 10)
+    x = np.ones(len(base.reduction.names))
+    for k, column in enumerate(base.model.link_columns):
+        link, p = divmod(int(column), 11)
+        x[k] = links[link, p] if p < 10 else 0.05
+    return base, base.reduction.K @ x
+
+
+def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
+    base, truth = arm
+    q = np.random.default_rng(0).uniform(-1, 1, (40, 7))
+    weak = base.reduction.base_names.index(next(n for n in base.reduction.base_names if n.startswith("Izz7")))
+    sigma = 1e-3 * (1 + np.abs(truth))
+    sigma[weak] = 0.5
+    wrong = truth.copy()
+    wrong[weak] -= 0.3
+    assert least_inertia(base, wrong, q) < 0
+    found = possible(base, SimpleNamespace(theta=wrong, inverse=np.diag(sigma**2)))
+    assert least_inertia(base, found, q) > 0
+    others = np.arange(len(truth)) != weak
+    assert np.all(np.abs(found - truth)[others] < 5 * sigma[others])
+
+
+def test_fitted_parameters_of_an_arm_stay(arm):
+    base, truth = arm
+    sigma = 1e-4 * (1 + np.abs(truth))
+    found = possible(base, SimpleNamespace(theta=truth, inverse=np.diag(sigma**2)))
+    assert np.abs((found - truth) / sigma).max() < 0.5

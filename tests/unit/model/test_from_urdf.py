@@ -1,0 +1,250 @@
+"""DH tables found in URDFs give the URDF's poses and torques, both of Pinocchio."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dynid.errors import WrongUrdf
+from dynid.files.robotfile import parse_robot
+from dynid.files.robotwrite import robot_text
+from dynid.files.urdffile import read_urdf
+from dynid.model.from_urdf import import_arm
+from dynid.model.kinematics import tool_pose
+from dynid.model.prior import prior_parameters
+from dynid.model.reduce import random_states, reduce
+from dynid.model.regressor import build_model
+
+#: Arms of the package example-robot-data: file, first and last link (None: found by itself).
+ARMS = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", None, None),
+    "panda": ("panda_description/urdf/panda.urdf", None, None),
+    "kinova": ("kinova_description/robots/kinova.urdf", None, None),
+    "tiago": ("tiago_description/robots/tiago_no_hand.urdf", "torso_lift_link", "arm_7_link"),
+    "talos": ("talos_data/robots/talos_left_arm.urdf", None, None),
+    "z1": ("z1_description/urdf/z1.urdf", None, None),
+}
+#: KUKA's iiwa 14, from the figures of its data sheet: joint offsets along the arm, axes turned by right angles.
+IIWA = ((0.1575, 0, 0, 0), (0.2025, 90, 0, 180), (0.2045, 90, 0, 180), (0.2155, 90, 0, 0), (0.1845, -90, 180, 0),
+        (0.2155, 90, 0, 0), (0.081, -90, 180, 0))  # fmt: skip
+
+
+def random_urdf(rng, n):
+    """Return a chain with axes of all kinds: parallel, meeting, the same, skew; fixed links between; any root."""
+
+    def origin():
+        turn = (
+            rng.choice([-np.pi / 2, 0.0, np.pi / 2, np.pi], 3) if rng.random() < 0.6 else rng.uniform(-3, 3, 3).round(2)
+        )
+        shift = np.where(rng.random(3) < 0.5, 0.0, rng.uniform(-0.5, 0.5, 3))
+        return '<origin xyz="{} {} {}" rpy="{} {} {}"/>'.format(*map(float, shift), *map(float, turn))
+
+    def inertial():
+        return (
+            f'<inertial>{origin()}<mass value="{float(rng.uniform(1, 5))!r}"/>'
+            '<inertia ixx="0.2" ixy="0.01" ixz="0" iyy="0.3" iyz="-0.02" izz="0.25"/></inertial>'
+        )
+
+    text = '<robot name="random"><link name="root"/>'
+    previous = "root"
+    for i in range(n):
+        kind = rng.choice(["revolute", "continuous", "prismatic"], p=[0.4, 0.3, 0.3])
+        axis = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1]) if rng.random() < 0.7 else rng.normal(size=3).round(2)
+        if rng.random() < 0.4:
+            text += f'<joint name="f{i}" type="fixed"><parent link="{previous}"/><child link="g{i}"/>{origin()}</joint>'
+            text += f'<link name="g{i}">{inertial() if i else ""}</link>'
+            previous = f"g{i}"
+        text += f'<joint name="j{i}" type="{kind}"><parent link="{previous}"/><child link="l{i}"/>{origin()}'
+        text += '<axis xyz="{} {} {}"/>'.format(*map(float, axis))
+        text += '<limit lower="-1" upper="2" effort="10" velocity="3"/></joint>'
+        text += f'<link name="l{i}">{inertial()}</link>'
+        previous = f"l{i}"
+    text += f'<joint name="end" type="fixed"><parent link="{previous}"/><child link="tip"/>{origin()}</joint>'
+    return text + f'<link name="tip">{inertial()}</link></robot>'
+
+
+def iiwa_urdf():
+    text, previous = '<robot name="iiwa"><link name="l0"/>', "l0"
+    for i, (rise, *turn) in enumerate(IIWA, start=1):
+        rpy = " ".join(repr(float(np.radians(angle))) for angle in turn)
+        shift = f"0 {rise} 0" if i in (3, 5, 7) else f"0 0 {rise}"
+        text += f'<joint name="joint_a{i}" type="revolute"><parent link="{previous}"/><child link="l{i}"/>'
+        text += f'<origin xyz="{shift}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+        text += '<limit lower="-2.9" upper="2.9" effort="200" velocity="1.5"/></joint>'
+        text += f'<link name="l{i}"><inertial><origin xyz="0 0.03 0.1"/><mass value="{5 - 0.5 * i}"/>'
+        text += '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.02"/></inertial></link>'
+        previous = f"l{i}"
+    return text + "</robot>"
+
+
+def imported(path, convention="standard", base=None, tip=None):
+    """Return what import finds, its robot read back from the text of its own robot file."""
+    found = import_arm(read_urdf(path), read_urdf(path, exact=True), convention=convention, base=base, tip=tip)
+    return found, parse_robot(robot_text(found.robot), Path("again.yaml"))
+
+
+def in_pinocchio(path, names):
+    """Return the arm in Pinocchio with all other joints locked at zero."""
+    model = pin.buildModelFromUrdf(str(path))
+    others = [i for i, name in enumerate(model.names) if i and name not in names]
+    zero = pin.neutral(model)
+    return pin.buildReducedModel(model, others, zero) if others else model
+
+
+def configuration(model, names, q):
+    own = np.zeros(model.nq)
+    for name, value in zip(names, q, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        own[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    return own
+
+
+def pose_difference(path, found, robot, count=100):
+    model = in_pinocchio(path, robot.joint_names)
+    data, rng, largest = model.createData(), np.random.default_rng(1), 0.0
+    for _ in range(count):
+        q = rng.uniform(-3, 3, robot.n)
+        pin.framesForwardKinematics(model, data, configuration(model, robot.joint_names, q))
+        expected = data.oMf[model.getFrameId(found.tip)].homogeneous
+        largest = max(largest, np.abs(tool_pose(robot, q) @ found.tip_pose - expected).max())
+    return largest
+
+
+def torque_difference(path, robot, count=50):
+    """Return how far the regressor times the prior is from Pinocchio's torques, over their size."""
+    model = in_pinocchio(path, robot.joint_names)
+    data = model.createData()
+    q, qd, qdd = random_states(robot, count, 2)
+    rotors_and_friction = build_model(robot)
+    gamma = np.zeros(rotors_and_friction.size)
+    for k, column in enumerate(rotors_and_friction.link_columns):
+        link, p = divmod(int(column), 11)
+        gamma[k] = prior_parameters(robot)[10 * link + p] if p < 10 else 0.0
+    found = rotors_and_friction.observer().torque(gamma, q, qd, qdd)
+    expected = [
+        pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c)
+        for a, b, c in zip(q, qd, qdd, strict=True)
+    ]
+    return np.abs(found - np.array(expected)).max() / np.abs(expected).max()
+
+
+@pytest.fixture(scope="session")
+def robots():
+    """The folder of URDFs of example-robot-data."""
+    spec = importlib.util.find_spec("pinocchio")
+    folder = Path(spec.origin).parents[4] / "share" / "example-robot-data" / "robots"
+    folder = folder if folder.is_dir() else Path(sys.prefix) / "share" / "example-robot-data" / "robots"
+    if not folder.is_dir():
+        pytest.skip("the package example-robot-data is not installed")
+    return folder
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("name", ARMS)
+def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques(name, convention, robots):
+    """UR5, Panda, Kinova, TIAGo, Talos, Z1: poses of the tip to 1e-9, torques of the prior to 1e-9 of their size."""
+    file, base, tip = ARMS[name]
+    found, robot = imported(robots / file, convention, base, tip)
+    assert pose_difference(robots / file, found, robot) < 1e-9
+    assert torque_difference(robots / file, robot) < 1e-9
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("seed", range(25))
+def test_any_chain_gets_a_table_with_the_urdfs_kinematics_and_torques(seed, convention, tmp_path):
+    """Random chains of 2 to 7 joints of all kinds, with fixed links between them that are merged."""
+    rng = np.random.default_rng(seed)
+    path = tmp_path / "arm.urdf"
+    path.write_text(random_urdf(rng, int(rng.integers(2, 8))))
+    found, robot = imported(path, convention)
+    assert found.tip == "tip"
+    assert pose_difference(path, found, robot, 20) < 1e-9
+    assert torque_difference(path, robot, 10) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_simulated_torques_give_the_base_parameters_of_the_urdfs_inertias(seed, tmp_path):
+    """Least squares on Pinocchio's torques recovers K gamma of the imported prior."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(iiwa_urdf() if seed == 0 else random_urdf(np.random.default_rng(seed), 4))
+    _, robot = imported(path)
+    model = build_model(robot)
+    reduction = reduce(model)
+    engine = in_pinocchio(path, robot.joint_names)
+    data = engine.createData()
+    q, qd, qdd = random_states(robot, 200, 3)
+    tau = np.array(
+        [
+            pin.rnea(engine, data, configuration(engine, robot.joint_names, a), b, c)
+            for a, b, c in zip(q, qd, qdd, strict=True)
+        ]
+    )
+    W = model.observer(reduction.base).dense(q, qd, qdd).reshape(-1, reduction.rank)
+    theta = np.linalg.lstsq(W, tau.ravel(), rcond=None)[0]
+    values = dict.fromkeys(model.parameter_names, 0.0)
+    for k, column in enumerate(model.link_columns):
+        link, p = divmod(int(column), 11)
+        values[model.parameter_names[k]] = prior_parameters(robot)[10 * link + p] if p < 10 else 0.0
+    np.testing.assert_allclose(theta, reduction.K @ np.array(list(values.values())), atol=1e-8)
+
+
+def test_the_iiwas_table_has_the_makers_lengths(tmp_path):
+    """0.36, 0.42, 0.4 m between shoulder, elbow and wrist, no offsets: d of joints 1, 3, 5."""
+    path = tmp_path / "iiwa.urdf"
+    path.write_text(iiwa_urdf())
+    _, robot = imported(path)
+    np.testing.assert_allclose([abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12)
+    np.testing.assert_allclose([j.a for j in robot.joints], 0.0, atol=1e-12)
+    assert {abs(round(np.degrees(j.twist))) for j in robot.joints[:6]} == {90}
+
+
+def test_limits_and_names_come_along(tmp_path):
+    """A continuous joint has no position limits, the others the URDF's."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(random_urdf(np.random.default_rng(0), 5))
+    urdf = read_urdf(path)
+    _, robot = imported(path)
+    for joint in robot.joints:
+        own = next(each for each in urdf.joints if each.name == joint.name)
+        assert joint.limits.position == (None if own.type == "continuous" else (-1.0, 2.0))
+        assert (joint.limits.torque, joint.limits.velocity) == (10.0, 3.0)
+
+
+def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(tmp_path):
+    """rpy 1.5708 means 90 degrees; the table has it exactly, and the finding says by how much the tip moves."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(iiwa_urdf().replace(repr(float(np.pi / 2)), "1.5708"))
+    found, robot = imported(path)
+    assert [f.code for f in found.findings] == ["W202"]
+    assert 1e-7 < found.largest < 1e-4
+    assert {round(np.degrees(j.twist), 12) % 90 for j in robot.joints} == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.replace('type="revolute"', 'type="floating"', 1), "fork|floating|no joint"),
+        (lambda t: t.replace("<robot", "<sdf").replace("</robot>", "</sdf>"), "not <robot>"),
+        (lambda t: t[:200], "not XML"),
+        (lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'), "names link 'nowhere'"),
+        (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
+        (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "no number"),
+    ],
+)
+def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, tmp_path):
+    """Each fault has its own sentence."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(change(iiwa_urdf()))
+    with pytest.raises(WrongUrdf, match=message):
+        imported(path, tip="l7" if "floating" in message else None)
+
+
+def test_an_unknown_link_is_answered_with_the_nearest(tmp_path):
+    """--tip with a typing error."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(iiwa_urdf())
+    with pytest.raises(WrongUrdf, match="no link 'l77'; did you mean 'l7'"):
+        imported(path, tip="l77")

@@ -1,0 +1,130 @@
+"""Columns become DH quantities by name, unit, sign, offset and coupling."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
+from dynid.files.logs import read_log
+from dynid.files.npzlog import write_log
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
+from dynid.signals.checks import prepare
+from dynid.signals.columns import in_si, matched, selected, to_dh
+from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+
+TWO = Robot("two", "standard", (Joint("a"), Joint("b", type="prismatic", limits=Limits((0.0, 0.3)))))
+
+
+def raw(n=2, **more):
+    t = np.arange(5) / 100
+    values = np.arange(5.0 * n).reshape(5, n)
+    return Log(t, values, 10 * values, qd=3 * values, **more)
+
+
+def converted(log, robot):
+    return to_dh(in_si(selected(log, robot), robot), robot)
+
+
+def driver(**more):
+    return DriverSpec(
+        **{"kind": "generic", "topic": None, "joint_names": (), "map": JointMap((1.0, 1.0), (0.0, 0.0)), **more}
+    )
+
+
+def test_columns_are_taken_by_name_whatever_their_order():
+    shuffled = [6, 0, 3, 2, 5, 1, 4]
+    log = lwr_log()
+    mixed = replace(log, q=log.q[:, shuffled], tau=log.tau[:, shuffled], names=tuple(log.names[i] for i in shuffled))
+    one, two = prepare(log, lwr()), prepare(mixed, lwr())
+    np.testing.assert_array_equal(one.q, two.q)
+    np.testing.assert_array_equal(one.tau, two.tau)
+
+
+def test_fingers_are_left_over():
+    columns, ignored = matched(gen2_log(), gen2())
+    assert columns == list(range(7))
+    assert len(ignored) == 6
+
+
+def test_sign_and_offset_are_applied_as_the_robot_file_says():
+    robot = replace(TWO, driver=driver(map=JointMap((-1.0, 1.0), (0.5, 0.1))))
+    log = raw()
+    dh = converted(log, robot)
+    np.testing.assert_allclose(dh.q, log.q * [-1, 1] + [0.5, 0.1])
+    np.testing.assert_allclose(dh.qd, log.qd * [-1, 1])
+    np.testing.assert_allclose(dh.tau, log.tau * [-1, 1])
+
+
+def test_degrees_and_millinewtonmetres_become_si_and_leave_the_sliding_joint_alone():
+    units = {"position": "deg", "velocity": "deg/s", "effort": "mNm"}
+    log = raw()
+    dh = converted(log, replace(TWO, driver=driver(units=units)))
+    np.testing.assert_allclose(dh.q, log.q * [np.pi / 180, 1])
+    np.testing.assert_allclose(dh.qd, log.qd * [np.pi / 180, 1])
+    np.testing.assert_allclose(dh.tau, log.tau / 1000)
+
+
+def test_currents_with_known_gains_become_torques():
+    robot = replace(TWO, torque=TorqueSource("motor_current", (2.0, 3.0)))
+    dh = converted(raw(tau_unit="A"), robot)
+    assert dh.tau_unit == "Nm"
+    np.testing.assert_allclose(dh.tau, raw().tau * [2, 3])
+
+
+def test_currents_without_gains_stay_currents():
+    dh = converted(raw(), replace(TWO, torque=TorqueSource("motor_current", (2.0, None))))
+    assert dh.tau_unit == "A"
+    np.testing.assert_array_equal(dh.tau, raw().tau)
+
+
+def test_coupling_keeps_the_power():
+    matrix = ((50.0, 0.0), (20.0, -80.0))
+    robot = replace(TWO, coupling=Coupling(matrix))
+    log = raw()
+    dh = converted(log, robot)
+    # Virtual work: what the motors do is what the joints do.
+    np.testing.assert_allclose(np.sum(dh.tau * dh.qd, axis=1), np.sum(log.tau * log.qd, axis=1))
+    np.testing.assert_allclose(dh.q @ np.array(matrix).T, log.q, atol=1e-12)
+
+
+def test_motor_columns_without_gear_ratios_are_refused():
+    with pytest.raises(LogLayout, match="no gear ratios"):
+        converted(raw(motor_side=True), TWO)
+
+
+def test_a_converted_log_is_not_converted_twice(tmp_path):
+    robot = replace(gen2(), driver=replace(gen2().driver, map=JointMap((-1.0,) * 7, (0.3,) * 7)))
+    once = prepare(gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")))
+    write_log(tmp_path / "log.npz", once)
+    twice = prepare(read_log(tmp_path / "log.npz", robot=robot), replace(robot, torque=TorqueSource("gravity_free")))
+    np.testing.assert_array_equal(once.q, twice.q)
+    np.testing.assert_array_equal(once.tau, twice.tau)
+    assert twice.names == robot.joint_names
+
+
+def test_a_log_with_fewer_joints_is_counted():
+    with pytest.raises(JointCountDiffers, match=r"the log has 6 joints, KUKA LWR4\+ has 7"):
+        matched(Log(np.zeros(3), np.zeros((3, 6)), np.zeros((3, 6))), lwr())
+
+
+def test_other_names_are_listed_with_the_line_that_maps_them():
+    log = replace(lwr_log(), names=tuple(f"right_arm_{i}_joint" for i in range(7)), source=None)
+    with pytest.raises(JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint") as caught:
+        matched(log, lwr())
+    assert "joint_names: [right_arm_0_joint, right_arm_1_joint" in caught.value.fix
+    robot = replace(lwr(), driver=replace(lwr().driver, joint_names=log.names))
+    assert matched(log, robot)[0] == list(range(7))
+
+
+@pytest.mark.data
+def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
+    robot = load_robot(ROOT / "robots" / "staubli_tx40.yaml")
+    log = prepare(read_log(shared_data("tx40/exc.npz"), robot=robot), robot)
+    for q, joint in zip(log.q.T, robot.joints, strict=True):
+        low, high = joint.limits.position
+        assert low - 0.01 <= q.min() <= q.max() <= high + 0.01

@@ -1,0 +1,99 @@
+"""Filters against the laws they must obey: nothing delayed, polynomials kept, pieces equal the whole."""
+
+import numpy as np
+import pytest
+
+from dynid.log import Log
+from dynid.robot import Joint, Robot
+from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
+
+ARM = Robot("two", "standard", (Joint("first"), Joint("second")))
+
+
+def test_a_kernel_passes_slow_and_stops_fast_signals():
+    kernel = lowpass_kernel(5.0, 200.0)
+    k = np.arange(len(kernel)) - len(kernel) // 2
+
+    def gain(f):
+        return abs(np.sum(kernel * np.cos(2 * np.pi * f * k / 200.0)))
+
+    assert gain(0.0) == pytest.approx(1.0)
+    assert gain(1.5) == pytest.approx(1.0, abs=3e-3)
+    assert gain(5.0) == pytest.approx(0.5, abs=0.02)
+    assert max(gain(f) for f in np.linspace(8.5, 100, 50)) < 3e-3
+
+
+def test_derivative_kernels_are_exact_on_cubics():
+    rate = 100.0
+    kernels = derivative_kernels(lowpass_kernel(10.0, rate), rate)
+    taps = kernels.shape[1]
+    t = (np.arange(taps) - taps // 2) / rate
+    x = 0.3 + 0.7 * t - 1.3 * t**2 + 2.1 * t**3
+    position, speed, acceleration = decimate(x[None, :], kernels, 1)[:, 0, 0]
+    spread = float(np.sum(kernels[0] * t**2))
+    assert position == pytest.approx(0.3 - 1.3 * spread)
+    assert speed == pytest.approx(0.7 + 2.1 * 3 * spread)
+    assert acceleration == pytest.approx(-2.6)
+
+
+def test_a_slow_sine_keeps_amplitude_and_phase_through_both_derivatives():
+    rate, f = 200.0, 0.4
+    t = np.arange(2000) / rate
+    kernels = derivative_kernels(lowpass_kernel(10.0, rate), rate)
+    q, qd, qdd = decimate(np.sin(2 * np.pi * f * t)[None, :], kernels, 3)[:, 0]
+    centre = (t[: len(t) - kernels.shape[1] + 1] + (kernels.shape[1] - 1) / 2 / rate)[::3]
+    w = 2 * np.pi * f
+    assert q == pytest.approx(np.sin(w * centre), abs=2e-3)
+    assert qd == pytest.approx(w * np.cos(w * centre), abs=2e-3 * w)
+    assert qdd == pytest.approx(-(w**2) * np.sin(w * centre), abs=2e-3 * w**2)
+
+
+@pytest.mark.parametrize(("length", "step"), [(100, 1), (333, 4), (1000, 7), (61, 9)])
+def test_decimation_equals_the_sum_over_each_window(length, step):
+    rng = np.random.default_rng(length)
+    x, kernels = rng.normal(size=(3, length)), rng.normal(size=(2, 31))
+    got = decimate(x, kernels, step)
+    for i in range(got.shape[2]):
+        assert got[:, :, i] == pytest.approx(kernels @ x[:, i * step : i * step + 31].T, abs=1e-12)
+    assert got.shape[2] == (length - 31) // step + 1
+
+
+def sine_log(rate=200.0, seconds=20.0, f=0.5, noise=1e-5, jitter=0.0, n=2):
+    rng = np.random.default_rng(4)
+    t = np.arange(int(rate * seconds)) / rate
+    t = t + jitter / rate * rng.uniform(-0.5, 0.5, len(t))
+    q = np.column_stack([np.sin(2 * np.pi * f * (j + 1) * t) for j in range(n)])
+    return Log(t, q + noise * rng.normal(size=q.shape), np.cos(t)[:, None] * np.ones(n))
+
+
+def test_the_cutoff_follows_the_motion_unless_given():
+    assert choose_filter(sine_log(f=2.0), ARM).cutoff == pytest.approx(20.0, abs=1.0)
+    assert choose_filter(sine_log(f=0.1), ARM).cutoff == 5.0
+    assert choose_filter(sine_log(), ARM, cutoff=7.0).cutoff == 7.0
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter):
+    log = sine_log(jitter=jitter, noise=0.0)
+    (segment,) = condition(log, choose_filter(log, ARM))
+    w = 2 * np.pi * 0.5 * np.arange(1, 3)
+    assert segment.qd == pytest.approx(w * np.cos(w * segment.t[:, None]), abs=0.01 * w.max())
+    assert segment.qdd == pytest.approx(-(w**2) * np.sin(w * segment.t[:, None]), abs=0.02 * (w**2).max())
+
+
+def test_a_gap_is_cut_and_not_bridged():
+    log = sine_log()
+    keep = (log.t < 8) | (log.t > 9)
+    parts = condition(Log(log.t[keep], log.q[keep], log.tau[keep]), choose_filter(log, ARM))
+    assert len(parts) == 2
+    assert parts[0].t[-1] < 8
+    assert parts[1].t[0] > 9
+
+
+def test_excluded_stretches_leave_no_trace():
+    log = sine_log()
+    q = log.q.copy()
+    q[(log.t > 10) & (log.t < 10.5)] = 50.0
+    parts = condition(Log(log.t, q, log.tau), choose_filter(log, ARM), exclude=[(9.99, 10.51)])
+    assert max(np.abs(part.q).max() for part in parts) < 1.01

@@ -1,0 +1,161 @@
+"""Torques are compared with the weight of the arm: removed gravity and unzeroed sensors are seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dynid.errors import GravityRemoved
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.robot import Body, Joint, Prior, Robot, TorqueSource
+from dynid.signals.checks import prepare
+from dynid.signals.gravity import check_gravity, check_zero, expected_torque
+from dynid.sim.urdf import urdf_text
+from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+
+NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
+
+
+def random_arm(rng, convention):
+    kinds = ["revolute", "prismatic", "revolute", "revolute"]
+    joints = tuple(Joint(f"j{i}", k, *rng.uniform(-1, 1, 4)) for i, k in enumerate(kinds))
+    bodies = tuple(Body(float(rng.uniform(0.5, 3)), tuple(rng.uniform(-0.2, 0.2, 3))) for _ in kinds)
+    return Robot("arm", convention, joints, gravity=(1.0, -2.0, -9.5), prior=Prior(links=bodies))
+
+
+def pinocchio_model(robot):
+    """The same arm in Pinocchio, whose joints turn about or slide along z of the frame before the joint."""
+    model, parent, before = pin.Model(), 0, pin.SE3.Identity()
+
+    for joint, body in zip(robot.joints, robot.prior.links, strict=True):
+        x = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0.0, 0.0]))
+        z = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0.0, 0.0, joint.d]))
+        modified = robot.convention == "modified"
+        kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
+        parent = model.addJoint(parent, kind, before * x * z if modified else before * z, joint.name)
+        before = pin.SE3.Identity() if modified else x
+        model.appendBodyToJoint(parent, pin.Inertia(body.mass, np.array(body.com), np.eye(3) * 1e-3), before)
+    model.gravity.linear = np.array(robot.gravity)
+    return model
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_the_expected_torque_of_known_bodies_is_pinocchios(convention):
+    rng = np.random.default_rng(0)
+    robot = random_arm(rng, convention)
+    model = pinocchio_model(robot)
+    q = rng.uniform(-1, 1, (20, 4))
+    expected = [pin.computeGeneralizedGravity(model, model.createData(), row) for row in q]
+    np.testing.assert_allclose(expected_torque(q, robot), expected, atol=1e-10)
+
+
+def test_torques_of_a_moving_arm_without_its_weight_are_refused():
+    broken = replace(lwr_log(), tau=NOISE)
+    with pytest.raises(GravityRemoved, match="gravity was already removed") as caught:
+        prepare(broken, lwr())
+    assert "msrJntTrq" in caught.value.fix
+    prepare(broken, replace(lwr(), torque=TorqueSource("gravity_free")))
+
+
+def poses(robot, hold=1.0, rate=100.0, count=8, seed=0):
+    """A log that rests in several poses, with quick moves between them."""
+    rng = np.random.default_rng(seed)
+    goals = rng.uniform(-1, 1, (count, robot.n))
+    n = int(hold * rate)
+    shape = (1 - np.cos(np.linspace(0, np.pi, n)))[:, None] / 2
+    parts = []
+    for a, b in pairwise(goals):
+        parts += [np.repeat(a[None], n, axis=0), a + shape * (b - a)]
+    q = np.concatenate(parts)
+    return np.arange(len(q)) / rate, q
+
+
+def test_rests_in_several_poses_show_that_gravity_was_removed():
+    t, q = poses(lwr())
+    rng = np.random.default_rng(0)
+    with pytest.raises(GravityRemoved, match="torques at rest do not follow the pose"):
+        check_gravity(Log(t, q, rng.normal(0, 0.05, q.shape), tau_unit="Nm"), lwr())
+    check_gravity(Log(t, q, 0.5 * expected_torque(q, lwr()), tau_unit="Nm"), lwr())
+
+
+def test_a_scara_whose_turning_joints_carry_no_weight_is_not_suspected():
+    robot = load_robot(ROOT / "robots" / "scara.yaml")
+    t, q = poses(robot)
+    check_gravity(Log(t, q, np.tile([0.0, 0.0, -20.0, 0.0], (len(q), 1)), tau_unit="Nm"), robot)
+
+
+def test_currents_are_not_compared_with_weights():
+    t, q = poses(lwr())
+    check_gravity(Log(t, q, 0 * q + 0.1, tau_unit="A"), lwr())
+
+
+def test_a_sensor_that_was_not_zeroed_is_seen_at_rest():
+    robot = gen2()
+    t, q = poses(robot)
+    tau = 0.8 * expected_torque(q, robot)
+    tau[:, 0] += 1.8
+    (finding,) = check_zero(Log(t, q, tau, tau_unit="Nm"), robot)
+    assert finding.code == "W316"
+    assert finding.text.startswith("j2s7s300_joint_1 reads +1.8 Nm with the arm at rest")
+
+
+def test_a_zeroed_sensor_and_a_log_without_rest_give_no_warning():
+    robot = gen2()
+    t, q = poses(robot)
+    assert check_zero(Log(t, q, 0.8 * expected_torque(q, robot), tau_unit="Nm"), robot) == ()
+    assert "W316" not in [f.code for f in prepare(gen2_log(), robot).findings]
+
+
+@pytest.mark.data
+def test_a_real_recording_with_its_weight_taken_out_is_refused():
+    log = read_log(shared_data("kuka_lwr4plus/run1.bag"), robot=lwr())
+    with pytest.raises(GravityRemoved):
+        prepare(replace(log, tau=0.02 * log.tau + NOISE[:1].repeat(len(log), axis=0)), lwr())
+
+
+@pytest.mark.parametrize("name", ["kuka_lwr4plus", "kinova_gen2", "ur10", "franka_panda", "staubli_tx40"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
+    """Five harmonics a joint; Pinocchio makes the torques, inertia and friction included, with its weight and without.
+
+    Why several masses: the check knows them only roughly, so the arm's are off by half to twice.
+    """
+    robot = load_robot(name)
+    rng = np.random.default_rng(seed)
+    model = pin.buildModelFromXML(urdf_text(robot))
+    for k in range(1, robot.n + 1):
+        factor = rng.uniform(0.5, 2)
+        model.inertias[k] = pin.Inertia(
+            factor * model.inertias[k].mass, model.inertias[k].lever, factor * model.inertias[k].inertia
+        )
+    t = np.arange(0, 20, 0.02)
+    w = 2 * np.pi / 20 * np.arange(1, 6)
+    a, b = rng.normal(size=(2, 5, robot.n)) * rng.uniform(0.3, 1.0) / (w[:, None] * np.sqrt(5))
+    s, c = np.sin(t[:, None] * w), np.cos(t[:, None] * w)
+    q, qd, qdd = s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
+    q = q + rng.uniform(-0.7, 0.7, robot.n)
+    logs = []
+    for gravity in (np.array(robot.gravity), np.zeros(3)):
+        model.gravity.linear = gravity
+        data = model.createData()
+        tau = np.array([pin.rnea(model, data, _turned(model, x), y, z) for x, y, z in zip(q, qd, qdd, strict=True)])
+        tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + rng.normal(0, 0.1, q.shape)
+        shown = q + rng.normal(0, 1e-4, q.shape)
+        logs.append(Log(t=t, q=shown, tau=tau, qd=qd, names=robot.joint_names, tau_unit="Nm", dh=True))
+    check_gravity(logs[0], robot)
+    with pytest.raises(GravityRemoved):
+        check_gravity(logs[1], robot)
+
+
+def _turned(model, q):
+    """Return a configuration as Pinocchio wants it: cosine and sine where a joint turns without end."""
+    parts = [
+        [np.cos(x), np.sin(x)] if joint.nq == 2 else [x] for joint, x in zip(list(model.joints)[1:], q, strict=True)
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,106 @@
+"""How much motion there is: still joints and too few swings are named, good recordings pass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import JointStill, LogTooShort
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.signals.checks import prepare
+from dynid.signals.describe import describe
+from dynid.signals.motion import bandwidth, rests, speed, swings
+from dynid.signals.stamps import rows
+from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+
+ONE = replace(lwr(), joints=lwr().joints[:1], driver=None)
+
+
+def tone(frequency, seconds=20.0, rate=200.0):
+    t = np.arange(round(seconds * rate)) / rate
+    return Log(t, np.sin(2 * np.pi * frequency * t)[:, None], np.zeros((len(t), 1)))
+
+
+def test_the_speed_of_a_tone_is_its_derivative():
+    log = tone(0.5)
+    expected = np.pi * np.cos(np.pi * log.t)
+    np.testing.assert_allclose(speed(log)[50:-50, 0], expected[50:-50], atol=0.02)
+
+
+@pytest.mark.parametrize("frequency", [0.2, 0.5, 1.5])
+def test_the_bandwidth_of_a_tone_is_its_frequency(frequency):
+    assert bandwidth(tone(frequency), ONE) == pytest.approx(frequency, abs=0.11)
+
+
+def test_a_tone_swings_twice_a_period():
+    assert swings(tone(0.5), ONE)[0] == pytest.approx(20, abs=1)
+
+
+def test_rests_are_the_stretches_in_which_nothing_moves():
+    log = tone(0.5)
+    q = np.concatenate([log.q, np.repeat(log.q[-1:], 400, axis=0), log.q])
+    still = Log(np.arange(len(q)) / 200, q, 0 * q)
+    (rest,) = rests(still, ONE)
+    assert 4000 <= rest.start < rest.stop <= 4400
+    assert rest.stop - rest.start > 300
+
+
+def test_a_joint_that_never_moves_is_named():
+    q = lwr_log().q.copy()
+    q[:, 4] = 0.3
+    with pytest.raises(JointStill, match="lwr_4_joint moves 0 rad: its 5 own parameters cannot be found"):
+        prepare(replace(lwr_log(), q=q), lwr())
+    prepare(replace(lwr_log(), q=q), lwr(), identify=False)
+
+
+def test_a_short_stretch_of_motion_is_too_little():
+    short = rows(lwr_log(), np.arange(400))
+    with pytest.raises(LogTooShort, match=r"1\.3 s of motion; about 70 parameters need about \d+ s here"):
+        prepare(short, lwr())
+    prepare(short, lwr(), identify=False)
+
+
+def test_a_log_that_never_moves_raises_nothing_unless_it_is_to_identify_from():
+    rng = np.random.default_rng(0)
+    n = len(lwr_log())
+    still = replace(lwr_log(), q=np.repeat(lwr_log().q[:1], n, axis=0) + rng.normal(0, 1e-5, (n, 7)))
+    assert len(prepare(still, lwr(), identify=False)) == n
+    with pytest.raises(LogTooShort, match=r"0\.0 s of motion"):
+        prepare(still, lwr())
+
+
+def test_a_log_is_described_by_its_numbers():
+    found = describe(gen2_log(), gen2())
+    assert (found.samples, found.gaps, len(found.matched), len(found.ignored)) == (3000, 0, 7, 6)
+    assert found.rate == pytest.approx(100, rel=0.01)
+    np.testing.assert_allclose(found.span, np.ptp(gen2_log().q[:, :7], axis=0))
+    np.testing.assert_allclose(found.velocity_slope, 1.0, rtol=0.02)
+    ratings = [joint.limits.torque for joint in gen2().joints]
+    np.testing.assert_allclose(found.torque_share, np.max(np.abs(gen2_log().tau[:, :7]), axis=0) / ratings)
+
+
+def test_a_broken_log_can_still_be_described():
+    q, t = lwr_log().q.copy(), lwr_log().t.copy()
+    q[5:9, 1] = np.nan
+    t[100], t[200:] = np.nan, t[200:] - 0.5
+    found = describe(replace(lwr_log(), q=q, t=t), lwr())
+    assert found.samples == len(lwr_log())
+    assert np.isfinite(found.span).all()
+
+
+@pytest.mark.data
+def test_the_two_seconds_of_the_recorded_jaco2_are_too_little_to_identify_from_but_can_be_read():
+    robot = load_robot(ROOT / "tests" / "robots" / "jaco2_6dof.yaml")
+    log = read_log(shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag"), robot=robot)
+    with pytest.raises(LogTooShort):
+        prepare(log, robot)
+    ready = prepare(log, robot, identify=False)
+    assert (len(ready), ready.names) == (420, robot.joint_names)
+    assert describe(log, robot).ignored == ("jaco_joint_finger_1", "jaco_joint_finger_2", "jaco_joint_finger_3")
+    # Published with the recording: mean torque of joint 2 -3.56 N m, of joint 3 4.54 N m.
+    assert ready.tau[:, 1].mean() == pytest.approx(-3.56, abs=0.01)
+    assert ready.tau[:, 2].mean() == pytest.approx(4.54, abs=0.01)

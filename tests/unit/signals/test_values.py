@@ -1,0 +1,159 @@
+"""Columns with wrong numbers in them are named, and the fix that is printed mends them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import NotFinite, PositionInDegrees, TorqueScale, WrongMessageType
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from dynid.signals.checks import prepare
+from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+
+
+def codes(log):
+    return [f.code for f in log.findings]
+
+
+def with_units(robot, fix):
+    """Apply the printed ``units: {...}`` to the robot, as a person would in its file."""
+    inner = re.search(r"units: \{([^}]*)\}", fix).group(1)
+    units = dict(pair.split(": ") for pair in inner.split(", "))
+    return replace(robot, driver=replace(robot.driver, units={**robot.driver.units, **units}))
+
+
+def test_values_that_are_not_numbers_are_named_and_the_printed_exclude_leaves_them_out():
+    tau = lwr_log().tau.copy()
+    tau[321:333, 3] = np.nan
+    broken = replace(lwr_log(), tau=tau)
+    with pytest.raises(
+        NotFinite, match=r"lwr_3_joint torque is not a number in 12 samples, first at t = 1\.60\d s \(row 322\)"
+    ) as caught:
+        prepare(broken, lwr())
+    stretch = [(float(a), float(b)) for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", caught.value.fix)]
+    assert len(prepare(broken, lwr(), exclude=stretch)) == len(broken) - 12
+
+
+def test_an_infinite_position_is_named():
+    q = lwr_log().q.copy()
+    q[10, 0] = np.inf
+    with pytest.raises(NotFinite, match="lwr_0_joint position is infinite in 1 samples"):
+        prepare(replace(lwr_log(), q=q), lwr())
+
+
+def test_a_flipped_bit_that_makes_a_huge_number_is_named():
+    q = lwr_log().q.copy()
+    q[10, 0] = 3e150
+    with pytest.raises(NotFinite, match=r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"):
+        prepare(replace(lwr_log(), q=q), lwr())
+
+
+def test_a_finger_that_is_no_number_does_not_matter():
+    tau = gen2_log().tau.copy()
+    tau[:, -1] = np.nan
+    assert len(prepare(replace(gen2_log(), tau=tau), gen2())) == len(gen2_log())
+
+
+def test_positions_in_degrees_are_seen_at_the_limits_and_the_printed_unit_mends_them():
+    broken = replace(lwr_log(), q=np.degrees(lwr_log().q))
+    with pytest.raises(
+        PositionInDegrees, match=r"lwr_0_joint position spans 109\.8: degrees\? limits are \+-2\.97 rad"
+    ) as caught:
+        prepare(broken, lwr())
+    mended = prepare(broken, with_units(lwr(), caught.value.fix))
+    np.testing.assert_allclose(mended.q, prepare(lwr_log(), lwr()).q, atol=1e-12)
+
+
+def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
+    joints = tuple(replace(joint, limits=replace(joint.limits, position=None)) for joint in gen2().joints)
+    robot = replace(gen2(), joints=joints)
+    broken = replace(gen2_log(), q=np.degrees(gen2_log().q), qd=np.degrees(gen2_log().qd))
+    with pytest.raises(PositionInDegrees, match=r"degrees\? the speed limit is") as caught:
+        prepare(broken, robot)
+    assert "units: {position: deg, velocity: deg/s}" in caught.value.fix
+    prepare(broken, with_units(robot, caught.value.fix))
+
+
+def test_a_continuous_joint_that_has_turned_many_times_is_not_in_degrees():
+    log = prepare(replace(gen2_log(), q=gen2_log().q + np.eye(13)[6] * 20 * np.pi), gen2())
+    assert log.q[:, 6].min() > 50
+
+
+def test_a_jump_by_a_full_turn_is_taken_out():
+    q = lwr_log().q.copy()
+    q[2000:, 6] -= 2 * np.pi
+    log = prepare(replace(lwr_log(), q=q), lwr())
+    np.testing.assert_allclose(log.q, prepare(lwr_log(), lwr()).q, atol=1e-9)
+    (finding,) = log.findings
+    assert finding.code == "W315"
+    assert re.match(r"lwr_6_joint jumps by -6\.2\d rad at 10\.00 s; unwrapped", finding.text)
+
+
+def test_torques_in_millinewtonmetres_are_seen_and_the_printed_unit_mends_them():
+    broken = replace(lwr_log(), tau=1000 * lwr_log().tau)
+    with pytest.raises(TorqueScale, match=r"lwr_0_joint torque reaches \d ?\d{3}: mNm\? rating 176 Nm") as caught:
+        prepare(broken, lwr())
+    np.testing.assert_allclose(prepare(broken, with_units(lwr(), caught.value.fix)).tau, lwr_log().tau)
+
+
+def test_one_spike_in_the_torque_is_not_another_unit():
+    tau = lwr_log().tau.copy()
+    tau[1234, 0] = 5000.0
+    prepare(replace(lwr_log(), tau=tau), lwr())
+
+
+def test_efforts_that_are_all_zero_are_no_torques():
+    with pytest.raises(WrongMessageType, match="effort is 0"):
+        prepare(replace(lwr_log(), tau=0 * lwr_log().tau), lwr())
+
+
+def test_flat_tops_are_found_where_they_are_and_nowhere_else():
+    tau = lwr_log().tau.copy()
+    level = np.quantile(tau[:, 1], 0.97)
+    over = tau[:, 1] >= level
+    tau[over, 1] = level
+    log = prepare(replace(lwr_log(), tau=tau), lwr())
+    (finding,) = log.findings
+    assert finding.code == "W319"
+    assert re.match(rf"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out", finding.text)
+    clipped = log.extra["clipped"]
+    assert clipped.shape == log.tau.shape
+    assert not clipped[:, [0, 2, 3, 4, 5, 6]].any()
+    assert not clipped[~over, 1].any()
+    assert clipped[over, 1].mean() > 0.9
+
+
+def test_a_coarsely_quantised_torque_is_not_clipped():
+    tau = lwr_log().tau
+    for step in (0.05, 0.2, 1.0):
+        log = prepare(replace(lwr_log(), tau=np.round(tau / step) * step), lwr())
+        assert "W319" not in codes(log)
+
+
+def test_repeated_samples_in_motion_are_reported_with_the_true_rate():
+    hold = np.arange(len(lwr_log())) // 2 * 2
+    log = prepare(replace(lwr_log(), q=lwr_log().q[hold]), lwr())
+    (finding,) = log.findings
+    assert finding.code == "W314"
+    assert "100 Hz" in finding.text
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("robot", "recording"),
+    [
+        ("kuka_lwr4plus", "kuka_lwr4plus/run1.bag"),
+        ("kuka_lwr4plus", "kuka_lwr4plus/run2.bag"),
+        ("ur10", "ur10_salerno/exc.npz"),
+        ("franka_panda", "panda_salerno/exc.npz"),
+        ("staubli_tx40", "tx40/exc.npz"),
+    ],
+)
+def test_good_recordings_of_real_arms_pass_without_a_false_warning(robot, recording):
+    arm = load_robot(ROOT / "robots" / f"{robot}.yaml")
+    log = prepare(read_log(shared_data(recording), robot=arm), arm)
+    assert set(codes(log)) <= {"W320"}

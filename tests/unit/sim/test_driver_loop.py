@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from dynid.files.robotfile import load_robot
+from dynid.sim.arm import Arm
+from dynid.sim.driver_loop import Imperfections, Rig
+from dynid.sim.follow import PointFollower
+from dynid.sim.ros_drivers import doubled
+
+UR = load_robot("ur10")
+START = np.array([0.0, -1.2, 1.2, 0.3, 0.5, 0.0])
+
+
+def samples(rate, **imperfections):
+    """What the driver of a moving arm measures in a third of a second, by the time in its stamp [ms]."""
+    follower = PointFollower(START, 1e-3)
+    follower.play([(START + 0.3, np.full(6, 0.2), 0.5)])
+    with Arm(UR, dt=1e-3) as arm:
+        rig = Rig(arm, follower, rate, Imperfections((0.0,) * 6, **imperfections), np.random.default_rng(0))
+        for _ in range(330):
+            rig._step()
+        return {round(1e3 * measured.since): measured for _, measured in rig._waiting}
+
+
+def test_torques_and_velocities_that_are_polled_later_belong_to_a_later_moment():
+    fine, skewed = samples(1000), samples(100, skew=0.004)
+    assert len(skewed) == 33
+    for when, measured in skewed.items():
+        np.testing.assert_array_equal(measured.q, fine[when].q)
+        np.testing.assert_array_equal(measured.tau, fine[when + 4].tau)
+        np.testing.assert_array_equal(measured.qd, fine[when + 4].qd)
+
+
+def test_kinova_doubles_velocities_and_wraps_them_afterwards():
+    np.testing.assert_allclose(np.degrees(doubled(np.radians([10.0, -80.0, 89.0, 91.0]))), [20, -160, 178, -178])
+
+
+def test_a_controller_brakes_within_its_reference_and_says_how_hard():
+    follower = PointFollower(np.zeros(1), 1e-3)
+    follower.play([(np.array([1.0]), np.array([1.0]), 1.0)])
+    for _ in range(700):
+        follower.step()
+    moving = follower.goal[0]
+    assert follower.hardest_stop[0] == 0
+    follower.stop()
+    path = np.array([np.concatenate(follower.step()) for _ in range(1000)])
+    assert path[-1, 0] == pytest.approx(moving, abs=1e-3)
+    assert abs(path[-1, 1]) < 1e-6
+    assert follower.hardest_stop[0] == pytest.approx(np.abs(path[:500, 2]).max())
+
+
+def test_a_new_point_replaces_the_last_one_at_once():
+    follower = PointFollower(np.zeros(1), 1e-3)
+    for far in (5.0, 1.0):
+        follower.push((np.array([far]), np.zeros(1), 0.5))
+    for _ in range(1500):
+        follower.step()
+    assert follower.goal[0] == 1.0
+    assert follower.longest == 0
