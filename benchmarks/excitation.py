@@ -26,7 +26,7 @@ import numpy as np
 from dynid.files.robotfile import load_robot
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model, build_model
-from dynid.model.regressor_gradient import Adjoint
+from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.cost import Cost, figures
 from dynid.trajectory.feasible import Bounds, Shaping, bounds
@@ -169,7 +169,7 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
 
     end, count = time.process_time() + seconds, 0
     n = b.model.robot.n
-    adjoint, cost, rng = Adjoint(b.model, b.base, points), Cost("paper"), np.random.default_rng(0)
+    regressor, cost, rng = RegressorGradient(b.model, b.base, points), Cost("paper"), np.random.default_rng(0)
     half, middle = (b.limits.upper - b.limits.lower) / 2, (b.limits.upper + b.limits.lower) / 2
     scale = (half, b.limits.velocity, b.limits.acceleration)
     best, kept = np.inf, np.zeros(0)
@@ -179,12 +179,12 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
         if time.process_time() > end and kept.size:
             raise _Over
         u = np.tanh(x.reshape(3, points, n))
-        W = adjoint.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
+        W = regressor.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
         rows = W.reshape(-1, len(b.base))
         value, slope = cost.value(rows.T @ rows, power)
         if np.isinf(power) and value < best:
             best, kept = value, x.copy()
-        g = adjoint.pull(2 * (rows @ slope).reshape(W.shape))
+        g = regressor.gradient(2 * (rows @ slope).reshape(W.shape))
         pulled = np.stack([part * s for part, s in zip((g.q, g.qd, g.qdd), scale, strict=True)])
         return value, (pulled * (1 - u**2)).ravel()
 

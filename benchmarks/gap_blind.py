@@ -61,7 +61,7 @@ def sources_of(logs, model):
     for k, (t, q, tau) in enumerate(logs):
         log = evened(Log(t, q, tau, model.robot.joint_names))
         one = conditioned_source(log, model, Reading(cutoff=CUTOFF), f"log {k + 1}")
-        found.append(replace(one, segments=[replace(s, since=s.since + t[0] - start) for s in one.segments]))
+        found.append(replace(one, segments=[replace(s, elapsed=s.elapsed + t[0] - start) for s in one.segments]))
     return found
 
 

@@ -78,7 +78,7 @@ def test_the_simulated_arm_moves_as_pinocchio_moves_it(base, truth):
     part = part_of(base, log)
     (segment,) = part.stack.sources[0].segments
     observer = part.stack.observer
-    arm = Arm(lambda q, qd, qdd: observer.torque(truth, q, qd, qdd), observer.ways)
+    arm = Arm(lambda q, qd, qdd: observer.torque(truth, q, qd, qdd), observer.coulomb_sign)
     found = follow(segment, arm, np.zeros_like(segment.q), GAINS, 40.0)
     lag = np.abs(segment.command_q - segment.q).max(axis=0)
     assert np.all(np.abs(found.q - segment.q).max(axis=0) < 0.1 * lag)
@@ -114,7 +114,7 @@ def test_a_loop_that_runs_away_is_said_so(base, truth):
     part = part_of(base, logged(0.0))
     (segment,) = part.stack.sources[0].segments
     observer = part.stack.observer
-    arm = Arm(lambda q, qd, qdd: observer.torque(-truth, q, qd, qdd), observer.ways)
+    arm = Arm(lambda q, qd, qdd: observer.torque(-truth, q, qd, qdd), observer.coulomb_sign)
     with pytest.raises(NotSimulated):
         follow(segment, arm, np.zeros_like(segment.q), GAINS, 40.0)
 

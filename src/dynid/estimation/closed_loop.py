@@ -45,11 +45,11 @@ class Arm:
 
     Attributes:
         torque: inverse dynamics.
-        ways: Coulomb signs of velocities, (N, n) -> (N, n).
+        coulomb_sign: Coulomb signs of velocities, (N, n) -> (N, n).
     """
 
     torque: Torque
-    ways: Callable[[Floats], Floats]
+    coulomb_sign: Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ class Followed:
         q: positions, (N, n) [rad or m].
         qd: velocities, (N, n).
         qdd: accelerations, (N, n).
-        way: sign of the velocities as Coulomb friction has it, (N, n).
+        coulomb_sign: sign of the velocities as Coulomb friction has it, (N, n).
         rounds: corrections that it took.
     """
 
     q: Floats
     qd: Floats
     qdd: Floats
-    way: Floats
+    coulomb_sign: Floats
     rounds: int
 
 
@@ -107,7 +107,7 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         q[part], rounds = problem.solve(q[part], aim[part] - further[part], limit)
         most = max(most, rounds)
     motion = _differences(q, step)
-    smooth = [_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.ways(motion[1]))]
+    smooth = [_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.coulomb_sign(motion[1]))]
     return Followed(smooth[0], smooth[1], smooth[2], smooth[3], most)
 
 
@@ -157,18 +157,20 @@ def simulated(stack: Stack, blocks: NDArray[np.bool_], theta: Floats, controller
     def torque(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return observer.torque(theta, q, qd, qdd)
 
-    arm = Arm(torque, observer.ways)
+    arm = Arm(torque, observer.coulomb_sign)
 
     def along(segment: Segment, cutoff: float) -> Segment:
-        count = len(observer.rows) - len(observer.course_entries)
+        count = len(observer.rows) - len(observer.added_entries)
         known = np.zeros_like(segment.q)
         for entry, row, column in zip(
-            observer.course_entries, observer.rows[count:], observer.cols[count:], strict=True
+            observer.added_entries, observer.rows[count:], observer.cols[count:], strict=True
         ):
             known[:, row] += theta[column] * segment.effects[:, entry]
         found = follow(segment, arm, known, controller, cutoff)
-        way = found.way if segment.way.size else segment.command_way
-        return replace(segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_way=way)
+        sign = found.coulomb_sign if segment.coulomb_sign.size else segment.command_coulomb_sign
+        return replace(
+            segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_coulomb_sign=sign
+        )
 
     sources = [
         replace(source, segments=[along(each, source.chosen.position_cutoff) for each in source.segments])

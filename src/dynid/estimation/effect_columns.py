@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import Source, stack_base
-from dynid.model.effects.interface import Course, Physics
-from dynid.model.reference import believed, reference_of
+from dynid.model.effects.interface import ArmMotion, ReferenceTorques
+from dynid.model.reference import model_torques, prior_torques
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
 from dynid.signals.conditioning import Filter, Segment
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 ROUNDS = 3
 
 
-def course_of(segment: Segment, chosen: Filter, model: Model, physics: Physics) -> Course:
+def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: ReferenceTorques) -> ArmMotion:
     """Return a conditioned stretch as effects want it."""
     kernel = chosen.second_kernel
 
@@ -35,22 +35,24 @@ def course_of(segment: Segment, chosen: Filter, model: Model, physics: Physics) 
         half = (kernel.shape[1] - 1) // 2
         return np.asarray(decimate(np.pad(x, half, mode="edge")[None], kernel, 1)[0, 0])
 
-    return Course(segment.since, segment.q, segment.qd, segment.qdd, model.robot, physics, smooth, segment.way)
+    return ArmMotion(
+        segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign
+    )
 
 
-def with_effects(source: Source, model: Model, physics: Physics | None = None) -> Source:
+def with_effects(source: Source, model: Model, reference: ReferenceTorques | None = None) -> Source:
     """Return a log with the columns of the effects that the robot file lists.
 
     Args:
         source: the conditioned log.
         model: the model.
-        physics: torques that effects scale with; those believed before measuring when None.
+        reference: torques that effects scale with; those of the prior when None.
     """
     if not model.added:
         return source
-    physics = physics or believed(model)
-    courses = [course_of(segment, source.chosen, model, physics) for segment in source.segments]
-    segments = [replace(s, effects=model.course(c).T) for s, c in zip(source.segments, courses, strict=True)]
+    reference = reference or prior_torques(model)
+    motions = [arm_motion(segment, source.chosen, model, reference) for segment in source.segments]
+    segments = [replace(s, effects=model.added_entries(c).T) for s, c in zip(source.segments, motions, strict=True)]
     return replace(source, segments=segments)
 
 
@@ -98,8 +100,8 @@ def scale_with_model(base: BaseModel) -> bool:
 
 def scaled(sources: Sequence[Source], base: BaseModel, theta: Floats) -> list[Source]:
     """Return logs whose model-based columns scale with given base parameters, (p,)."""
-    physics = reference_of(base.model, base.reduction, theta)
-    return [with_effects(source, base.model, physics) for source in sources]
+    reference = model_torques(base.model, base.reduction, theta)
+    return [with_effects(source, base.model, reference) for source in sources]
 
 
 def fitted(sources: Sequence[Source], base: BaseModel) -> Floats:

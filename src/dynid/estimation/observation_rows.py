@@ -27,7 +27,7 @@ class Rows:
         follows: whether its first row follows the last row of the rows before it without a gap.
         t: time, (M,) [s].
         block: number of the block of time within its log.
-        turns: when each joint turns back [s]; empty where the Coulomb sign does not come with the log.
+        reversal_times: when each joint reverses [s]; empty where the Coulomb sign does not come with the log.
         cutoff: of the parallel filter [Hz].
     """
 
@@ -38,7 +38,7 @@ class Rows:
     follows: bool = False
     t: Floats = field(default_factory=lambda: np.zeros(0))
     block: int = 0
-    turns: tuple[Floats, ...] = ()
+    reversal_times: tuple[Floats, ...] = ()
     cutoff: float = 0.0
 
     @property

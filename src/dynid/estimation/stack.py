@@ -64,7 +64,7 @@ class Packed:
         follows: whether the rows before it end where it begins.
         t: time, (M,) [s].
         block: number of the block of time.
-        turns: when each joint turns back in the stretch [s]; empty where the segment has no Coulomb signs.
+        reversal_times: when each joint reverses in the stretch [s]; empty where the segment has no Coulomb signs.
         cutoff: of the parallel filter [Hz].
     """
 
@@ -75,20 +75,20 @@ class Packed:
     follows: bool
     t: Floats
     block: int
-    turns: tuple[Floats, ...]
+    reversal_times: tuple[Floats, ...]
     cutoff: float
 
     def rows(self, observer: Observer) -> Rows:
         """Return the rows with their zeros."""
         Z = None if self.command is None else _dense(self.command, observer)
-        W, times = _dense(self.entries, observer), (self.t, self.block, self.turns, self.cutoff)
+        W, times = _dense(self.entries, observer), (self.t, self.block, self.reversal_times, self.cutoff)
         return Rows(W, self.tau, Z, self.usable, self.follows, *times)
 
     def part(self, start: int, end: int, *, follows: bool, block: int) -> Packed:
         """Return some of the rows, copied so that they keep nothing else alive."""
         command = None if self.command is None else self.command[:, start:end].copy()
         entries, tau = self.entries[:, start:end].copy(), self.tau[start:end]
-        times = (self.t[start:end], block, self.turns, self.cutoff)
+        times = (self.t[start:end], block, self.reversal_times, self.cutoff)
         return Packed(entries, command, tau, self.usable[start:end], follows, *times)
 
     def single(self) -> Packed:
@@ -124,12 +124,12 @@ def _packed(source: Source, observer: Observer) -> Iterator[Packed]:
     block = 0
     for segment, count in zip(source.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
-        turns = turning_times(segment, chosen.position_cutoff) if taps > 1 else ()
+        reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
         edges = np.linspace(0, count, blocks + 1).astype(int)
         for first in range(0, count, together):
             last = min(first + together, count)
             packed = replace(
-                _evaluated(segment, observer, kernel, step, first, last), turns=turns, cutoff=chosen.cutoff
+                _evaluated(segment, observer, kernel, step, first, last), reversal_times=reversals, cutoff=chosen.cutoff
             )
             inside = edges[(edges > first) & (edges < last)]
             cuts = np.concatenate([[first], inside, [last]])
@@ -144,31 +144,31 @@ def _evaluated(segment: Segment, observer: Observer, kernel: Floats, step: int, 
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
     usable = np.ones((last - first, observer.shape[0]), dtype=bool)
     if not segment.usable[part].all():
-        spoilt = (~segment.usable[part]).T.astype(float)
-        usable = decimate(np.ascontiguousarray(spoilt), np.ones_like(kernel), step)[0].T < 0.5
+        invalid = (~segment.usable[part]).T.astype(float)
+        usable = decimate(np.ascontiguousarray(invalid), np.ones_like(kernel), step)[0].T < 0.5
     command, effects = segment.command, segment.effects[part]
     motion = (segment.q[part], segment.qd[part], segment.qdd[part])
     commanded = None if command is None else tuple(x[part] for x in command)
-    ways = (segment.way[part], segment.command_way[part])
+    signs = (segment.coulomb_sign[part], segment.command_coulomb_sign[part])
     return Packed(
-        entries=_entries(motion, ways[0], effects, observer, kernel, step),
-        command=None if commanded is None else _entries(commanded, ways[1], effects, observer, kernel, step),
+        entries=_entries(motion, signs[0], effects, observer, kernel, step),
+        command=None if commanded is None else _entries(commanded, signs[1], effects, observer, kernel, step),
         tau=np.ascontiguousarray(tau.T),
         usable=usable,
         follows=first > 0,
         t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
         block=0,
-        turns=(),
+        reversal_times=(),
         cutoff=0.0,
     )
 
 
-def turning_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
+def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
     """Return when each joint turns back [s]; what turns several times within a period of the cut-off turns once."""
     found = []
-    for way in segment.way.T:
-        k = np.flatnonzero(np.signbit(way[1:]) != np.signbit(way[:-1]))
-        share = way[k] / (way[k] - way[k + 1])
+    for sign in segment.coulomb_sign.T:
+        k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
+        share = sign[k] / (sign[k] - sign[k + 1])
         times = segment.t[k] + share * (segment.t[k + 1] - segment.t[k])
         groups = np.split(times, np.flatnonzero(np.diff(times) > 1.0 / cutoff) + 1)
         found.append(np.array([float(np.mean(group)) for group in groups if len(group)]))
@@ -176,7 +176,7 @@ def turning_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
 
 
 def _entries(
-    motion: tuple[Floats, ...], way: Floats, effects: Floats, observer: Observer, kernel: Floats, step: int
+    motion: tuple[Floats, ...], sign: Floats, effects: Floats, observer: Observer, kernel: Floats, step: int
 ) -> Floats:
     """Return the base regressor's entries after the parallel filter, (E, M).
 
@@ -184,11 +184,11 @@ def _entries(
     """
     q, qd, qdd = motion
     entries = np.concatenate([e.copy() for _, e in observer.blocks(q, qd, qdd)], axis=1)
-    if way.size:
+    if sign.size:
         where, joints = observer.coulomb
-        entries[where] = way.T[joints]
-    if len(observer.course_entries):
-        entries = np.vstack([entries, effects.T[observer.course_entries]])
+        entries[where] = sign.T[joints]
+    if len(observer.added_entries):
+        entries = np.vstack([entries, effects.T[observer.added_entries]])
     kept: Floats = decimate(entries, kernel, step)[0]
     return kept
 

@@ -78,7 +78,7 @@ def settled(rows: Iterable[Rows], factors: Floats, counts: Ints) -> Iterable[Row
         counts: number of rows of each joint, (n,).
     """
     first = next(iter(rows), None)
-    if first is None or not first.turns or counts.max() > LONGEST:
+    if first is None or not first.reversal_times or counts.max() > LONGEST:
         return rows
     shapes = tuple(tuple(_shapes(some, j) for j in range(len(counts))) for some in _stretches(rows))
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
@@ -116,7 +116,7 @@ def _step(rows: Rows) -> float:
 
 
 def _shapes(rows: Rows, joint: int) -> Shapes:
-    half, times = pulse_width(rows.cutoff), rows.turns[joint]
+    half, times = pulse_width(rows.cutoff), rows.reversal_times[joint]
     times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
     whole = np.arange(-half, half, _step(rows))
     good, lag = rows.mask[:, joint], rows.t[:, None] - times

@@ -20,7 +20,7 @@ from dynid.gap.problem import Setting
 from dynid.gap.refit import Fitted
 from dynid.gap.segments import Mask
 from dynid.model.reduce import with_added
-from dynid.model.reference import reference_of
+from dynid.model.reference import model_torques
 from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
 from dynid.robot import EffectSpec, Robot
@@ -70,7 +70,7 @@ def identify_again(
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
     late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
-    first = reference_of(base.model, base.reduction, setting.theta)
+    first = model_torques(base.model, base.reduction, setting.theta)
     made = settled(only([with_effects(s, added.model, first) for s in late], setting, setting.train), added)
     train = stack_base(made, added)
     held = stack_base(scaled(only(late, setting, setting.held), added, weighted(*train.whole).theta), added)
@@ -82,19 +82,21 @@ def identify_again(
 def only(sources: Sequence[Source], setting: Setting, chosen: Sequence[Mask]) -> list[Source]:
     """Return logs of which only the chosen rows count, one mask a stretch."""
     spans = {
-        (s.log, float(s.course.t[0])): (s.t[rows][0], s.t[rows][-1])
+        (s.log, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])
         for s, rows in zip(setting.stretches, chosen, strict=True)
         if rows.any()
     }
     return [
-        replace(source, segments=[_within(x, spans.get((k, float(x.since[0])))) for x in source.segments])
+        replace(source, segments=[_within(x, spans.get((k, float(x.elapsed[0])))) for x in source.segments])
         for k, source in enumerate(sources)
     ]
 
 
 def _within(segment: Segment, span: tuple[float, float] | None) -> Segment:
     inside = (
-        np.zeros(len(segment), dtype=bool) if span is None else (segment.since >= span[0]) & (segment.since <= span[1])
+        np.zeros(len(segment), dtype=bool)
+        if span is None
+        else (segment.elapsed >= span[0]) & (segment.elapsed <= span[1])
     )
     return replace(segment, usable=segment.usable & inside[:, None])
 

@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dynid.estimation.consistent import fit_pooled
-from dynid.estimation.effect_columns import course_of
+from dynid.estimation.effect_columns import arm_motion
 from dynid.estimation.physical_parameters import physics_of
 from dynid.gap.problem import Setting, information_root
 from dynid.gap.selected_effects import Pick
 from dynid.gap.whitened_regression import Board
-from dynid.model.effects.interface import Course, Floats
-from dynid.model.reference import reference_of
+from dynid.model.effects.interface import ArmMotion, Floats
+from dynid.model.reference import model_torques
 from dynid.model.store import BaseModel
 from dynid.sim.replay import Replay, replay
 
@@ -47,12 +47,12 @@ def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | N
     stretch = setting.stretches[k]
     segment = stretch.source.segments[0]
     first, last = stretch.t[setting.held[k]][[0, -1]]
-    part = slice(*np.searchsorted(segment.since, [first, last]).tolist())
-    whole = course_of(
+    part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
+    whole = arm_motion(
         segment,
         stretch.source.chosen,
         setting.base.model,
-        reference_of(setting.base.model, setting.base.reduction, theta),
+        model_torques(setting.base.model, setting.base.reduction, theta),
     )
     steady = own_effects(setting.base, theta, whole)
     at = 0
@@ -68,7 +68,7 @@ def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | N
     if least_inertia(setting.base, theta, segment.q[some]) < LEAST_INERTIA:
         return None
     model = acceleration_of(setting.base, theta)
-    return replay(setting.base.robot, model, segment.since[part], segment.q[part], segment.qd[part], tau)
+    return replay(setting.base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
 
 
 def possible(base: BaseModel, board: Board) -> Floats:
@@ -83,17 +83,17 @@ def possible(base: BaseModel, board: Board) -> Floats:
     return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
 
 
-def own_effects(base: BaseModel, theta: Floats, course: Course) -> Floats:
+def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:
     """Return the torque of the effects that the model has already, along a motion, (N, n).
 
     Args:
         base: model and base parameters.
         theta: values of the base parameters, (p,).
-        course: the motion.
+        motion: the motion.
     """
-    observer, torque = base.model.observer(base.reduction.base), np.zeros((len(course), course.n))
-    first = len(observer.rows) - len(observer.course_entries)
-    entries = base.model.course(course)[observer.course_entries]
+    observer, torque = base.model.observer(base.reduction.base), np.zeros((len(motion), motion.n))
+    first = len(observer.rows) - len(observer.added_entries)
+    entries = base.model.added_entries(motion)[observer.added_entries]
     for joint, column, entry in zip(observer.rows[first:], observer.cols[first:], entries, strict=True):
         torque[:, joint] += theta[column] * entry
     return torque
@@ -123,11 +123,11 @@ def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats,
 
 def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
     """Return a function from states to torques at no acceleration, (B, n), and mass matrices, (B, n, n)."""
-    physics, n = reference_of(base.model, base.reduction, theta), base.robot.n
+    reference, n = model_torques(base.model, base.reduction, theta), base.robot.n
     unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
 
     def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        still = physics.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1)))
+        still = reference.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1)))
         torque = still.reshape(len(q), n + 1, n)
         M = torque[:, 1:] - torque[:, :1]
         return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))

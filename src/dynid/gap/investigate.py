@@ -114,8 +114,8 @@ def proved(first: Setting, found: Search) -> tuple[Search, list[Fitted], list[Fi
 
 def on_one_clock(sources: Sequence[Source]) -> list[Source]:
     """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
-    begin = [s.segments[0].t[0] - s.segments[0].since[0] for s in sources]
+    begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in sources]
     ends = [s.segments[-1].t[-1] for s in sources]
     if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
         return list(sources)
-    return [replace(s, segments=[replace(x, since=x.t - begin[0]) for x in s.segments]) for s in sources]
+    return [replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in sources]

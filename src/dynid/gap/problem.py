@@ -12,10 +12,10 @@ from dynid.estimation.result import Identification
 from dynid.estimation.stack import Source
 from dynid.gap.matched_motion import against
 from dynid.gap.noise import ALIKE, Noise, Pair, find_repeats, noise_of, with_misfit
-from dynid.gap.segments import Mask, Stretch, cut, stretches_of, with_physics
+from dynid.gap.segments import Mask, Stretch, cut, stretches_of, with_reference
 from dynid.gap.whitened_regression import Board, build_board
 from dynid.model.effects.interface import Floats, sign_of
-from dynid.model.reference import reference_of
+from dynid.model.reference import model_torques
 from dynid.model.store import BaseModel
 
 #: Share of each log that is held out where there are fewer than three motions.
@@ -97,21 +97,21 @@ class Setting:
             nuisance: whether shapes of reversals are left unjudged.
             held: the held-out rows instead.
         """
-        physics = reference_of(self.base.model, self.base.reduction, self.theta if theta is None else theta)
-        stretches = cut(with_physics(self.stretches, physics), self.held if held else self.train)
+        reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
+        stretches = cut(with_reference(self.stretches, reference), self.held if held else self.train)
         columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
         return build_board(stretches, self.noise, columns, prior_rows(self.known))
 
 
 def nuisance_columns(stretch: Stretch, *, judged: bool = False) -> list[Floats]:
     """Return the columns that are not judged, (2, M) a joint; none, (0, M), when all is judged."""
-    course = stretch.course
+    motion = stretch.motion
     if judged:
-        return [np.zeros((0, len(stretch)))] * course.n
+        return [np.zeros((0, len(stretch)))] * motion.n
     found = []
-    for j in range(course.n):
-        shape = course.robot.coulomb_shape
-        qd, sign = course.qd[:, j], sign_of(course, j)
+    for j in range(motion.n):
+        shape = motion.robot.coulomb_shape
+        qd, sign = motion.qd[:, j], sign_of(motion, j)
         wide = max(WIDE, WIDER * shape.velocity[j])
         found.append(stretch.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
     return found
@@ -146,10 +146,10 @@ def make_setting(
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
     start = first_guess(sources, base) if known is None else known.theta
-    physics = reference_of(base.model, base.reduction, start)
-    stretches, matched = stretches_of(sources, base, physics), 0.0
+    reference = model_torques(base.model, base.reduction, start)
+    stretches, matched = stretches_of(sources, base, reference), 0.0
     if known is not None and earlier:
-        compared = against(stretches, stretches_of(earlier, base, physics), known.theta)
+        compared = against(stretches, stretches_of(earlier, base, reference), known.theta)
         if compared is not None:
             stretches, matched = compared
             # Why: what its parameters are off by is in both, but for what the motions differ.
@@ -196,7 +196,7 @@ def with_noise(setting: Setting, noise: Noise, residuals: Sequence[Floats]) -> S
 
 def _rms(stretches: Sequence[Stretch], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
     """Return the root mean square of residuals over rows that count, (n,)."""
-    power, count = np.zeros(stretches[0].course.n), np.zeros(stretches[0].course.n)
+    power, count = np.zeros(stretches[0].motion.n), np.zeros(stretches[0].motion.n)
     for s, r, rows in zip(stretches, residuals, train, strict=True):
         use = s.use & rows[:, None]
         power, count = power + np.sum(np.where(use, r, 0.0) ** 2, axis=0), count + use.sum(axis=0)

@@ -179,9 +179,9 @@ def _held_residual(setting: Setting, picks: Sequence[Pick]) -> list[tuple[Floats
     theta, amplitudes = board.theta[:p], board.theta[board.size :]
     found = []
     held = cut(setting.stretches, setting.held)
-    torques = [effect_torque(s.course, s.filtered, picks, amplitudes) for s in board.stretches]
+    torques = [effect_torque(s.motion, s.filtered, picks, amplitudes) for s in board.stretches]
     times = blocks_of(held)
-    for j in range(setting.stretches[0].course.n):
+    for j in range(setting.stretches[0].motion.n):
         parts, blocks = [], []
         for s, extra, time in zip(held, torques, times, strict=True):
             use = s.use[:, j].copy()

@@ -139,7 +139,7 @@ def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
     for s, b in zip(setting.stretches, board.stretches, strict=True):
         columns = nuisance_columns(s)
         p = s.W.shape[2]
-        extra = board.theta[p : board.size].reshape(s.course.n, -1)
-        model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.course.n)], axis=1)
-        residuals.append(s.tau - model - effect_torque(b.course, s.filtered, picks, board.theta[board.size :]).T)
+        extra = board.theta[p : board.size].reshape(s.motion.n, -1)
+        model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.motion.n)], axis=1)
+        residuals.append(s.tau - model - effect_torque(b.motion, s.filtered, picks, board.theta[board.size :]).T)
     return with_noise(setting, noise_of(setting.stretches, residuals, setting.pairs, setting.train), residuals)

@@ -1,4 +1,4 @@
-"""Conditioned logs as the search wants them: filtered rows beside the course that candidate columns are made from."""
+"""Conditioned logs as the search wants them: filtered rows beside the motion that candidate columns are made from."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.effect_columns import course_of, with_effects
+from dynid.estimation.effect_columns import arm_motion, with_effects
 from dynid.estimation.stack import Source, rows_of
-from dynid.model.effects.interface import Course, Floats, Physics
+from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.model.store import BaseModel
 from dynid.signals.filters import decimate
 
@@ -31,7 +31,7 @@ class Stretch:
 
     Attributes:
         source: the conditioned log, this stretch alone.
-        course: its motion, at the rate that columns are evaluated at.
+        motion: its motion, at the rate that columns are evaluated at.
         log: number of the log.
         t: time of the rows, since the log began, (M,) [s].
         W: base regressor, (M, n, p).
@@ -42,7 +42,7 @@ class Stretch:
     """
 
     source: Source
-    course: Course
+    motion: ArmMotion
     log: int
     t: Floats
     W: Floats
@@ -61,7 +61,7 @@ class Stretch:
         return self.source.chosen.kept_rate
 
     def filtered(self, signals: Floats) -> Floats:
-        """Return signals of the course under the parallel filter, (C, N) -> (C, M)."""
+        """Return signals of the motion under the parallel filter, (C, N) -> (C, M)."""
         kernel, step = self.source.chosen.second_kernel, self.source.chosen.second_step
         kept: Floats = decimate(np.ascontiguousarray(signals), kernel, step)[0]
         return kept
@@ -69,30 +69,30 @@ class Stretch:
     @cached_property
     def acceleration(self) -> Floats:
         """Accelerations of the rows, (M, n)."""
-        return self.filtered(self.course.qdd.T).T
+        return self.filtered(self.motion.qdd.T).T
 
 
-def stretches_of(sources: Sequence[Source], base: BaseModel, physics: Physics) -> list[Stretch]:
+def stretches_of(sources: Sequence[Source], base: BaseModel, reference: ReferenceTorques) -> list[Stretch]:
     """Return the stretches of conditioned logs.
 
     Args:
         sources: conditioned logs.
         base: model and base parameters.
-        physics: the current model, which effects scale with.
+        reference: the current model, which effects scale with.
     """
     observer = base.model.observer(base.reduction.base)
     found = []
-    for number, source in enumerate(with_effects(s, base.model, physics) for s in sources):
+    for number, source in enumerate(with_effects(s, base.model, reference) for s in sources):
         for segment in source.segments:
             alone = replace(source, segments=[segment])
             rows = list(rows_of(alone, observer))
             if not rows:
                 continue
-            course = course_of(segment, source.chosen, base.model, physics)
+            motion = arm_motion(segment, source.chosen, base.model, reference)
             W, tau = np.concatenate([r.W for r in rows]), np.concatenate([r.tau for r in rows])
-            t = np.concatenate([r.t for r in rows]) - segment.t[0] + segment.since[0]
-            empty = Stretch(alone, course, number, t, W, tau, tau, tau, np.concatenate([r.usable for r in rows]))
-            q, qd = empty.filtered(course.q.T).T, empty.filtered(course.qd.T).T
+            t = np.concatenate([r.t for r in rows]) - segment.t[0] + segment.elapsed[0]
+            empty = Stretch(alone, motion, number, t, W, tau, tau, tau, np.concatenate([r.usable for r in rows]))
+            q, qd = empty.filtered(motion.q.T).T, empty.filtered(motion.qd.T).T
             found.append(replace(empty, q=q, qd=qd, use=empty.use & moving(qd, empty.rate)))
     return found
 
@@ -104,9 +104,9 @@ def blocks_of(stretches: Sequence[Stretch]) -> list[NDArray[np.int64]]:
     return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(stretches)]
 
 
-def with_physics(stretches: Sequence[Stretch], physics: Physics) -> list[Stretch]:
+def with_reference(stretches: Sequence[Stretch], reference: ReferenceTorques) -> list[Stretch]:
     """Return the stretches with another current model."""
-    return [replace(s, course=replace(s.course, physics=physics)) for s in stretches]
+    return [replace(s, motion=replace(s.motion, reference=reference)) for s in stretches]
 
 
 def moving(qd: Floats, rate: float) -> Mask:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.gap.significance import Proof, columns_of
 from dynid.gap.whitened_regression import Board
-from dynid.model.effects.interface import Course, Effect, Floats, Place
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ def with_picks(board: Board, picks: Sequence[Pick]) -> Board:
 
 
 def effect_torque(
-    course: Course, filtered: Callable[[Floats], Floats], picks: Sequence[Pick], amplitudes: Floats
+    motion: ArmMotion, filtered: Callable[[Floats], Floats], picks: Sequence[Pick], amplitudes: Floats
 ) -> Floats:
     """Return the filtered torque of effects with given amplitudes, (n, M)."""
-    total = np.zeros((course.n, len(course)))
+    total = np.zeros((motion.n, len(motion)))
     at = 0
     for pick in picks:
-        columns = pick.effect.columns(course, pick.place, pick.shape)
-        total[list(pick.effect.rows(pick.place, course.n))] += np.tensordot(
+        columns = pick.effect.columns(motion, pick.place, pick.shape)
+        total[list(pick.effect.rows(pick.place, motion.n))] += np.tensordot(
             amplitudes[at : at + len(columns)], columns, axes=1
         )
         at += len(columns)

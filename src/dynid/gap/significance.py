@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap.whitened_regression import Board, Ints
-from dynid.model.effects.catalogue import joined_course
+from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect, Floats, Place, Shape
 
 #: Share of a candidate's power that the model must leave; below, these logs cannot show it.
@@ -69,20 +69,20 @@ class Score:
 
 def columns_of(board: Board, effect: Effect, place: Place, shapes: Sequence[Shape]) -> dict[int, Floats]:
     """Return whitened columns of an effect for several shapes, {joint: (G, k, M_j)}."""
-    n = board.stretches[0].course.n
+    n = board.stretches[0].motion.n
     rows = effect.rows(place, n)
     parts = []
     for stretch in board.stretches:
-        raw = effect.tried(stretch.course, place, shapes)
+        raw = effect.tried(stretch.motion, place, shapes)
         size = [len(x) for x in raw]
-        signals = np.concatenate([x.reshape(-1, len(stretch.course)) for x in raw])
+        signals = np.concatenate([x.reshape(-1, len(stretch.motion)) for x in raw])
         parts.append(stretch.filtered(signals).reshape(len(shapes), size[0], len(rows), -1))
     return {joint: board.whiten(joint, [part[:, :, r] for part in parts]) for r, joint in enumerate(rows)}
 
 
 def make_candidate(board: Board, effect: Effect, place: Place) -> list[Candidate]:
     """Return the candidates of an effect at a place: one for each number of columns that its shapes have."""
-    shapes = effect.grid(joined_course([s.course for s in board.stretches]), place)
+    shapes = effect.grid(joined_motion([s.motion for s in board.stretches]), place)
     groups: dict[int, list[dict[str, float]]] = {}
     for shape in shapes:
         groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)

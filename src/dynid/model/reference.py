@@ -16,8 +16,8 @@ from dynid.model.statics import frames, holding_torque
 Floats = NDArray[np.float64]
 
 
-class Reference:
-    """Torques of a model with given parameters; satisfies ``Physics``.
+class ModelTorques:
+    """Torques of a model with given parameters; satisfies ``ReferenceTorques``.
 
     Args:
         model: the model.
@@ -41,7 +41,7 @@ class Reference:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
         return self._observers["total"].torque(self._values[self._total], q, qd, qdd)
 
-    def weight(self, q: Floats, axis: int) -> Floats:
+    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
         robot, values = self._model.robot, np.zeros(11 * self._model.robot.n)
         values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
@@ -49,32 +49,32 @@ class Reference:
         size = float(np.linalg.norm(robot.gravity))
         return holding_torque(robot, frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
 
-    def pull(self, q: Floats, axis: int) -> Floats:
+    def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
         robot = self._model.robot
         mass = np.eye(robot.n)[-1]
         return holding_torque(robot, frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
 
-    def tip(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n)."""
         last = 11 * (self._model.robot.n - 1)
         chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
         return np.ascontiguousarray(self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1))
 
 
-def reference_of(model: Model, reduction: Reduction, theta: Floats) -> Reference:
+def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
     """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
     values = np.zeros(model.size)
     values[reduction.base] = theta
-    return Reference(model, values)
+    return ModelTorques(model, values)
 
 
-def believed(model: Model) -> Reference:
-    """Return the torques of what is believed before measuring, without friction."""
+def prior_torques(model: Model) -> ModelTorques:
+    """Return the torques of the prior, without friction."""
     links = prior_parameters(model.robot).reshape(-1, 10)
     values = np.zeros(model.size)
     for k, column in enumerate(model.link_columns):
         link, p = divmod(int(column), 11)
         values[k] = links[link, p] if p < 10 else 0.0
-    return Reference(model, values)
+    return ModelTorques(model, values)

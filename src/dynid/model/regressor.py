@@ -1,7 +1,8 @@
 """The model of one arm: the rigid-body program and the friction columns as one regressor (Paper Eq. 8).
 
 Columns are the 11 parameters of every identified link in the order of Table 5, then the friction columns, then those of
-effects that were added to the robot file. The last ones depend on the order of the samples and are made by ``course``.
+effects that were added to the robot file. The last ones depend on the order of the samples and are made by
+``Model.added_entries``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.model.dynamics import derive, parameter_names
 from dynid.model.effects import Column, State, coupled_motor_columns, joint_columns
 from dynid.model.effects.catalogue import Added, added_effects
-from dynid.model.effects.interface import Course
+from dynid.model.effects.interface import ArmMotion
 from dynid.model.kernels import Kernel
 from dynid.model.program import Program
 from dynid.robot import LINK_PARAMETERS, Robot
@@ -106,10 +107,10 @@ class Model:
         """
         return self.observer(np.arange(self.plain_size)).dense(q, qd, qdd)
 
-    def course(self, course: Course) -> Floats:
+    def added_entries(self, motion: ArmMotion) -> Floats:
         """Return the entries of the added effects' columns over a whole stretch, (E, N)."""
-        parts = [effect.evaluate(course) for effect in self.added]
-        return np.concatenate(parts) if parts else np.zeros((0, len(course)))
+        parts = [effect.evaluate(motion) for effect in self.added]
+        return np.concatenate(parts) if parts else np.zeros((0, len(motion)))
 
 
 class Observer:
@@ -119,7 +120,7 @@ class Observer:
         rows: joint of each non-zero entry, (E,).
         cols: column of each entry among the chosen ones, (E,).
         shape: joints and chosen columns.
-        course_entries: which entries of ``Model.course`` follow those of ``blocks``.
+        added_entries: which entries of ``Model.added_entries`` follow those of ``blocks``.
         coulomb: which entries are the Coulomb sign of a single joint, and of which joint, (k,) each.
     """
 
@@ -136,7 +137,7 @@ class Observer:
         self.rows = np.concatenate(rows).astype(np.intp)
         self.cols = np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))
-        self.course_entries = entries
+        self.added_entries = entries
         first = len(self._kernel.rows) + np.cumsum([0, *(len(column.rows) for column in self._extra)])
         self._signs = [
             (int(k), column)
@@ -148,7 +149,7 @@ class Observer:
 
     @staticmethod
     def _added_entries(model: Model, columns: NDArray[np.intp]) -> tuple[NDArray[np.intp], tuple[Floats, Floats]]:
-        """Return which entries of ``Model.course`` are wanted, with their rows and columns."""
+        """Return which entries of ``Model.added_entries`` are wanted, with their rows and columns."""
         layout = [column.rows for effect in model.added for column in effect.columns]
         edges = np.cumsum([0, *(len(rows) for rows in layout)])
         wanted = [(k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size]
@@ -164,7 +165,7 @@ class Observer:
                 entries = np.vstack([entries, *(entry for column in self._extra for entry in column.evaluate(state))])
             yield part, entries
 
-    def ways(self, qd: Floats) -> Floats:
+    def coulomb_sign(self, qd: Floats) -> Floats:
         """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""
         found = np.zeros_like(qd)
         for _, column in self._signs:
@@ -190,7 +191,7 @@ class Observer:
         Returns:
             tau, (N, n) [N m or N].
         """
-        count = len(self.rows) - len(self.course_entries)
+        count = len(self.rows) - len(self.added_entries)
         spread = np.zeros((self.shape[0], count))
         spread[self.rows[:count], np.arange(count)] = theta[self.cols[:count]]
         tau = np.empty((len(q), self.shape[0]))

@@ -102,7 +102,7 @@ class Tape:
             self._entries[e] = self._at(slot)
         return self._entries
 
-    def pull(self, weights: Floats, gradient: State) -> None:
+    def add_gradient(self, weights: Floats, gradient: State) -> None:
         """Add the gradient of sum(weights * entries) at the last run to ``gradient``; weights are (E, samples)."""
         self._slopes.fill(0.0)
         for e, slot in self._outputs:
@@ -124,7 +124,7 @@ class Tape:
                 gradient.q[:, j] += slope * (-np.sin(angle) if kind == "c" else np.cos(angle))
 
 
-class Adjoint:
+class RegressorGradient:
     """Chosen columns of a model with their gradient.
 
     Args:
@@ -151,30 +151,30 @@ class Adjoint:
         self.shape = (model.robot.n, len(columns))
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``pull``."""
+        """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``gradient``."""
         self._state = State(q, qd, qdd)
         parts = [self._tape.run(q, qd, qdd), *(np.array(column.evaluate(self._state)) for column in self._extra)]
         full = np.zeros((len(q), *self.shape))
         full[:, self.rows, self.cols] = np.concatenate(parts).T
         return full
 
-    def pull(self, weights: Floats) -> State:
+    def gradient(self, weights: Floats) -> State:
         """Return the gradient of sum(weights * P) by q, qd and qdd at the last samples; weights are (N, n, p)."""
         gradient = State(*(np.zeros_like(self._state.q) for _ in range(3)))
         entries = np.ascontiguousarray(weights[:, self.rows, self.cols].T)
         start = len(entries) - sum(len(column.rows) for column in self._extra)
-        self._tape.pull(entries[:start], gradient)
+        self._tape.add_gradient(entries[:start], gradient)
         for column in self._extra:
             stop = start + len(column.rows)
-            (column.pull or differences(column))(self._state, list(entries[start:stop]), gradient)
+            (column.add_gradient or differences(column))(self._state, list(entries[start:stop]), gradient)
             start = stop
         return gradient
 
 
 def differences(column: Column, step: float = 1e-6) -> Any:  # noqa: ANN401
-    """Return a ``pull`` by central differences for a column that has none."""
+    """Return an ``add_gradient`` by central differences for a column that has none."""
 
-    def pull(state: State, weights: list[Floats], gradient: State) -> None:
+    def add_gradient(state: State, weights: list[Floats], gradient: State) -> None:
         for name in ("q", "qd", "qdd"):
             for j in range(state.q.shape[1]):
                 sides = []
@@ -186,4 +186,4 @@ def differences(column: Column, step: float = 1e-6) -> Any:  # noqa: ANN401
                 for weight, up, down in zip(weights, *sides, strict=True):
                     getattr(gradient, name)[:, j] += weight * (up - down) / (2 * step)
 
-    return pull
+    return add_gradient

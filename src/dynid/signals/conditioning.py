@@ -98,10 +98,10 @@ class Segment:
         command_qd: commanded velocities, (N, n).
         command_qdd: commanded accelerations, (N, n).
         effects: entries of the columns of added effects, (N, E).
-        since: time since the log began, (N,) [s].
-        way: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); empty where it is to be
-            taken of ``qd``.
-        command_way: the same of the commanded motion, (N, n).
+        elapsed: time since the log began, (N,) [s].
+        coulomb_sign: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); empty where it is
+            to be taken of ``qd``.
+        command_coulomb_sign: the same of the commanded motion, (N, n).
     """
 
     t: Floats
@@ -116,9 +116,9 @@ class Segment:
     command_qd: Floats
     command_qdd: Floats
     effects: Floats
-    since: Floats
-    way: Floats
-    command_way: Floats
+    elapsed: Floats
+    coulomb_sign: Floats
+    command_coulomb_sign: Floats
 
     @property
     def command(self) -> tuple[Floats, Floats, Floats] | None:
@@ -284,8 +284,8 @@ def _block(
     clipped = log.extra.get("clipped")
     usable = np.ones(tau.shape, dtype=bool)[centres]
     if clipped is not None:
-        spoilt = stretch.column(clipped, wanted).astype(float)
-        usable = decimate(np.ascontiguousarray(spoilt.T), np.ones((1, taps)), step)[0].T < 0.5
+        invalid = stretch.column(clipped, wanted).astype(float)
+        usable = decimate(np.ascontiguousarray(invalid.T), np.ones((1, taps)), step)[0].T < 0.5
     raw_qd = stretch.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
     command = log.extra.get("q_ref")
     # Why: a command has no noise, but where it is a staircase its corners are no reversals.
@@ -298,21 +298,21 @@ def _block(
         q[centres],
         raw_qd[centres],
         *_command(stretch, wanted, kernels, step, len(grid[centres])),
-        _way(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp),
-        _way(stretch, command, wanted, kernels, step, of_command),
+        _coulomb_sign(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp),
+        _coulomb_sign(stretch, command, wanted, kernels, step, of_command),
     )
 
 
-def _way(
+def _coulomb_sign(
     stretch: _Stretch, x: Floats | None, wanted: slice, kernels: Floats, step: int, sharp: Reversals | None
 ) -> Floats:
-    """Return which way the joints move, under the position filter; an empty array without ``sharp``."""
+    """Return the Coulomb sign of each joint under the position filter; an empty array without ``sharp``."""
     if sharp is None or x is None:
         return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
     start = max(0, wanted.start - sharp.margin)
     around = stretch.column(x, slice(start, wanted.stop + sharp.margin))
-    ways = sharp.ways(around)[wanted.start - start :][: wanted.stop - wanted.start]
-    return np.ascontiguousarray(decimate(np.ascontiguousarray(ways.T), kernels[:1], step)[0].T)
+    signs = sharp.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
+    return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
 
 
 def _command(stretch: _Stretch, wanted: slice, kernels: Floats, step: int, count: int) -> tuple[Floats, Floats, Floats]:

@@ -65,7 +65,7 @@ class Reversals:
     def _kernel(self, cutoff: float) -> Floats:
         return _kernel(cutoff, self.rate, self.measured)
 
-    def ways(self, x: Floats) -> Floats:
+    def coulomb_sign(self, x: Floats) -> Floats:
         """Return the Coulomb signs of positions, or velocities, on an even grid, (N, n)."""
         found = np.empty_like(x)
         for j, cutoff in enumerate(self.cutoffs):

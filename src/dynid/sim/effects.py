@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.effects.catalogue import Added, added_effects
-from dynid.model.effects.interface import Course
+from dynid.model.effects.interface import ArmMotion
 from dynid.model.statics import frames, holding_torque
 from dynid.robot import Body, Robot
 from dynid.sim.arm import Arm
@@ -20,7 +20,7 @@ MEMORY = 1.0
 
 
 class BulletPhysics:
-    """Torques of the simulated arm itself, for effects that scale with them; satisfies ``Physics``.
+    """Torques of the simulated arm itself, for effects that scale with them; satisfies ``ReferenceTorques``.
 
     Args:
         arm: the arm.
@@ -38,7 +38,7 @@ class BulletPhysics:
         """Return rigid-body, rotor and friction torques, (N, n) [N m or N]."""
         return self.rigid(q, qd, qdd) + self._arm.friction.torque(qd) + self._arm.rotor_inertia * qdd
 
-    def weight(self, q: Floats, axis: int) -> Floats:
+    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
         robot = self._arm.robot
         mass = np.array([body.mass for body in self._bodies])
@@ -46,12 +46,12 @@ class BulletPhysics:
         size = float(np.linalg.norm(robot.gravity))
         return holding_torque(robot, frames(robot, q), mass, moment, size * np.eye(3)[axis])
 
-    def pull(self, q: Floats, axis: int) -> Floats:
+    def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
         robot = self._arm.robot
         return holding_torque(robot, frames(robot, q), np.eye(robot.n)[-1], np.zeros((robot.n, 3)), np.eye(3)[axis])
 
-    def tip(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Refuse: a body on the last link belongs among the arm's bodies, not among its effects."""
         raise NotImplementedError("put a payload into the bodies of the simulated arm")
 
@@ -65,7 +65,7 @@ def effect_torques(arm: Arm, bodies: Sequence[Body], robot: Robot) -> Callable[[
         robot: the robot file with the effects and their amplitudes.
     """
     effects = [added for added in added_effects(robot) if added.effect.name != "payload"]
-    physics = BulletPhysics(arm, bodies)
+    reference = BulletPhysics(arm, bodies)
     past: list[tuple[float, Floats]] = []
     keep = max(2, round(MEMORY / arm.dt))
 
@@ -74,33 +74,33 @@ def effect_torques(arm: Arm, bodies: Sequence[Body], robot: Robot) -> Callable[[
         del past[:-keep]
         tau = np.zeros(robot.n)
         for added in effects:
-            tau += _torque(added, _course(added, t, q, qd, past, robot, physics))
+            tau += _torque(added, _motion(added, t, q, qd, past, robot, reference))
         return tau
 
     return torque
 
 
-def _course(
+def _motion(
     added: Added,
     t: float,
     q: Floats,
     qd: Floats,
     past: Sequence[tuple[float, Floats]],
     robot: Robot,
-    physics: BulletPhysics,
-) -> Course:
+    reference: BulletPhysics,
+) -> ArmMotion:
     """Return the path as an effect needs it: the last second of it for one with a memory, otherwise one sample."""
     steps = past if added.effect.name == "presliding_hysteresis" else past[-1:]
     count = len(steps)
     times, path = np.array([step[0] for step in steps]), np.array([step[1] for step in steps])
     speed = np.tile(qd, (count, 1))
-    return Course(times, path, speed, np.zeros((count, robot.n)), robot, physics, lambda x: x)
+    return ArmMotion(times, path, speed, np.zeros((count, robot.n)), robot, reference, lambda x: x)
 
 
-def _torque(added: Added, course: Course) -> Floats:
-    """Return the torque at the last sample of a course, (n,)."""
-    columns = added.effect.columns(course, added.place, added.shape)[:, :, -1]
+def _torque(added: Added, motion: ArmMotion) -> Floats:
+    """Return the torque at the last sample of a motion, (n,)."""
+    columns = added.effect.columns(motion, added.place, added.shape)[:, :, -1]
     amplitudes = np.array([column.value for column in added.columns])
-    tau = np.zeros(course.n)
+    tau = np.zeros(motion.n)
     tau[list(added.columns[0].rows)] = amplitudes @ columns
     return tau

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.model.effects import State
 from dynid.model.regressor import Model
-from dynid.model.regressor_gradient import Adjoint
+from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Basis
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping
@@ -86,7 +86,7 @@ class Objective:
         # Why: samples in the middle of equal parts weigh the path evenly and miss its two motionless ends.
         t = problem.basis.duration * (np.arange(problem.samples) + 0.5) / problem.samples
         self.shaping = Shaping(problem.basis, problem.limits, t)
-        self._adjoint = Adjoint(problem.model, problem.columns, problem.samples)
+        self._regressor = RegressorGradient(problem.model, problem.columns, problem.samples)
         weights = np.ones(problem.model.robot.n) if problem.noise is None else 1 / problem.noise
         self._weights = weights**2 * (problem.basis.duration * problem.rate / problem.samples)
 
@@ -94,13 +94,13 @@ class Objective:
         """Return cost plus penalties and the gradient by the free variables."""
         problem = self.problem
         motion = self.shaping.motion(x)
-        W = self._adjoint.dense(*motion)
+        W = self._regressor.dense(*motion)
         value, slope = problem.cost.value(information(problem, W), power)
         gW = 2 * self._weights[None, :, None] * (W.reshape(-1, W.shape[2]) @ slope).reshape(W.shape)
         if problem.torque is not None:
             extra, pulled = self._overload(W, problem.torque)
             value, gW = value + extra, gW + pulled
-        gradient = self._adjoint.pull(gW)
+        gradient = self._regressor.gradient(gW)
         for penalty in problem.penalties:
             extra, pulled = penalty.value(motion[0])
             value, gradient = value + extra, State(gradient.q + pulled, gradient.qd, gradient.qdd)

@@ -30,7 +30,7 @@ def recording(seed=0, late=0.0, stuck=0.0, seconds=20, noise=0.05):
     columns = np.stack([qdd, qd, np.sign(qd), tau])
     filtered = np.array([np.convolve(x, kernel, "valid")[::EVERY] for x in columns]).T
     times = t[len(kernel) // 2 :][: len(t) - len(kernel) + 1 : EVERY]
-    return Rows(filtered[:, None, :3], filtered[:, 3:], t=times, turns=(turns,), cutoff=CUTOFF)
+    return Rows(filtered[:, None, :3], filtered[:, 3:], t=times, reversal_times=(turns,), cutoff=CUTOFF)
 
 
 def fitted(rows):
@@ -79,7 +79,7 @@ def test_pieces_that_follow_each_other_settle_like_the_whole():
     whole = recording(late=0.02)
     cuts = np.array_split(np.arange(len(whole.tau)), 7)
     pieces = [
-        Rows(whole.W[k], whole.tau[k], follows=i > 0, t=whole.t[k], turns=whole.turns, cutoff=CUTOFF)
+        Rows(whole.W[k], whole.tau[k], follows=i > 0, t=whole.t[k], reversal_times=whole.reversal_times, cutoff=CUTOFF)
         for i, k in enumerate(cuts)
     ]
     factors = joint_factors([whole])

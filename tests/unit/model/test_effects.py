@@ -10,11 +10,11 @@ import hidden_effects as hidden
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Course
+from dynid.model.effects.interface import ArmMotion
 from dynid.model.effects.page import page
 from dynid.model.effects.presliding_hysteresis import presliding
 from dynid.model.reduce import reduce
-from dynid.model.reference import Reference
+from dynid.model.reference import ModelTorques
 from dynid.model.regressor import build_model
 from dynid.robot import EffectSpec
 
@@ -32,7 +32,7 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def course(arm, model):
+def motion(arm, model):
     """A random motion with the true arm as the current model."""
     rng = np.random.default_rng(0)
     q, qd, qdd = rng.normal(size=(3, 40, 7))
@@ -40,40 +40,40 @@ def course(arm, model):
 
     values = read_plant(ROOT / "trajectories" / "lwr4plus_truth.yaml").parameters()
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
-    return Course(np.arange(40) / 10.0, q, qd, qdd, model.robot, Reference(model, gamma), lambda x: x)
+    return ArmMotion(np.arange(40) / 10.0, q, qd, qdd, model.robot, ModelTorques(model, gamma), lambda x: x)
 
 
-def test_tool_force_is_the_transposed_jacobian(arm, course):
-    columns = CATALOGUE["tool_force"].columns(course, (), {})
+def test_tool_force_is_the_transposed_jacobian(arm, motion):
+    columns = CATALOGUE["tool_force"].columns(motion, (), {})
     for axis in range(3):
-        np.testing.assert_allclose(columns[axis].T, arm.tip_force(course.q, np.eye(3)[axis]), atol=1e-9)
+        np.testing.assert_allclose(columns[axis].T, arm.tip_force(motion.q, np.eye(3)[axis]), atol=1e-9)
 
 
-def test_base_tilt_is_gravity_turned(arm, course):
-    still = np.zeros_like(course.q)
-    upright = arm.torque(course.q, still, still)
-    turned = arm.torque(course.q, still, still, arm.model.gravity.linear + np.array([9.81e-3, 0, 0]))
-    column = CATALOGUE["base_tilt"].columns(course, (), {})[0].T
+def test_base_tilt_is_gravity_turned(arm, motion):
+    still = np.zeros_like(motion.q)
+    upright = arm.torque(motion.q, still, still)
+    turned = arm.torque(motion.q, still, still, arm.model.gravity.linear + np.array([9.81e-3, 0, 0]))
+    column = CATALOGUE["base_tilt"].columns(motion, (), {})[0].T
     np.testing.assert_allclose(1e-3 * column, turned - upright, atol=1e-8)
 
 
-def test_encoder_offset_is_the_slope_of_the_torque(arm, course):
-    moved = course.q.copy()
+def test_encoder_offset_is_the_slope_of_the_torque(arm, motion):
+    moved = motion.q.copy()
     moved[:, 1] -= 1e-6
-    slope = (arm.torque(moved, course.qd, course.qdd) - arm.torque(course.q, course.qd, course.qdd)) / 1e-6
-    column = CATALOGUE["encoder_offset"].columns(course, (1,), {})[0].T
+    slope = (arm.torque(moved, motion.qd, motion.qdd) - arm.torque(motion.q, motion.qd, motion.qdd)) / 1e-6
+    column = CATALOGUE["encoder_offset"].columns(motion, (1,), {})[0].T
     np.testing.assert_allclose(column, slope, atol=2e-3)
 
 
-def test_payload_is_a_body_on_the_last_link(course):
+def test_payload_is_a_body_on_the_last_link(motion):
     heavy = hidden.load_arm("lwr4plus")
-    bare = heavy.torque(course.q, course.qd, course.qdd)
+    bare = heavy.torque(motion.q, motion.qd, motion.qdd)
     heavy.load(0.3)
     com, mass = np.array([0.01, 0.02, 0.04]), 0.3
     tensor = 1e-4 * mass * np.eye(3) + mass * (com @ com * np.eye(3) - np.outer(com, com))
     ten = np.concatenate([[mass], mass * com, tensor[np.triu_indices(3)]])
-    columns = CATALOGUE["payload"].columns(course, (), {"form": 10.0})
-    change = heavy.torque(course.q, course.qd, course.qdd) - bare
+    columns = CATALOGUE["payload"].columns(motion, (), {"form": 10.0})
+    change = heavy.torque(motion.q, motion.qd, motion.qdd) - bare
     np.testing.assert_allclose(np.tensordot(ten, columns, axes=1).T, change, atol=1e-9)
 
 
@@ -88,12 +88,12 @@ def test_hysteresis_follows_the_dahl_equation_through_reversals():
 
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "payload"])
-def test_columns_have_one_row_a_joint_and_one_entry_a_sample(course, name):
+def test_columns_have_one_row_a_joint_and_one_entry_a_sample(motion, name):
     effect = CATALOGUE[name]
     place = effect.places(7)[0]
-    shape = (effect.grid(course, place) or [{}])[0]
-    columns = effect.columns(course, place, shape)
-    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(place, 7)), len(course))
+    shape = (effect.grid(motion, place) or [{}])[0]
+    columns = effect.columns(motion, place, shape)
+    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(place, 7)), len(motion))
 
 
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
@@ -121,5 +121,5 @@ def test_the_page_of_effects_is_current():
     assert (ROOT / "docs" / "reference" / "effects.md").read_text(encoding="utf-8") == page()
 
 
-def test_pinocchio_is_independent_of_the_model(arm, model, course):
-    np.testing.assert_allclose(course.rigid, arm.torque(course.q, course.qd, course.qdd), atol=1e-9)
+def test_pinocchio_is_independent_of_the_model(arm, model, motion):
+    np.testing.assert_allclose(motion.rigid, arm.torque(motion.q, motion.qd, motion.qdd), atol=1e-9)

@@ -9,7 +9,7 @@ import pytest
 from dynid.files.robotfile import load_robot
 from dynid.model.effects import State
 from dynid.model.regressor import build_model
-from dynid.model.regressor_gradient import Adjoint, differences
+from dynid.model.regressor_gradient import RegressorGradient, differences
 from dynid.robot import Coulomb, Coupling, Joint, Robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -47,10 +47,10 @@ def test_gradient_is_that_of_central_differences_in_every_direction(name):
     rng = np.random.default_rng(1)
     columns = rng.permutation(model.size)[: model.size - 3]
     state = [rng.uniform(-1.5, 1.5, (5, robot.n)) for _ in range(3)]
-    adjoint = Adjoint(model, columns, 5)
-    weights = rng.standard_normal((5, *adjoint.shape))
-    adjoint.dense(*state)
-    gradient = adjoint.pull(weights)
+    regressor = RegressorGradient(model, columns, 5)
+    weights = rng.standard_normal((5, *regressor.shape))
+    regressor.dense(*state)
+    gradient = regressor.gradient(weights)
     observer = model.observer(columns)
     direction = [rng.standard_normal((5, robot.n)) for _ in range(3)]
     h = 1e-6
@@ -66,7 +66,7 @@ def test_entries_are_those_of_the_observer():
     q, qd, qdd = rng.standard_normal((3, 40, 7))
     columns = rng.permutation(model.size)
     expected = model.observer(columns).dense(q, qd, qdd)
-    assert np.abs(Adjoint(model, columns, 40).dense(q, qd, qdd) - expected).max() < 1e-12
+    assert np.abs(RegressorGradient(model, columns, 40).dense(q, qd, qdd) - expected).max() < 1e-12
 
 
 @pytest.mark.parametrize("kind", ["fv2", "fc2", "fo2"])
@@ -77,7 +77,7 @@ def test_each_friction_column_knows_its_own_derivative(kind):
     state = State(*rng.standard_normal((3, 6, 4)))
     weights = [rng.standard_normal(6)]
     own, other = (State(*np.zeros((3, 6, 4))) for _ in range(2))
-    column.pull(state, weights, own)
+    column.add_gradient(state, weights, own)
     differences(column)(state, weights, other)
     for part in ("q", "qd", "qdd"):
         assert np.allclose(getattr(own, part), getattr(other, part), atol=1e-8)

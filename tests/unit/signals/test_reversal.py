@@ -45,7 +45,7 @@ def test_a_filtered_sign_turns_when_the_joint_does():
     robot = Robot("one", "standard", (Joint("j"),))
     log = Log(T, q[:, None], np.tanh(speed / 0.01)[:, None], ("j",))
     (segment,) = condition(log, choose_filter(log, robot, 5.0), coulomb=SIGN)
-    sharp, late = (np.abs(way - segment.tau).max() for way in (segment.way, np.tanh(segment.qd / 0.01)))
+    sharp, late = (np.abs(way - segment.tau).max() for way in (segment.coulomb_sign, np.tanh(segment.qd / 0.01)))
     assert sharp < 0.2 * late
 
 
@@ -57,4 +57,4 @@ def test_pieces_of_a_long_log_join_without_a_seam(monkeypatch):
     (whole,) = condition(log, chosen, coulomb=SIGN)
     monkeypatch.setattr("dynid.signals.conditioning.BLOCK", 1000)
     (pieces,) = condition(log, chosen, coulomb=SIGN)
-    assert np.allclose(whole.way, pieces.way, atol=1e-12)
+    assert np.allclose(whole.coulomb_sign, pieces.coulomb_sign, atol=1e-12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class AsymmetricViscous(Effect):
@@ -23,6 +23,6 @@ class AsymmetricViscous(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m s/rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.abs(course.qd[:, place[0]])[None, None]
+        return np.abs(motion.qd[:, place[0]])[None, None]

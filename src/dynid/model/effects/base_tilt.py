@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class BaseTilt(Effect):
@@ -23,10 +23,10 @@ class BaseTilt(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"x": "rad", "y": "rad", "c": "N m", "s": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        columns = np.zeros((4, course.n, len(course)))
+        columns = np.zeros((4, motion.n, len(motion)))
         for axis in (0, 1):
-            columns[axis] = course.physics.weight(course.q, axis).T
-        columns[2, 0], columns[3, 0] = np.cos(course.q[:, 0]), np.sin(course.q[:, 0])
+            columns[axis] = motion.reference.gravity_tilt(motion.q, axis).T
+        columns[2, 0], columns[3, 0] = np.cos(motion.q[:, 0]), np.sin(motion.q[:, 0])
         return columns

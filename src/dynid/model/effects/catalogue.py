@@ -14,7 +14,7 @@ from dynid.model.effects.coulomb import CoulombFriction
 from dynid.model.effects.coulomb_change import CoulombChange
 from dynid.model.effects.encoder_offset import EncoderOffset
 from dynid.model.effects.end_stop import EndStop
-from dynid.model.effects.interface import Course, Effect, Floats, Place
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
 from dynid.model.effects.joint_coupling import JointCoupling
 from dynid.model.effects.joint_elasticity import JointElasticity
 from dynid.model.effects.load_friction import LoadFriction
@@ -79,9 +79,9 @@ class Added:
     shape: dict[str, float]
     columns: tuple[AddedColumn, ...]
 
-    def evaluate(self, course: Course) -> Floats:
+    def evaluate(self, motion: ArmMotion) -> Floats:
         """Return the entries of its columns, column by column, row by row, (E, N)."""
-        return self.effect.columns(course, self.place, self.shape).reshape(-1, len(course))
+        return self.effect.columns(motion, self.place, self.shape).reshape(-1, len(motion))
 
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
@@ -138,10 +138,10 @@ def delay_of(robot: Robot) -> float:
     return float(sum(spec.parameters["delay"] for spec in robot.effects if checked(spec, robot).name == "torque_delay"))
 
 
-def joined_course(courses: list[Course]) -> Course:
+def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
     """Return several stretches as one, for grids that depend on where the arm went."""
-    if len(courses) == 1:
-        return courses[0]
-    signals = ("t", "q", "qd", "qdd", "way")
-    parts = {key: np.concatenate([getattr(course, key) for course in courses]) for key in signals}
-    return Course(**parts, robot=courses[0].robot, physics=courses[0].physics, smooth=courses[0].smooth)
+    if len(motions) == 1:
+        return motions[0]
+    signals = ("t", "q", "qd", "qdd", "coulomb_sign")
+    parts = {key: np.concatenate([getattr(motion, key) for motion in motions]) for key in signals}
+    return ArmMotion(**parts, robot=motions[0].robot, reference=motions[0].reference, smooth=motions[0].smooth)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape, State, sign_of
+from dynid.model.effects.interface import ArmMotion, Column, Effect, Floats, Place, Shape, State, sign_of
 from dynid.robot import Coulomb
 
 
@@ -29,10 +29,16 @@ def coulomb_slope(qd: Floats, shape: Coulomb, joint: int) -> Floats:
 def coulomb_column(joint: int, shape: Coulomb, unit: str) -> Column:
     """Return the column of fc for one joint (0-based)."""
 
-    def pull(state: State, weights: list[Floats], gradient: State) -> None:
+    def add_gradient(state: State, weights: list[Floats], gradient: State) -> None:
         gradient.qd[:, joint] += weights[0] * coulomb_slope(state.qd[:, joint], shape, joint)
 
-    return Column(f"fc{joint + 1}", unit, (joint,), lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)], pull=pull)
+    return Column(
+        f"fc{joint + 1}",
+        unit,
+        (joint,),
+        lambda s: [coulomb_sign(s.qd[:, joint], shape, joint)],
+        add_gradient=add_gradient,
+    )
 
 
 class CoulombFriction(Effect):
@@ -49,6 +55,6 @@ class CoulombFriction(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"fc": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return sign_of(course, place[0])[None, None]
+        return sign_of(motion, place[0])[None, None]

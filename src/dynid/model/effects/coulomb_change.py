@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class CoulombChange(Effect):
@@ -20,6 +20,6 @@ class CoulombChange(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"c": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return sign_of(course, place[0])[None, None]
+        return sign_of(motion, place[0])[None, None]

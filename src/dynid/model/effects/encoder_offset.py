@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 #: Step of the derivative [rad].
 STEP = 1e-5
@@ -27,8 +27,8 @@ class EncoderOffset(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"offset": "rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        moved = course.q.copy()
+        moved = motion.q.copy()
         moved[:, place[0]] -= STEP
-        return ((course.physics.rigid(moved, course.qd, course.qdd) - course.rigid) / STEP).T[None]
+        return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / STEP).T[None]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class EndStop(Effect):
@@ -21,15 +21,15 @@ class EndStop(Effect):
     shape_units: ClassVar[dict[str, str]] = {"side": "", "q1": "rad"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"q1": ("plus", 0.1)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        points = np.quantile(course.q[:, place[0]], np.linspace(0.15, 0.85, 9))
+        points = np.quantile(motion.q[:, place[0]], np.linspace(0.15, 0.85, 9))
         return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m/rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.maximum(0.0, shape["side"] * (course.q[:, place[0]] - shape["q1"]))[None, None]
+        return np.maximum(0.0, shape["side"] * (motion.q[:, place[0]] - shape["q1"]))[None, None]

@@ -2,7 +2,7 @@
 
 Two kinds of columns. Those that follow from one sample (friction of the robot file) are ``Column``: evaluated block by
 block. Those that need the order of the samples, the time or the model's own torque are an ``Effect``: evaluated on a
-whole ``Course``.
+whole ``ArmMotion``.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Column:
         exact: the same entries in the prime field of ``model/prime_field.py`` for states given there; None for a
             function that is no polynomial of the state, such as a sign: it takes part as an independent function of
             the motion.
-        pull: adds weights @ d entries / d state to a gradient, given the state, a weight (B,) for each row and the
-            gradient; None where nobody has written it, and differences are taken.
+        add_gradient: adds weights @ d entries / d state to a gradient, given the state, a weight (B,) for each row and
+            the gradient; None where nobody has written it, and differences are taken.
     """
 
     name: str
@@ -61,10 +61,10 @@ class Column:
     rows: tuple[int, ...]
     evaluate: Callable[[State], list[Floats]]
     exact: Callable[[FieldState], list[Residues]] | None = None
-    pull: Callable[[State, list[Floats], State], None] | None = None
+    add_gradient: Callable[[State, list[Floats], State], None] | None = None
 
 
-class Physics(Protocol):
+class ReferenceTorques(Protocol):
     """The current model of the arm, for effects that scale with its torques."""
 
     def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -73,18 +73,18 @@ class Physics(Protocol):
     def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
 
-    def weight(self, q: Floats, axis: int) -> Floats:
+    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
 
-    def pull(self, q: Floats, axis: int) -> Floats:
+    def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
 
-    def tip(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n)."""
 
 
 @dataclass(frozen=True)
-class Course:
+class ArmMotion:
     """A stretch of motion in order of time, and the current model.
 
     Attributes:
@@ -93,9 +93,9 @@ class Course:
         qd: velocities, (N, n).
         qdd: accelerations, (N, n).
         robot: the arm.
-        physics: the current model.
+        reference: the current model.
         smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
-        way: Coulomb signs under the filter of the torques, (N, n); empty where they are made from ``qd``.
+        coulomb_sign: Coulomb signs under the filter of the torques, (N, n); empty where they are made from ``qd``.
     """
 
     t: Floats
@@ -103,9 +103,9 @@ class Course:
     qd: Floats
     qdd: Floats
     robot: Robot
-    physics: Physics
+    reference: ReferenceTorques
     smooth: Callable[[Floats], Floats]
-    way: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    coulomb_sign: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -119,12 +119,12 @@ class Course:
     @cached_property
     def rigid(self) -> Floats:
         """Rigid-body torques of the current model, (N, n)."""
-        return self.physics.rigid(self.q, self.qd, self.qdd)
+        return self.reference.rigid(self.q, self.qd, self.qdd)
 
     @cached_property
     def total(self) -> Floats:
         """Rigid-body and friction torques of the current model, (N, n)."""
-        return self.physics.total(self.q, self.qd, self.qdd)
+        return self.reference.total(self.q, self.qd, self.qdd)
 
 
 class Effect(ABC):
@@ -165,27 +165,27 @@ class Effect(ABC):
         """Return the joints whose torque it changes."""
         return place[:1] if place else tuple(range(n))
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried; one empty shape when it is linear."""
         return [{}]
 
-    def tried(self, course: Course, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+    def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes, each (amplitudes, rows, N)."""
-        return [self.columns(course, place, shape) for shape in shapes]
+        return [self.columns(motion, place, shape) for shape in shapes]
 
     @abstractmethod
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
 
     @abstractmethod
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
 
 
-def sign_of(course: Course, joint: int) -> Floats:
+def sign_of(motion: ArmMotion, joint: int) -> Floats:
     """Return the Coulomb sign of one joint, (N,)."""
     from dynid.model.effects.coulomb import coulomb_sign
 
-    if course.way.size:
-        return course.way[:, joint]
-    return coulomb_sign(course.qd[:, joint], course.robot.coulomb_shape, joint)
+    if motion.coulomb_sign.size:
+        return motion.coulomb_sign[:, joint]
+    return coulomb_sign(motion.qd[:, joint], motion.robot.coulomb_shape, joint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class JointCoupling(Effect):
@@ -26,6 +26,6 @@ class JointCoupling(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m s/rad", "b": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.array([course.qd[:, place[1]], sign_of(course, place[1])])[:, None]
+        return np.array([motion.qd[:, place[1]], sign_of(motion, place[1])])[:, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 #: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
 STEP = 1e-6
@@ -29,14 +29,14 @@ class JointElasticity(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"compliance": "rad/N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         j = place[0]
-        bend = course.smooth(course.rigid[:, j])
-        speed = np.gradient(bend, course.t)
+        bend = motion.smooth(motion.rigid[:, j])
+        speed = np.gradient(bend, motion.t)
         moved = []
-        for x, shift in ((course.q, bend), (course.qd, speed), (course.qdd, np.gradient(speed, course.t))):
+        for x, shift in ((motion.q, bend), (motion.qd, speed), (motion.qdd, np.gradient(speed, motion.t))):
             y = x.copy()
             y[:, j] -= STEP * shift
             moved.append(y)
-        return ((course.physics.rigid(*moved) - course.rigid) / STEP).T[None]
+        return ((motion.reference.rigid(*moved) - motion.rigid) / STEP).T[None]

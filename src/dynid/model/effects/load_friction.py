@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class LoadFriction(Effect):
@@ -23,6 +23,6 @@ class LoadFriction(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": ""}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return (np.abs(course.rigid[:, place[0]]) * sign_of(course, place[0]))[None, None]
+        return (np.abs(motion.rigid[:, place[0]]) * sign_of(motion, place[0]))[None, None]

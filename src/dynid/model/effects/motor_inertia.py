@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class MotorInertia(Effect):
@@ -19,6 +19,6 @@ class MotorInertia(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"Im": "kg m^2"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.qdd[:, place[0]][None, None]
+        return motion.qdd[:, place[0]][None, None]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class NonlinearViscous(Effect):
@@ -21,7 +21,7 @@ class NonlinearViscous(Effect):
     shape_units: ClassVar[dict[str, str]] = {"p": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"p": p} for p in (1.3, 1.6, 2.0, 2.5, 3.0)]
 
@@ -29,7 +29,7 @@ class NonlinearViscous(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m (s/rad)^p"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        speed = course.qd[:, place[0]]
+        speed = motion.qd[:, place[0]]
         return (np.sign(speed) * np.abs(speed) ** shape["p"])[None, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Column, Effect, Floats, Place, Shape
 
 
 def offset_column(joint: int, unit: str) -> Column:
@@ -15,7 +15,7 @@ def offset_column(joint: int, unit: str) -> Column:
         (joint,),
         lambda s: [np.ones(len(s.qd))],
         exact=lambda s: [np.ones_like(s.qd[:, 0])],
-        pull=lambda *_: None,
+        add_gradient=lambda *_: None,
     )
 
 
@@ -33,6 +33,6 @@ class TorqueOffset(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"c": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.ones((1, 1, len(course)))
+        return np.ones((1, 1, len(motion)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 from dynid.robot import LINK_PARAMETERS
 
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
@@ -23,7 +23,7 @@ class Payload(Effect):
     shape_units: ClassVar[dict[str, str]] = {"form": ""}
     family = "statics"
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"form": form} for form in (1.0, 4.0, 10.0)]
 
@@ -31,6 +31,6 @@ class Payload(Effect):
         """Return names and units of the parameters that enter linearly."""
         return dict(list(zip(LINK_PARAMETERS, UNITS, strict=False))[: round(shape["form"])])
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.physics.tip(course.q, course.qd, course.qdd)[: round(shape["form"])].transpose(0, 2, 1)
+        return motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)[: round(shape["form"])].transpose(0, 2, 1)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class PositionFriction(Effect):
@@ -20,7 +20,7 @@ class PositionFriction(Effect):
     family = "position"
     shape_units: ClassVar[dict[str, str]] = {"h": "1/rad"}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"h": h} for h in (1.0, 2.0)]
 
@@ -28,7 +28,7 @@ class PositionFriction(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m", "b": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        angle, sign = shape["h"] * course.q[:, place[0]], sign_of(course, place[0])
+        angle, sign = shape["h"] * motion.q[:, place[0]], sign_of(motion, place[0])
         return np.array([np.cos(angle) * sign, np.sin(angle) * sign])[:, None]

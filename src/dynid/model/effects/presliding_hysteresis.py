@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class PreslidingHysteresis(Effect):
@@ -22,7 +22,7 @@ class PreslidingHysteresis(Effect):
     steps: ClassVar[dict[str, tuple[str, float]]] = {"delta": ("times", 1.4)}
     family = "friction curve"
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"delta": float(delta)} for delta in np.geomspace(0.002, 0.2, 9)]
 
@@ -30,10 +30,10 @@ class PreslidingHysteresis(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        z = presliding(course.q[:, place[0]], shape["delta"])
-        return (z - sign_of(course, place[0]))[None, None]
+        z = presliding(motion.q[:, place[0]], shape["delta"])
+        return (z - sign_of(motion, place[0]))[None, None]
 
 
 def presliding(q: Floats, delta: float) -> Floats:

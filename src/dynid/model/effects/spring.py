@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class Spring(Effect):
@@ -20,9 +20,9 @@ class Spring(Effect):
     family = "position torque"
     shape_units: ClassVar[dict[str, str]] = {"order": "", "constant": ""}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried; the constant only where the joint has no offset of its own."""
-        constant = 0.0 if "offset" in course.robot.joints[place[0]].friction else 1.0
+        constant = 0.0 if "offset" in motion.robot.joints[place[0]].friction else 1.0
         return [{"order": 1.0, "constant": constant}, {"order": 3.0, "constant": constant}]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
@@ -31,8 +31,8 @@ class Spring(Effect):
         found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
         return found | ({"c": "N m"} if shape["constant"] else {})
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        q = course.q[:, place[0]]
+        q = motion.q[:, place[0]]
         powers = [q**i for i in range(1, round(shape["order"]) + 1)]
         return np.array([*powers, *([np.ones_like(q)] if shape["constant"] else [])])[:, None]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class Stribeck(Effect):
@@ -22,7 +22,7 @@ class Stribeck(Effect):
     shape_units: ClassVar[dict[str, str]] = {"vs": "rad/s", "d": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"vs": ("times", 1.25), "d": ("times", 1.3)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"vs": vs, "d": d} for vs in (0.014, 0.022, 0.036, 0.06, 0.1, 0.16) for d in (0.7, 1.0, 2.0)]
 
@@ -30,7 +30,7 @@ class Stribeck(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        speed = np.abs(course.qd[:, place[0]])
-        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(course, place[0]))[None, None]
+        speed = np.abs(motion.qd[:, place[0]])
+        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(motion, place[0]))[None, None]

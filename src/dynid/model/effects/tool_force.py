@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class ToolForce(Effect):
@@ -22,6 +22,6 @@ class ToolForce(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"x": "N", "y": "N", "z": "N"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.array([course.physics.pull(course.q, axis).T for axis in range(3)])
+        return np.array([motion.reference.tip_force(motion.q, axis).T for axis in range(3)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class TorqueCrosstalk(Effect):
@@ -25,6 +25,6 @@ class TorqueCrosstalk(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": ""}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.rigid[:, place[1]][None, None]
+        return motion.rigid[:, place[1]][None, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class TorqueDelay(Effect):
@@ -22,6 +22,6 @@ class TorqueDelay(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"delay": "s"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return -np.gradient(course.total, course.t, axis=0).T[None]
+        return -np.gradient(motion.total, motion.t, axis=0).T[None]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class TorqueDrift(Effect):
@@ -21,7 +21,7 @@ class TorqueDrift(Effect):
     shape_units: ClassVar[dict[str, str]] = {"tc": "s"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"tc": ("times", 1.4)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"tc": tc} for tc in (1e6, 10.0, 25.0, 60.0, 150.0)]
 
@@ -29,6 +29,6 @@ class TorqueDrift(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m/s"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return (shape["tc"] * -np.expm1(-course.t / shape["tc"]))[None, None]
+        return (shape["tc"] * -np.expm1(-motion.t / shape["tc"]))[None, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class TorqueGain(Effect):
@@ -19,6 +19,6 @@ class TorqueGain(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"g": ""}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.total[:, place[0]][None, None]
+        return motion.total[:, place[0]][None, None]

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 #: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring.
 WAVES = 10.0
@@ -32,19 +32,19 @@ class TorqueRipple(Effect):
     shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        travel = float(np.ptp(course.q[:, place[0]]))
+        travel = float(np.ptp(motion.q[:, place[0]]))
         if travel < STILL:
             return []
         return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
 
-    def tried(self, course: Course, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+    def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes; of evenly spaced waves each turns the one before by the same angles."""
         k = np.array([shape["k"] for shape in shapes])
         if len(k) < MANY:
-            return super().tried(course, place, shapes)
-        q = course.q[:, place[0]]
+            return super().tried(motion, place, shapes)
+        q = motion.q[:, place[0]]
         wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
         found = []
         for _ in k:
@@ -56,7 +56,7 @@ class TorqueRipple(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a": "N m", "b": "N m"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        angle = shape["k"] * course.q[:, place[0]]
+        angle = shape["k"] * motion.q[:, place[0]]
         return np.array([np.cos(angle), np.sin(angle)])[:, None]

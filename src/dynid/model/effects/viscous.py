@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Column, Course, Effect, Floats, Place, Shape, State
+from dynid.model.effects.interface import ArmMotion, Column, Effect, Floats, Place, Shape, State
 
 
 def viscous_column(joint: int, unit: str) -> Column:
     """Return the column of fv for one joint (0-based). Source: Paper Eq. 7."""
 
-    def pull(state: State, weights: list[Floats], gradient: State) -> None:
+    def add_gradient(state: State, weights: list[Floats], gradient: State) -> None:
         gradient.qd[:, joint] += weights[0]
 
     return Column(
-        f"fv{joint + 1}", unit, (joint,), lambda s: [s.qd[:, joint]], exact=lambda s: [s.qd[:, joint]], pull=pull
+        f"fv{joint + 1}",
+        unit,
+        (joint,),
+        lambda s: [s.qd[:, joint]],
+        exact=lambda s: [s.qd[:, joint]],
+        add_gradient=add_gradient,
     )
 
 
@@ -30,6 +35,6 @@ class ViscousFriction(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"fv": "N m s/rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.qd[:, place[0]][None, None]
+        return motion.qd[:, place[0]][None, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
 
 
 class ViscousChange(Effect):
@@ -20,6 +20,6 @@ class ViscousChange(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"v": "N m s/rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return course.qd[:, place[0]][None, None]
+        return motion.qd[:, place[0]][None, None]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import Course, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
 
 
 class WarmupFriction(Effect):
@@ -21,7 +21,7 @@ class WarmupFriction(Effect):
     shape_units: ClassVar[dict[str, str]] = {"tw": "s"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"tw": ("times", 1.4)}
 
-    def grid(self, course: Course, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
         return [{"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0)]
 
@@ -29,7 +29,7 @@ class WarmupFriction(Effect):
         """Return names and units of the parameters that enter linearly."""
         return {"a1": "N m", "a2": "N m s/rad"}
 
-    def columns(self, course: Course, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        cold = np.exp(-course.t / shape["tw"])
-        return np.array([cold * sign_of(course, place[0]), cold * course.qd[:, place[0]]])[:, None]
+        cold = np.exp(-motion.t / shape["tw"])
+        return np.array([cold * sign_of(motion, place[0]), cold * motion.qd[:, place[0]]])[:, None]
