@@ -30,9 +30,9 @@ from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.cost import Cost, figures
 from dynid.trajectory.feasible import Bounds, Shaping, bounds
-from dynid.trajectory.objective import Objective, Problem
-from dynid.trajectory.optimise import beginning, descend
-from dynid.trajectory.plan import Trajectory, through
+from dynid.trajectory.objective import ExcitationObjective, PlanProblem
+from dynid.trajectory.optimise import descend, start_variables
+from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.predict import held_out, predict
 
 HERE = Path(__file__).parent
@@ -123,11 +123,11 @@ class _Over(Exception):
     """The processor time is spent."""
 
 
-def searched(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[str, float]:
+def search_motions(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[str, float]:
     """Search as ``dynid trajectory`` does, in one process, and judge the best."""
     columns, function = b.costs[cost]
     end = time.process_time() + seconds
-    objective = Objective(Problem(b.model, columns, basis, b.limits, function))
+    objective = ExcitationObjective(PlanProblem(b.model, columns, basis, b.limits, function))
     best, kept, start = np.inf, None, 0
 
     def note(met, *, last: bool) -> None:
@@ -139,7 +139,7 @@ def searched(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[str, flo
 
     try:
         while True:
-            descend(objective, beginning(objective, 0, start), best, note)
+            descend(objective, start_variables(objective, 0, start), best, note)
             start += 1
     except _Over:
         return b.row(Trajectory(basis, objective.shaping.coefficients(kept)), start + 1)
@@ -240,7 +240,7 @@ def line(label: str, f: dict[str, float]) -> str:
 def grid(b: Bench, store: Store, arm: str) -> dict[str, str]:
     """Fill the grid; return the best family of each cost by the figure it is after."""
     found = {
-        cost: {f: store.cell(arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: searched(b, y, c, SHORT))
+        cost: {f: store.cell(arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, SHORT))
                for f, basis in FAMILIES.items()}
         for cost in b.costs
     }  # fmt: skip
@@ -252,7 +252,7 @@ def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
     seconds = LONG[arm]
     for cost in LONG_COSTS:
         basis = FAMILIES[families[cost]]
-        store.cell(arm, "long", f"{families[cost]}; {cost}", lambda c=cost, y=basis: searched(b, y, c, seconds))
+        store.cell(arm, "long", f"{families[cost]}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, seconds))
     family = families["cond"]
     first = f"random search, {family}; {LONG_COSTS[0]}"
     if f"{arm}; long; {first}" not in store.cells:
@@ -262,7 +262,7 @@ def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
         joined, there, count = papers_recipe(b, 24, seconds)
         label = f"the paper's recipe, 24 points (cond {there:.1f} at them), joined"
         store.put(arm, "long", label, b.row(joined, count))
-        safe = through(joined.motion(np.array(joined.basis.knots)).q, b.limits)
+        safe = through_waypoints(joined.motion(np.array(joined.basis.knots)).q, b.limits)
         store.put(arm, "long", "the same points of the paper's, intervals stretched to the limits", b.row(safe, count))
 
 
@@ -273,12 +273,12 @@ def slower(b: Bench, store: Store, arm: str) -> None:
         rates = replace(b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration)
         less = replace(b, limits=rates)
         label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
-        store.cell(arm, "slower", label, lambda y=less: searched(y, basis, "cond", SHORT))
+        store.cell(arm, "slower", label, lambda y=less: search_motions(y, basis, "cond", SHORT))
     speed, acceleration = (np.array(part) for part in RECORDED)
     less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
     long_basis = Quintic.even(25.0, 10)
     label = "limits = peaks of FloBaRoID's recorded motion, 25 s; cond"
-    store.cell(arm, "slower", label, lambda: searched(less, long_basis, "cond", SHORT))
+    store.cell(arm, "slower", label, lambda: search_motions(less, long_basis, "cond", SHORT))
 
 
 def table(store: Store) -> str:

@@ -18,7 +18,7 @@ from arms import (
 )
 
 from dynid.model import build_model
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 
 FRICTION = ("fv", "fc", "fo")
 
@@ -65,7 +65,7 @@ def test_any_arm_has_the_torques_of_pybullet(seed):
     model = build_model(robot)
     nothing = {kind: np.zeros(robot.n) for kind in FRICTION}
     tau = model.regressor(q, qd, qdd) @ parameters(model, bodies, np.zeros(robot.n), nothing)
-    with Arm(robot, bodies) as arm:
+    with SimulatedArm(robot, bodies) as arm:
         expected = np.array([arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
     assert relative_error(tau, expected) < 1e-6
 

@@ -19,7 +19,7 @@ from dynid.sim.track import track
 from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.predict import believed, default_noise, held_out, predict
+from dynid.trajectory.predict import default_noise, held_out, predict, prior_base_parameters
 
 SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz"
 DRAWS, RATE, STEP = 20, 100.0, 1e-3
@@ -27,7 +27,7 @@ DRAWS, RATE, STEP = 20, 100.0, 1e-3
 
 def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_identified(tmp_path):
     pytest.importorskip("pybullet")
-    from dynid.sim.arm import Arm
+    from dynid.sim.arm import SimulatedArm
 
     robot = load_robot("kinova_gen2")
     model = build_model(robot)
@@ -37,7 +37,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     noise, other = default_noise(robot), held_out(model, reduction.base, bounds(robot))
     predicted = predict(model, reduction.base, plan.sampled(RATE), noise, other)
 
-    with Arm(robot, dt=STEP) as arm:
+    with SimulatedArm(robot, dt=STEP) as arm:
         truth = track(arm, plan.sampled(1 / STEP), every=round(1 / STEP / RATE))
     sensors = dataclasses.replace(Sensors.perfect(robot.n), torque_noise=tuple(noise), velocity_noise=None)
     rng = np.random.default_rng(8)
@@ -47,7 +47,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
         source, _ = read_source(tmp_path / "log.npz", model, Reading())
         stacked = stack([source], model.observer(reduction.base), reduction.base_names, robot.joint_names)
         draws.append(weighted(*stacked.joint_factors(np.ones(stacked.blocks, dtype=bool))).theta)
-    misses = np.array(draws) - believed(model, reduction)
+    misses = np.array(draws) - prior_base_parameters(model, reduction)
 
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / predicted.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.3)

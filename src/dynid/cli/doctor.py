@@ -84,10 +84,10 @@ def ros_checks() -> Iterator[Check]:
 
 def master_answers(uri: str) -> bool:
     """Return whether something listens at a ROS master's address, within a limit that holds for name look-up too."""
-    from dynid.drivers.ros import knock
+    from dynid.drivers.ros import ping_master
 
     try:
-        knock(uri)
+        ping_master(uri)
     except OSError:
         return False
     return True

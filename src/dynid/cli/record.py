@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from dynid.drivers.ros import Node
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.motion import Motion
-    from dynid.record.monitor import Watch
-    from dynid.record.preflight import Seen
-    from dynid.record.recorder import Listener, Recorder
+    from dynid.record.monitor import Monitor
+    from dynid.record.preflight import ObservedState
+    from dynid.record.recorder import Listener, LogRecorder
     from dynid.record.session import Outcome
     from dynid.robot import Robot
 
@@ -123,7 +123,7 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
 @click.option("--duration", type=click.FloatRange(0, min_open=True), metavar="S", help="Length with --listen-only.")
 def command(common: Common, robot: str, trajectory: Path | None, **options: Any) -> ExitStatus:  # noqa: ANN401
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
-    from dynid.drivers.priority import hurry
+    from dynid.drivers.priority import raise_priority
     from dynid.drivers.ros import connect
     from dynid.files.robotfile import load_robot
     from dynid.files.trajectoryfile import read_trajectory
@@ -132,7 +132,7 @@ def command(common: Common, robot: str, trajectory: Path | None, **options: Any)
     arm = load_robot(robot)
     _check_usage(arm, trajectory, given)
     stored = read_trajectory(trajectory, arm) if trajectory is not None else None
-    priority = hurry()
+    priority = raise_priority()
     begin = time.monotonic()
     node = connect("dynid_record", given.master, given.timeout)
     common.terminal.stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
@@ -194,7 +194,7 @@ class Recording:
             listener.close()
 
     # ------------------------------------------------------------ preflight
-    def _look(self, listener: Listener, port: LivePort) -> Seen:
+    def _look(self, listener: Listener, port: LivePort) -> ObservedState:
         """Listen to the driver and judge its numbers."""
         from dynid.record import preflight
 
@@ -209,22 +209,22 @@ class Recording:
         self.terminal.stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
         return seen
 
-    def _plan(self, seen: Seen, port: LivePort) -> Motion:
+    def _plan(self, seen: ObservedState, port: LivePort) -> Motion:
         """Return what will be played, checked sample by sample."""
-        from dynid.cli.recordplan import course_of, foresee
+        from dynid.cli.recordplan import foresee, motion_to_play
         from dynid.record import preflight
 
         assert self.stored is not None
         preflight.check_endpoints(port)
-        course = course_of(self.terminal, self.arm, self.stored, seen, self.given)
-        self.foreseen = foresee(self.common, self.arm, course, self.stored, self.given.parameters)
+        played = motion_to_play(self.terminal, self.arm, self.stored, seen, self.given)
+        self.foreseen = foresee(self.common, self.arm, played, self.stored, self.given.parameters)
         self._check_review()
         self.terminal.stage(
-            "ready", f"about to move {self.arm.slug}: {course.motion.t[-1]:.0f} s, fastest "
+            "ready", f"about to move {self.arm.slug}: {played.motion.t[-1]:.0f} s, fastest "
             f"{self.foreseen['fastest_joint']} at {self.foreseen['speed_rad_s']:.2f} rad/s, "
             "keep the stop button in reach",
         )  # fmt: skip
-        return course.motion
+        return played.motion
 
     def _check_review(self) -> None:
         assert self.stored is not None
@@ -252,9 +252,9 @@ class Recording:
                 return
 
     # ------------------------------------------------------------ recording
-    def _move(self, listener: Listener, port: LivePort, motion: Motion, seen: Seen) -> ExitStatus:
+    def _move(self, listener: Listener, port: LivePort, motion: Motion, seen: ObservedState) -> ExitStatus:
         from dynid.record import playing, session
-        from dynid.record.monitor import Rules
+        from dynid.record.monitor import StopRules
         from dynid.record.preflight import at_candle, check_place
 
         port.ready()
@@ -270,42 +270,42 @@ class Recording:
             self.terminal.stage("zeroed", "torque sensors")
         assert listener.latest is not None
         check_place(listener.latest, self.arm, motion)
-        reference = playing.Reference(motion, listener.latest.q - motion.q[0])
+        reference = playing.ReferenceMotion(motion, listener.latest.q - motion.q[0])
 
-        def run(recorder: Recorder) -> Outcome:
+        def run(recorder: LogRecorder) -> Outcome:
             with self.terminal.progress() as bar:
                 bar.stage("moving")
 
-                def glance(time: float, watch: Watch) -> bool:
-                    bar.advance(time, reference.duration, f"largest error {watch.largest_deviation:.3f} rad")
+                def poll(time: float, monitor: Monitor) -> bool:
+                    bar.advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
                     return key_pressed(self.common)
 
-                return session.play(port, reference, Rules(self.given.max_deviation), recorder, glance)
+                return session.play(port, reference, StopRules(self.given.max_deviation), recorder, poll)
 
         return self._record(listener, port, run)
 
     def _listen_only(self, listener: Listener, port: LivePort) -> ExitStatus:
         from dynid.record import session
-        from dynid.record.monitor import Rules
+        from dynid.record.monitor import StopRules
 
         self._may_write()
         self.terminal.stage(
             "listening", f"{self.given.duration:g} s" if self.given.duration else "until Enter or Ctrl-C"
         )
-        stale = 8 * Rules().stale
+        stale = 8 * StopRules().stale
         seconds = self.given.duration
 
-        def run(recorder: Recorder) -> Outcome:
+        def run(recorder: LogRecorder) -> Outcome:
             return session.listen_only(recorder, seconds, stale, lambda _: key_pressed(self.common))
 
         return self._record(listener, port, run)
 
-    def _record(self, listener: Listener, port: LivePort, run: Callable[[Recorder], Outcome]) -> ExitStatus:
+    def _record(self, listener: Listener, port: LivePort, run: Callable[[LogRecorder], Outcome]) -> ExitStatus:
         """Open the files, run, close them, say how it went."""
-        from dynid.record.recorder import Recorder
+        from dynid.record.recorder import LogRecorder
 
         facts = self._beginning(port)
-        recorder = Recorder(listener, self.folder)
+        recorder = LogRecorder(listener, self.folder)
         recorder.start()
         outcome: Outcome = run(recorder)
         outcome.tally = recorder.close()
@@ -348,7 +348,7 @@ class Recording:
         except DynidError as error:
             self.terminal.say(f"{error.what}; the manifest still says 'running'")
 
-    def _end(self, outcome: Outcome, recorder: Recorder) -> ExitStatus:
+    def _end(self, outcome: Outcome, recorder: LogRecorder) -> ExitStatus:
         from dynid.record import session
 
         terminal, tally = self.terminal, outcome.tally

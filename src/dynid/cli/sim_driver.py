@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.robot import Robot
-    from dynid.sim.driver_loop import Imperfections, Rig
+    from dynid.sim.driver_loop import DriverLoop, Imperfections
     from dynid.sim.plant import Plant
 
     Floats = NDArray[np.float64]
@@ -98,19 +98,19 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
     import signal
     import time
 
-    from dynid.drivers.priority import hurry
+    from dynid.drivers.priority import raise_priority
     from dynid.drivers.ros import connect
     from dynid.files.robotfile import load_robot
-    from dynid.sim.ros_drivers import face_of
+    from dynid.sim.ros_drivers import simulated_driver
 
     arm = load_robot(robot)
     topic = options["topic"] or (arm.driver.topic if arm.driver else None) or "/joint_states"
-    hurry()
+    raise_priority()
     node = connect("dynid_sim_driver", options["master"])
     try:
-        with _rig(common, arm, options) as rig:
-            face = face_of(node, rig, topic)
-            common.terminal.stage("driver", f"{topic} at {rig.rate:g} Hz, master {node.uri}, seed {common.seed}")
+        with _rig(common, arm, options) as loop:
+            driver = simulated_driver(node, loop, topic)
+            common.terminal.stage("driver", f"{topic} at {loop.rate:g} Hz, master {node.uri}, seed {common.seed}")
             common.terminal.stage(
                 "stop", "Ctrl-C" if options["duration"] is None else f"after {options['duration']:g} s"
             )
@@ -118,30 +118,30 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
             # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
-                rig.run(face.publish, lambda: time.monotonic() < end)
+                loop.run(driver.publish, lambda: time.monotonic() < end)
             except KeyboardInterrupt:
                 common.terminal.detail("stop", "interrupted")
-            facts = face.received.facts() | _played(rig) | {
-                "published": rig.published, "dropped": rig.dropped, "largest_delay_s": rig.largest_delay,
-                "longest_queue": rig.follower.longest,
+            facts = driver.commands.facts() | _played(loop) | {
+                "published": loop.published, "dropped": loop.dropped, "largest_delay_s": loop.largest_delay,
+                "longest_queue": loop.follower.longest,
             }  # fmt: skip
             if options["sent"] is not None:
-                face.received.write(options["sent"])
+                driver.commands.write(options["sent"])
                 common.terminal.wrote(options["sent"])
     finally:
         node.close()
     return _told(common, arm, facts)
 
 
-def _played(rig: Rig) -> dict[str, float]:
+def _played(loop: DriverLoop) -> dict[str, float]:
     """Return what the arm's own reference used of the limits: along commands, and while braking after a stop."""
     import numpy as np
 
     velocity, acceleration = (
-        np.array([getattr(joint.limits, key) or np.inf for joint in rig.robot.joints])
+        np.array([getattr(joint.limits, key) or np.inf for joint in loop.robot.joints])
         for key in ("velocity", "acceleration")
     )
-    follower = rig.follower
+    follower = loop.follower
     return {
         "reference_velocity_share": float(np.max(follower.fastest / velocity)),
         "reference_acceleration_share": float(np.max(follower.hardest / acceleration)),
@@ -166,13 +166,13 @@ def _told(common: Common, arm: Robot, facts: dict[str, Any]) -> ExitStatus:
     return ExitStatus.LIMIT_NOT_MET if facts["violations"] else ExitStatus.DONE
 
 
-def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa: ANN401 - a context manager of a Rig
+def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa: ANN401 - a context manager of a DriverLoop
     """Return the simulation as a context that closes the physics."""
     from contextlib import contextmanager
 
     import numpy as np
 
-    from dynid.sim.driver_loop import Rig
+    from dynid.sim.driver_loop import DriverLoop
     from dynid.sim.follow import PointFollower, VelocityFollower
 
     @contextmanager
@@ -183,8 +183,8 @@ def _rig(common: Common, robot: Robot, options: dict[str, Any]) -> Any:  # noqa:
             velocity = robot.driver is not None and robot.driver.kind == "kinova_gen2"
             follower = (VelocityFollower if velocity else PointFollower)(_pose(robot, options["pose"]), dt)
             wrong = _imperfections(robot, plant, options)
-            rig: Rig = Rig(arm, follower, options["rate"], wrong, np.random.default_rng(common.seed))
-            yield rig
+            loop: DriverLoop = DriverLoop(arm, follower, options["rate"], wrong, np.random.default_rng(common.seed))
+            yield loop
 
     return made()
 
@@ -211,11 +211,11 @@ def _plant(robot: Robot, given: Path | None) -> Plant | None:
 
 
 def _arm(robot: Robot, plant: Plant | None, dt: float) -> Any:  # noqa: ANN401
-    from dynid.sim.arm import Arm
+    from dynid.sim.arm import SimulatedArm
 
     if plant is None:
-        return Arm(robot, dt=dt)
-    return Arm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=dt)
+        return SimulatedArm(robot, dt=dt)
+    return SimulatedArm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=dt)
 
 
 def _imperfections(robot: Robot, plant: Plant | None, options: dict[str, Any]) -> Imperfections:

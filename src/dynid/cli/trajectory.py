@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dynid.cli.trajectory_preview import Verdict, View
     from dynid.files.planfile import Plan, Waypoints
     from dynid.model.store import BaseModel
-    from dynid.trajectory.planning import Proposal, Workshop
+    from dynid.trajectory.planning import PlanningContext, Proposal
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Task:
 def command(common: Common, robot: str, plan: Path | None, **options: Any) -> None:  # noqa: ANN401
     """Plan an excitation motion, prove it safe, preview it, and ask."""
     from dynid.files.robotfile import load_robot
-    from dynid.trajectory.planning import workshop
+    from dynid.trajectory.planning import planning_context
 
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
@@ -155,7 +155,7 @@ def command(common: Common, robot: str, plan: Path | None, **options: Any) -> No
     path = common.folder(arm.slug) / "trajectory.npz"
     if options["review"] is not None:
         task = Task(options, base_model(common, arm), written, None, common.seed)
-        review_stored(common, workshop(task.base, wishes_of(common, task)), options["review"], options)
+        review_stored(common, planning_context(task.base, wishes_of(common, task)), options["review"], options)
         return
     inputs = inputs_of(arm, plan, options, common.seed)
     if not may_write(common, path, inputs):
@@ -173,14 +173,14 @@ def command(common: Common, robot: str, plan: Path | None, **options: Any) -> No
 
 def plan_once(common: Common, task: Task, path: Path) -> Answer:
     """Plan, judge, show, ask and write; NO when the person wants another motion."""
-    from dynid.trajectory.planning import workshop
+    from dynid.trajectory.planning import planning_context
 
-    shop = workshop(task.base, wishes_of(common, task))
+    context = planning_context(task.base, wishes_of(common, task))
     look = view(common, task.options, path.parent)
-    verdict = find(common, task, shop, look)
-    facts = answer_of(task, shop, verdict)
-    show(common, shop, verdict, facts)
-    with shown(common, shop, verdict.trajectory, look, task.options["urdf"]):
+    verdict = find(common, task, context, look)
+    facts = answer_of(task, context, verdict)
+    show(common, context, verdict, facts)
+    with shown(common, context, verdict.trajectory, look, task.options["urdf"]):
         answer = accepted(common, task.options)
     if answer is Answer.QUIT:
         raise Declined("the motion was not accepted", why="nothing was written")
@@ -202,39 +202,41 @@ def accepted(common: Common, options: dict[str, Any]) -> Answer:
     return ask(common, "P2", given=True if options["accept"] else None)
 
 
-def find(common: Common, task: Task, shop: Workshop, look: View) -> Verdict:
+def find(common: Common, task: Task, context: PlanningContext, look: View) -> Verdict:
     """Return the first motion that passes every judge."""
     from dynid.cli.trajectory_preview import judge_contact
-    from dynid.trajectory.limits import check
-    from dynid.trajectory.planning import first_accepted, judged, proposals, searched
+    from dynid.trajectory.planning import first_accepted, proposals, require_safe, search_motions
 
     with common.terminal.progress() as progress:
-        candidates, found = given_motions(task, shop), None
+        candidates, found = given_motions(task, context), None
         progress.stage("search" if candidates is None else "plan", "")
         if candidates is None:
-            found = searched(shop, progress)
-            candidates = proposals(shop, found)
+            found = search_motions(context, progress)
+            candidates = proposals(context, found)
         chosen, (_, judgement) = first_accepted(
             candidates,
-            [lambda t: judged(shop, t), lambda t: judge_contact(common, shop, t, look, task.options["urdf"])],
+            [
+                lambda t: require_safe(context, t),
+                lambda t: judge_contact(common, context, t, look, task.options["urdf"]),
+            ],
         )
     verdict: Verdict = judgement  # type: ignore[assignment]
-    verdict.check = check(chosen.trajectory, shop.base.robot, shop.limits, shop.torque, shop.wishes.speed)
+    verdict.check = context.check(chosen.trajectory)
     verdict.search = search_facts(task, chosen, found)
     return verdict
 
 
-def given_motions(task: Task, shop: Workshop) -> Iterator[Proposal] | None:
+def given_motions(task: Task, context: PlanningContext) -> Iterator[Proposal] | None:
     """Return the motion through the person's waypoints, or on the path of an earlier motion; None to search."""
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.trajectory.basis import basis_from
-    from dynid.trajectory.plan import Trajectory, through
+    from dynid.trajectory.plan import Trajectory, through_waypoints
     from dynid.trajectory.planning import Proposal
 
     alpha, path = task.options["alpha"], task.options["from_trajectory"]
     if path is not None:
-        stored = read_trajectory(path, shop.base.robot)
+        stored = read_trajectory(path, context.base.robot)
         return iter([Proposal(Trajectory(basis_from(dict(stored.basis)), stored.coefficients, alpha))])
     if task.waypoints is None:
         return None
-    return iter([Proposal(through(task.waypoints.q, shop.limits, task.waypoints.times).slowed(alpha))])
+    return iter([Proposal(through_waypoints(task.waypoints.q, context.limits, task.waypoints.times).slowed(alpha))])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynid.files.trajectoryfile import Review, StoredTrajectory
     from dynid.motion import Motion
     from dynid.trajectory.clearance import Scene
-    from dynid.trajectory.planning import Workshop
+    from dynid.trajectory.planning import PlanningContext
 
 
 def write(
@@ -98,7 +98,7 @@ def accept_stored(
     return accepted
 
 
-def review_stored(common: Common, shop: Workshop, path: Path, options: dict[str, Any]) -> None:
+def review_stored(common: Common, context: PlanningContext, path: Path, options: dict[str, Any]) -> None:
     """Judge, preview and ask about a motion that was planned before, and mark it.
 
     Raises:
@@ -107,21 +107,20 @@ def review_stored(common: Common, shop: Workshop, path: Path, options: dict[str,
     """
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.trajectory.basis import basis_from
-    from dynid.trajectory.limits import check, require
+    from dynid.trajectory.limits import require_within_limits
     from dynid.trajectory.plan import Trajectory
 
-    stored = read_trajectory(path, shop.base.robot)
+    stored = read_trajectory(path, context.base.robot)
     trajectory = Trajectory(basis_from(dict(stored.basis)), stored.coefficients, stored.alpha)
     look = view(common, options, path.parent)
-    found = check(trajectory, shop.base.robot, shop.limits, shop.torque, shop.wishes.speed)
-    require(found, shop.wishes.margin)
-    verdict = judge_contact(common, shop, trajectory, look, options["urdf"])
+    require_within_limits(context.check(trajectory), context.options.margin)
+    verdict = judge_contact(common, context, trajectory, look, options["urdf"])
     common.terminal.findings(verdict.findings)
     for picture in verdict.pictures:
         common.terminal.stage("preview", str(picture))
-    with shown(common, shop, trajectory, look, options["urdf"]):
+    with shown(common, context, trajectory, look, options["urdf"]):
         answer = ask(common, "P2", given=True if options["accept"] else None)
     if answer is Answer.YES:
-        stored = accept_stored(common, stored, path, scene_facts(shop.wishes.scene, options["urdf"]))
+        stored = accept_stored(common, stored, path, scene_facts(context.options.scene, options["urdf"]))
     wrote = [path, *verdict.pictures] if answer is Answer.YES else list(verdict.pictures)
     common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})

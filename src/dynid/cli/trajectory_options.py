@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynid.files.planfile import Plan, Waypoints
     from dynid.robot import Robot
     from dynid.trajectory.clearance import Box, Scene
-    from dynid.trajectory.planning import Wishes
+    from dynid.trajectory.planning import PlanOptions
 
 #: Options that decide what motion comes out; the others only show or confirm it.
 _DECIDING = (
@@ -77,18 +77,18 @@ def waypoints_of(plan: Plan, options: dict[str, Any], robot: Robot) -> Waypoints
     return plan.waypoints if path is None else read_waypoints(path, robot)
 
 
-def wishes_of(common: Common, task: Task) -> Wishes:
+def wishes_of(common: Common, task: Task) -> PlanOptions:
     """Return what the options ask for."""
     from dynid.cli.prior_information import earlier_information, noise_of
-    from dynid.trajectory.optimise import Search
-    from dynid.trajectory.planning import Wishes
+    from dynid.trajectory.optimise import SearchOptions
+    from dynid.trajectory.planning import PlanOptions
 
     options, base = task.options, task.base
     weights = pair(options["weights"]) if options["weights"] else (1.0, 100.0)
     noise = noise_of(base.robot, options["noise"], options["earlier"])
     replay = replay_of(options["replay"]) if options["replay"] else None
-    search = Search(options["restarts"], options["seconds"], task.seed, replay=replay)
-    return Wishes(
+    search = SearchOptions(options["restarts"], options["seconds"], task.seed, replay=replay)
+    return PlanOptions(
         duration=options["duration"],
         segments=options["segments"],
         family=options["basis"],

@@ -15,9 +15,9 @@ from dynid.errors import Finding, NoDisplay, PackageMissing
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from dynid.trajectory.limits import Check
+    from dynid.trajectory.limits import LimitCheck
     from dynid.trajectory.plan import Trajectory
-    from dynid.trajectory.planning import Workshop
+    from dynid.trajectory.planning import PlanningContext
     from dynid.trajectory.preview import Distance
 
 
@@ -54,7 +54,7 @@ class Verdict:
     trajectory: Trajectory
     distances: tuple[Distance, ...]
     pictures: tuple[Path, ...] = ()
-    check: Check | None = None
+    check: LimitCheck | None = None
     selected: NDArray[Any] | None = None
     search: dict[str, Any] | None = None
     findings: list[Finding] = field(default_factory=list)
@@ -87,7 +87,7 @@ def view(common: Common, options: dict[str, Any], folder: Path) -> View:
 
 
 @contextmanager
-def urdf_of(shop: Workshop, own: Path | None) -> Iterator[Path]:
+def urdf_of(context: PlanningContext, own: Path | None) -> Iterator[Path]:
     """Give the user's URDF, or one made from the DH table."""
     from dynid.sim.urdf import write_urdf
 
@@ -95,30 +95,32 @@ def urdf_of(shop: Workshop, own: Path | None) -> Iterator[Path]:
         yield own
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{shop.base.robot.slug}.urdf"
-        write_urdf(shop.base.robot, None, path)
+        path = Path(folder) / f"{context.base.robot.slug}.urdf"
+        write_urdf(context.base.robot, None, path)
         yield path
 
 
-def judge_contact(common: Common, shop: Workshop, trajectory: Trajectory, look: View, own: Path | None) -> Verdict:
+def judge_contact(
+    common: Common, context: PlanningContext, trajectory: Trajectory, look: View, own: Path | None
+) -> Verdict:
     """Let PyBullet measure and draw a motion; without PyBullet the spheres' distances stand.
 
     Raises:
         Collision: something comes too near.
         PackageMissing: PyBullet is missing and was asked for.
     """
-    from dynid.trajectory.preview import Distance, Look, examine, require_clear
+    from dynid.trajectory.preview import Distance, Drawing, measure_trajectory, require_clear
 
-    robot, scene = shop.base.robot, shop.wishes.scene
+    robot, scene = context.base.robot, context.options.scene
     title = f"{robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
     try:
-        with urdf_of(shop, own) as urdf:
-            found = examine(trajectory, robot, urdf, scene, Look(look.picture, look.animation, title))
+        with urdf_of(context, own) as urdf:
+            found = measure_trajectory(trajectory, robot, urdf, scene, Drawing(look.picture, look.animation, title))
     except PackageMissing:
         if look.needed:
             raise
         motion = trajectory.sampled(50.0 * trajectory.alpha)
-        near = sorted(shop.spheres.contacts(motion.q), key=lambda c: c.distance)
+        near = sorted(context.spheres.contacts(motion.q), key=lambda c: c.distance)
         distances = tuple(Distance(c.what, c.distance, float(motion.t[c.index])) for c in near)
         text = "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn"
         return Verdict(trajectory, distances, findings=[Finding("W605", "warning", text)])
@@ -128,13 +130,15 @@ def judge_contact(common: Common, shop: Workshop, trajectory: Trajectory, look: 
 
 
 @contextmanager
-def shown(common: Common, shop: Workshop, trajectory: Trajectory, look: View, own: Path | None) -> Iterator[None]:
+def shown(
+    common: Common, context: PlanningContext, trajectory: Trajectory, look: View, own: Path | None
+) -> Iterator[None]:
     """Show a motion in PyBullet's window while the question is asked."""
     from dynid.trajectory.preview import window
 
     if not look.window:
         yield
         return
-    with urdf_of(shop, own) as urdf, window(trajectory, shop.base.robot, urdf, shop.wishes.scene):
+    with urdf_of(context, own) as urdf, window(trajectory, context.base.robot, urdf, context.options.scene):
         common.terminal.stage("preview", "PyBullet window opened; press space there to replay")
         yield

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from dynid.cli.trajectory_preview import Verdict
     from dynid.model.store import BaseModel
     from dynid.motion import Motion
-    from dynid.trajectory.limits import Check
-    from dynid.trajectory.optimise import Found
-    from dynid.trajectory.planning import Proposal, Workshop
+    from dynid.trajectory.limits import LimitCheck
+    from dynid.trajectory.optimise import SearchOutcome
+    from dynid.trajectory.planning import PlanningContext, Proposal
 
 
-def search_facts(task: Task, chosen: Proposal, found: Found | None) -> dict[str, Any] | None:
+def search_facts(task: Task, chosen: Proposal, found: SearchOutcome | None) -> dict[str, Any] | None:
     """Return how a motion was found, with all that makes it again; None when a person gave the path."""
     if chosen.start is None:
         return None
@@ -36,19 +36,19 @@ def search_facts(task: Task, chosen: Proposal, found: Found | None) -> dict[str,
     }
 
 
-def answer_of(task: Task, shop: Workshop, verdict: Verdict) -> dict[str, Any]:
+def answer_of(task: Task, context: PlanningContext, verdict: Verdict) -> dict[str, Any]:
     """Return the JSON answer, the prediction included."""
     from dataclasses import asdict
 
     from dynid.cli.prior_information import noise_source
-    from dynid.trajectory.predict import ladder, predict
+    from dynid.trajectory.predict import alpha_table, predict
 
     assert verdict.check is not None
-    base, wishes, trajectory = shop.base, shop.wishes, verdict.trajectory
+    base, options, trajectory = context.base, context.options, verdict.trajectory
     columns = base.reduction.base
-    motion = trajectory.sampled(wishes.rate)
-    found = predict(base.model, columns, motion, wishes.noise, shop.other, wishes.known)
-    rungs = ladder(trajectory, base.model, columns, wishes.noise, shop.other, wishes.known)
+    motion = trajectory.sampled(options.rate)
+    found = predict(base.model, columns, motion, options.noise, context.other, options.known)
+    rows = alpha_table(trajectory, base.model, columns, options.noise, context.other, options.known)
     if task.options["select"] is not None:
         verdict.selected = _selected(task, base, motion)
     return {
@@ -76,11 +76,11 @@ def answer_of(task: Task, shop: Workshop, verdict: Verdict) -> dict[str, Any]:
         "closest": [{"pair": d.pair, "distance_m": d.distance, "time_s": d.time} for d in verdict.distances[:5]],
         "predicted_std_error": dict(zip(base.reduction.base_names, found.std_error.tolist(), strict=True)),
         "expected_torque_error_nm": found.torque_error,
-        "ladder": [asdict(rung) for rung in rungs],
-        "torque_noise_nm": wishes.noise.tolist(),
+        "ladder": [asdict(row) for row in rows],
+        "torque_noise_nm": options.noise.tolist(),
         "torque_noise_from": noise_source(base.robot, task.options["noise"], task.options["earlier"]),
         "selected_samples": None if verdict.selected is None else len(verdict.selected),
-        "weakest": _weakest(shop, found.std_error),
+        "weakest": _weakest(context, found.std_error),
         "search": verdict.search,
     }
 
@@ -93,17 +93,17 @@ def _selected(task: Task, base: BaseModel, motion: Motion) -> NDArray[Any]:
     return select(W, task.options["select"])
 
 
-def _weakest(shop: Workshop, std_error: NDArray[Any]) -> str:
+def _weakest(context: PlanningContext, std_error: NDArray[Any]) -> str:
     """Return the base parameter whose error costs the most torque on other motions."""
     import numpy as np
 
-    cost = std_error * np.sqrt(np.diag(shop.other))
-    return shop.base.reduction.base_names[int(np.argmax(cost))]
+    cost = std_error * np.sqrt(np.diag(context.other))
+    return context.base.reduction.base_names[int(np.argmax(cost))]
 
 
-def show(common: Common, shop: Workshop, verdict: Verdict, facts: dict[str, Any]) -> None:
+def show(common: Common, context: PlanningContext, verdict: Verdict, facts: dict[str, Any]) -> None:
     """Say on stderr what was found, and print the joints' peaks on stdout."""
-    terminal, limits, trajectory = common.terminal, shop.limits, verdict.trajectory
+    terminal, limits, trajectory = common.terminal, context.limits, verdict.trajectory
     assert verdict.check is not None
     basis = trajectory.basis.facts
     kind = (
@@ -156,7 +156,7 @@ def _found_how(search: dict[str, Any]) -> str:
     return f"{how}{drawn}; the same plan again: {search['again']}"
 
 
-def _shares(check: Check, limits: Any) -> str:  # noqa: ANN401
+def _shares(check: LimitCheck, limits: Any) -> str:  # noqa: ANN401
     import numpy as np
 
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
@@ -173,14 +173,14 @@ def _shares(check: Check, limits: Any) -> str:  # noqa: ANN401
 
 def _show_ladder(common: Common, facts: dict[str, Any]) -> None:
     """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
-    rungs = facts["ladder"]
-    full = next(rung for rung in rungs if rung["alpha"] == 1.0)
-    here = next(rung for rung in rungs if rung["alpha"] == facts["alpha"])
-    for rung in rungs:
-        times = rung["torque_error"] / full["torque_error"]
-        mark = "  <- this plan" if rung is here else ""
+    rows = facts["ladder"]
+    full = next(row for row in rows if row["alpha"] == 1.0)
+    here = next(row for row in rows if row["alpha"] == facts["alpha"])
+    for row in rows:
+        times = row["torque_error"] / full["torque_error"]
+        mark = "  <- this plan" if row is here else ""
         common.terminal.stage(
-            "ladder", f"alpha {rung['alpha']:g}: {rung['duration']:.0f} s, expected torque error x{times:.3g}{mark}"
+            "ladder", f"alpha {row['alpha']:g}: {row['duration']:.0f} s, expected torque error x{times:.3g}{mark}"
         )
     if here["alpha"] < 1:
         times = here["torque_error"] / full["torque_error"]

@@ -10,7 +10,7 @@ REAL_TIME = 1
 NICENESS = -10
 
 
-def hurry() -> str:
+def raise_priority() -> str:
     """Raise the priority of this thread and those it starts later; return what was granted."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME))

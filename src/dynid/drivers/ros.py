@@ -77,7 +77,7 @@ def within(seconds: float, function: Callable[[], T]) -> T:
     return results[0]
 
 
-def knock(uri: str, patience: float = PATIENCE) -> str:
+def ping_master(uri: str, patience: float = PATIENCE) -> str:
     """Open and close a connection to a master and return this machine's address on the way there.
 
     Raises:
@@ -158,7 +158,7 @@ def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> 
     if missing := missing_modules():
         raise RosMissing(f"not found: {', '.join(missing)}", fix=APT)
     try:
-        address = knock(uri, patience)
+        address = ping_master(uri, patience)
     except OSError as error:
         reason = error.strerror or str(error)
         raise MasterSilent(f"no ROS master at {uri} ({reason.lower()})", where=uri) from error

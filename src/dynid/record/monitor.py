@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rules:
+class StopRules:
     """When to stop.
 
     Attributes:
@@ -34,8 +34,8 @@ class Rules:
 
 
 @dataclass
-class Watch:
-    """The watch over one run; it also remembers how near the limits the run came.
+class Monitor:
+    """The monitor of one run; it also remembers how near the limits the run came.
 
     Args:
         robot: the arm.
@@ -43,7 +43,7 @@ class Watch:
     """
 
     robot: Robot
-    rules: Rules = field(default_factory=Rules)
+    rules: StopRules = field(default_factory=StopRules)
     largest_deviation: float = 0.0
     largest_lateness: float = 0.0
     largest_torque_share: float = 0.0

@@ -16,8 +16,8 @@ from dynid.errors import LimitBroken, PackageMissing
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.trajectory.clearance import Scene, Spheres, tool_speed
-from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, refuse, torque_violations
-from dynid.trajectory.preview import Distance, Look, measure, require_clear
+from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
+from dynid.trajectory.preview import Distance, Drawing, measure_poses, require_clear
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ TORQUE_POSES = 20000
 
 
 @dataclass(frozen=True)
-class Course:
+class PlayedMotion:
     """A motion as it will be played.
 
     Attributes:
@@ -49,7 +49,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Load:
+class PeakTorque:
     """The largest predicted torque.
 
     Attributes:
@@ -63,21 +63,21 @@ class Load:
     time: float
 
 
-def check_limits(robot: Robot, course: Course) -> tuple[str, float]:
+def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
     """Check the samples against the joints' limits; return the fastest joint and its speed.
 
     Raises:
         LimitBroken: a limit is broken, the motion does not begin and end at rest, or its rates are not its derivatives.
     """
-    motion = course.motion
+    motion = played.motion
     _check_whole(motion)
-    refuse(_violations(robot, course), 0.0, _speed)
+    raise_worst(_violations(robot, played), 0.0, _speed)
     peaks = np.abs(motion.qd).max(axis=0)
     return robot.joint_names[int(peaks.argmax())], float(peaks.max())
 
 
-def _violations(robot: Robot, course: Course) -> list[Violation]:
-    motion, found = course.motion, []
+def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
+    motion, found = played.motion, []
     for j, joint in enumerate(robot.joints):
         limits = joint.limits
         lower, upper = limits.position or (-np.inf, np.inf)
@@ -92,7 +92,7 @@ def _violations(robot: Robot, course: Course) -> list[Violation]:
             k = int(np.abs(values[:, j]).argmax())
             value = abs(float(values[k, j]))
             if allowed and value > allowed * (1 + 1e-6):
-                alpha = course.speed * (allowed / value) ** (1 / order)
+                alpha = played.speed * (allowed / value) ** (1 / order)
                 found.append(Violation(joint.name, quantity, value, allowed, float(motion.t[k]), alpha))
     return found
 
@@ -117,12 +117,12 @@ def _check_whole(motion: Motion) -> None:
         raise LimitBroken("the motion's velocities are not the change of its positions", fix="plan it again")
 
 
-def check_clearance(robot: Robot, course: Course, scene: Scene, urdf: Path | None = None) -> tuple[Distance, ...]:
-    """Refuse a way that comes too near to the arm itself, the floor or an obstacle, as the planner would.
+def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path | None = None) -> tuple[Distance, ...]:
+    """Refuse a motion that comes too near to the arm itself, the floor or an obstacle, as the planner would.
 
     Args:
         robot: the arm.
-        course: what will be played.
+        played: what will be played.
         scene: what surrounds the arm.
         urdf: shapes that the motion was planned with; cylinders along the DH table when None.
 
@@ -132,7 +132,7 @@ def check_clearance(robot: Robot, course: Course, scene: Scene, urdf: Path | Non
     Raises:
         Collision: with the pair, the time, the distance and what would pass.
     """
-    motion = course.motion
+    motion = played.motion
     few = np.unique(np.linspace(0, len(motion) - 1, POSES).astype(int))
     t, q = motion.t[few], motion.q[few]
     try:
@@ -141,7 +141,7 @@ def check_clearance(robot: Robot, course: Course, scene: Scene, urdf: Path | Non
         near = sorted(Spheres(robot, scene).contacts(q), key=lambda contact: contact.distance)
         found = tuple(Distance(contact.what, contact.distance, float(t[contact.index])) for contact in near)
     judged = replace(scene, self_distance=scene.self_distance - ROUNDING, distance=scene.distance - ROUNDING)
-    require_clear(tuple(d for d in found if d.time < course.approach), judged, fix=APPROACH_FIX)
+    require_clear(tuple(d for d in found if d.time < played.approach), judged, fix=APPROACH_FIX)
     require_clear(found, judged)
     return found
 
@@ -150,12 +150,12 @@ def _measured(robot: Robot, t: Floats, q: Floats, scene: Scene, own: Path | None
     from dynid.sim.urdf import write_urdf
 
     if own is not None:
-        return measure(t, q, robot, own, scene, Look())
+        return measure_poses(t, q, robot, own, scene, Drawing())
 
     with tempfile.TemporaryDirectory() as folder:
         urdf = Path(folder) / f"{robot.slug}.urdf"
         write_urdf(robot, None, urdf)
-        return measure(t, q, robot, urdf, scene, Look())
+        return measure_poses(t, q, robot, urdf, scene, Drawing())
 
 
 def fastest_tool(robot: Robot, motion: Motion) -> float:
@@ -163,12 +163,12 @@ def fastest_tool(robot: Robot, motion: Motion) -> float:
     return float(tool_speed(robot, motion.q, motion.qd).max())
 
 
-def check_torque(robot: Robot, course: Course, torque: Torque) -> Load | None:
+def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorque | None:
     """Refuse a motion whose predicted torques come near the ratings; return the largest, None without any rating.
 
     Args:
         robot: the arm.
-        course: what will be played.
+        played: what will be played.
         torque: predicted torques of a motion, (N, n).
 
     Raises:
@@ -177,17 +177,17 @@ def check_torque(robot: Robot, course: Course, torque: Torque) -> Load | None:
     rating = np.array([joint.limits.torque or np.inf for joint in robot.joints])
     if not np.isfinite(rating).any():
         return None
-    motion = _thinned(course.motion)
+    motion = _thinned(played.motion)
     tau, limit = torque(motion), TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
         found = torque_violations(
-            robot.joint_names, limit, tau, motion.t, None if alpha is None else alpha * course.speed
+            robot.joint_names, limit, tau, motion.t, None if alpha is None else alpha * played.speed
         )
-        refuse(found, 1 - TORQUE_SHARE, _speed)
+        raise_worst(found, 1 - TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)
-    return Load(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
+    return PeakTorque(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
 
 
 def _thinned(motion: Motion) -> Motion:

@@ -85,7 +85,7 @@ def nearest_turn(robot: Robot, motion: Motion, measured: Floats) -> Motion:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceMotion:
     """A motion as a function of time, from where the arm really stands.
 
     Attributes:

@@ -26,7 +26,7 @@ from dynid.errors import (
     TorqueScale,
 )
 from dynid.motion import Motion
-from dynid.record.monitor import Rules
+from dynid.record.monitor import StopRules
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
 from dynid.signals.gravity import expected_torque
@@ -56,7 +56,7 @@ ZEROED = 0.2
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedState:
     """What two seconds of listening showed.
 
     Attributes:
@@ -87,7 +87,7 @@ def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
     return driver_of(robot).choose_topic(topics, asked, robot, f"the ROS graph at {node.uri}")
 
 
-def listen(listener: Listener, robot: Robot, patience: float) -> Seen:
+def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
     """Wait for the first joint state and measure for two seconds.
 
     Raises:
@@ -122,7 +122,7 @@ def listen(listener: Listener, robot: Robot, patience: float) -> Seen:
             f"joint states arrive at {rate:.1f} Hz; at least {LEAST_RATE:.0f} Hz is needed for accelerations",
             where=listener.topic, fix=driver_of(robot).rate_fix,
         )  # fmt: skip
-    return Seen(q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names)
+    return ObservedState(q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names)
 
 
 def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
@@ -135,7 +135,7 @@ def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
     return TopicSilent(f"{listener.topic} is advertised but silent for {patience:g} s", where=listener.topic)
 
 
-def check_units(seen: Seen, robot: Robot) -> None:
+def check_units(seen: ObservedState, robot: Robot) -> None:
     """Refuse numbers that cannot be in the units the robot file says.
 
     Raises:
@@ -150,7 +150,7 @@ def check_units(seen: Seen, robot: Robot) -> None:
             raise TorqueScale(f"{joint.name} reads {tau:.4g} N m; its rating is {joint.limits.torque:g}")
 
 
-def check_zero(seen: Seen, robot: Robot) -> tuple[Finding, ...]:
+def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
     """Return a warning when the torque sensors should be zeroed, or nobody can tell."""
     if driver_of(robot).kind != "kinova_gen2":
         return ()
@@ -166,12 +166,12 @@ def check_zero(seen: Seen, robot: Robot) -> tuple[Finding, ...]:
     return (Finding("W316", "warning", text, {"torque": seen.tau.tolist()}),)
 
 
-def at_candle(seen: Seen) -> bool:
+def at_candle(seen: ObservedState) -> bool:
     """Return whether a Kinova Gen2 points straight up."""
     return bool(np.abs(np.angle(np.exp(1j * (seen.q - CANDLE)))).max() < CANDLE_TOLERANCE)
 
 
-def check_gravity(seen: Seen, robot: Robot, port: LivePort) -> bool | None:
+def check_gravity(seen: ObservedState, robot: Robot, port: LivePort) -> bool | None:
     """Refuse a driver that publishes torques without gravity; return what its parameter says.
 
     Raises:
@@ -197,7 +197,7 @@ def check_gravity(seen: Seen, robot: Robot, port: LivePort) -> bool | None:
     return removed
 
 
-def check_start(seen: Seen, robot: Robot, motion: Motion) -> None:
+def check_start(seen: ObservedState, robot: Robot, motion: Motion) -> None:
     """Refuse to begin anywhere else than at the first pose, or while the arm moves.
 
     Raises:
@@ -216,7 +216,7 @@ def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
         StartPoseOff: it is elsewhere by now.
     """
     age = time.monotonic() - sample.arrival
-    if age > Rules().stale:
+    if age > StopRules().stale:
         raise StateStale(f"no joint state for {age:.1f} s: the arm was not moved", fix="is the driver still there?")
     _check_place(sample.q, robot, motion, " by now; it was moved after it was checked")
 

@@ -131,7 +131,7 @@ class Listener:
                 self._keep.put((topic, time.time_ns(), raw._buff, raw._connection_header, None))
 
 
-class Recorder:
+class LogRecorder:
     """Writes what a listener hears, and the commands that are sent.
 
     Args:

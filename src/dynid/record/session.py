@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from dynid.drivers.live import LivePort
-from dynid.drivers.ros import Node, knock
+from dynid.drivers.ros import Node, ping_master
 from dynid.errors import CannotWrite, DynidError, MasterSilent
-from dynid.record.monitor import Rules, Watch
-from dynid.record.playing import Reference
-from dynid.record.recorder import Listener, Recorder, Tally
+from dynid.record.monitor import Monitor, StopRules
+from dynid.record.playing import ReferenceMotion
+from dynid.record.recorder import Listener, LogRecorder, Tally
 from dynid.record.stream import Stream
 
 #: The recording goes on this long after the last command, so that the end of the motion is in it [s].
@@ -29,7 +29,7 @@ ASK, ASK_PATIENCE = 0.5, 0.5
 #: A stopped arm stands still within this time [s]: it changes by less than this between two looks [rad or m].
 STANDSTILL, STILL = 1.0, 1e-3
 
-Glance = Callable[[float, "Watch"], bool]
+Poll = Callable[[float, Monitor], bool]
 
 
 @dataclass
@@ -75,7 +75,7 @@ class Outcome:
         return f"aborted, {code}{self.failure}"
 
 
-def play(port: LivePort, reference: Reference, rules: Rules, recorder: Recorder, glance: Glance) -> Outcome:
+def play(port: LivePort, reference: ReferenceMotion, rules: StopRules, recorder: LogRecorder, poll: Poll) -> Outcome:
     """Play a motion and record; the recorder runs already and is closed by the caller.
 
     Args:
@@ -83,18 +83,18 @@ def play(port: LivePort, reference: Reference, rules: Rules, recorder: Recorder,
         reference: the motion.
         rules: when to stop.
         recorder: running.
-        glance: called about twenty times a second with the time of the motion; True stops it like the operator's key.
+        poll: called about twenty times a second with the time of the motion; True stops it like the operator's key.
     """
     listener = recorder.listener
-    watch = Watch(port.robot, rules)
-    stream = Stream(port, reference, watch, lambda: listener.latest, recorder.command)
-    guard = MasterGuard(port.node, stream.halt)
+    monitor = Monitor(port.robot, rules)
+    stream = Stream(port, reference, monitor, lambda: listener.latest, recorder.command)
+    guard = MasterMonitor(port.node, stream.halt)
     outcome = Outcome()
     with _signals(lambda: stream.halt(KeyboardInterrupt())):
         stream.start()
         guard.start()
         try:
-            _attend(stream, watch, recorder, glance)
+            _attend(stream, monitor, recorder, poll)
         except BaseException as error:  # noqa: BLE001 - the arm is stopped first
             stream.halt(error)
         stream.join(5 / port.rate + 1.0)
@@ -103,20 +103,20 @@ def play(port: LivePort, reference: Reference, rules: Rules, recorder: Recorder,
         if outcome.failure is not None:
             _stop(port, listener, outcome)
     outcome.seconds, outcome.commands, outcome.skipped = stream.time, stream.commands, stream.skipped
-    outcome.largest_lateness, outcome.largest_deviation = watch.largest_lateness, watch.largest_deviation
-    outcome.largest_torque_share = watch.largest_torque_share
+    outcome.largest_lateness, outcome.largest_deviation = monitor.largest_lateness, monitor.largest_deviation
+    outcome.largest_torque_share = monitor.largest_torque_share
     if outcome.failure is None:
         time.sleep(TAIL)
     return outcome
 
 
-def _attend(stream: Stream, watch: Watch, recorder: Recorder, glance: Glance) -> None:
+def _attend(stream: Stream, monitor: Monitor, recorder: LogRecorder, poll: Poll) -> None:
     """Wait for the end of the motion, looking at the recorder and for the operator's key."""
     while stream.is_alive():
         stream.join(GLANCE)
         if recorder.failure is not None:
             raise disk_error(recorder)
-        if glance(stream.time, watch):
+        if poll(stream.time, monitor):
             raise KeyboardInterrupt
 
 
@@ -137,21 +137,21 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def listen_only(recorder: Recorder, seconds: float | None, stale: float, glance: Callable[[float], bool]) -> Outcome:
+def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll: Callable[[float], bool]) -> Outcome:
     """Record while another program moves the arm, until told to stop.
 
     Args:
         recorder: running.
         seconds: how long; None until the operator's key or Ctrl-C.
         stale: silence after which it ends [s].
-        glance: called about twenty times a second; True ends it.
+        poll: called about twenty times a second; True ends it.
     """
     told = threading.Event()
     outcome = Outcome()
     begin = time.monotonic()
     with _signals(told.set):
         try:
-            _hear(recorder, told, seconds, stale, glance)
+            _hear(recorder, told, seconds, stale, poll)
         except BaseException as error:  # noqa: BLE001 - files are closed by the caller
             outcome.failure = error
     outcome.seconds = time.monotonic() - begin
@@ -162,14 +162,14 @@ def listen_only(recorder: Recorder, seconds: float | None, stale: float, glance:
 
 
 def _hear(
-    recorder: Recorder, told: threading.Event, seconds: float | None, stale: float, glance: Callable[[float], bool]
+    recorder: LogRecorder, told: threading.Event, seconds: float | None, stale: float, poll: Callable[[float], bool]
 ) -> None:
     """Wait until told to end, the time is over, or nothing comes any more."""
     begin = time.monotonic()
     while not told.wait(GLANCE):
         now = time.monotonic()
         latest = recorder.listener.latest
-        if (seconds is not None and now - begin >= seconds) or glance(now - begin):
+        if (seconds is not None and now - begin >= seconds) or poll(now - begin):
             return
         if recorder.failure is not None:
             raise disk_error(recorder)
@@ -177,7 +177,7 @@ def _hear(
             return
 
 
-def disk_error(recorder: Recorder) -> CannotWrite:
+def disk_error(recorder: LogRecorder) -> CannotWrite:
     """Return the error of the catalogue for a recorder that cannot write."""
     reason = recorder.failure.strerror if recorder.failure else "unknown"
     return CannotWrite(
@@ -212,7 +212,7 @@ def _stands_still(listener: Listener) -> bool | None:
     return False if fresh else None
 
 
-class MasterGuard(threading.Thread):
+class MasterMonitor(threading.Thread):
     """Asks the master now and then whether it lives.
 
     Why: connections outlive a dead master, but nothing new can be found or called any more; go no further then.
@@ -231,7 +231,7 @@ class MasterGuard(threading.Thread):
         missed = 0
         while not self._end.wait(ASK):
             try:
-                knock(self._node.uri, ASK_PATIENCE)
+                ping_master(self._node.uri, ASK_PATIENCE)
                 missed = 0
             except OSError:
                 missed += 1

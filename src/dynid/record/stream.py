@@ -12,8 +12,8 @@ from typing import Any
 
 from dynid.drivers.joints import Sample
 from dynid.drivers.live import LivePort
-from dynid.record.monitor import Watch
-from dynid.record.playing import Reference
+from dynid.record.monitor import Monitor
+from dynid.record.playing import ReferenceMotion
 
 #: Periods of standing still that end a motion, so that a velocity stream ends with zero.
 LAST = 10
@@ -25,7 +25,7 @@ class Stream(threading.Thread):
     Args:
         port: the driver.
         reference: the motion.
-        watch: who stops it.
+        monitor: judges states and lateness, and stops the motion.
         latest: returns the newest joint state.
         sent: told of every command, as (topic, message).
     """
@@ -33,13 +33,13 @@ class Stream(threading.Thread):
     def __init__(
         self,
         port: LivePort,
-        reference: Reference,
-        watch: Watch,
+        reference: ReferenceMotion,
+        monitor: Monitor,
         latest: Callable[[], Sample | None],
         sent: Callable[[str, Any], None],
     ) -> None:
         super().__init__(name="stream", daemon=True)
-        self.port, self.reference, self.watch, self.latest, self.sent = port, reference, watch, latest, sent
+        self.port, self.reference, self.monitor, self.latest, self.sent = port, reference, monitor, latest, sent
         self.failure: BaseException | None = None
         self.commands = 0
         self.skipped = 0
@@ -69,7 +69,7 @@ class Stream(threading.Thread):
                 return
             self.time = k * period
             late = now - start - k * period
-            self.watch.pace(late, self.time)
+            self.monitor.pace(late, self.time)
             self._step(now, start)
             following = max(k + 1, int((time.monotonic() - start) / period))
             self.skipped += following - k - 1
@@ -81,7 +81,7 @@ class Stream(threading.Thread):
         sample = self.latest()
         assert sample is not None  # preflight has seen one
         planned = self.reference.at(sample.arrival - start)
-        self.watch.state(sample, planned.q, now, now - start)
+        self.monitor.state(sample, planned.q, now, now - start)
         # Why: a driver that plays one command a period is told what that period needs, however late it is; others are
         # told what comes after now.
         target = self.reference.at((self.time if self.port.slotted else now - start) + self.port.lead)

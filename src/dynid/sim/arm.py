@@ -56,7 +56,7 @@ class Friction:
         return np.asarray(np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness)
 
 
-class Arm:
+class SimulatedArm:
     """A simulated arm; ``step`` moves it, ``state`` reads it.
 
     Args:
@@ -85,7 +85,7 @@ class Arm:
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._body, self._joints = self._load(bodies)
 
-    def __enter__(self) -> Arm:
+    def __enter__(self) -> SimulatedArm:
         """Return itself."""
         return self
 

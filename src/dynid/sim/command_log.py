@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass
-class Received:
+class CommandLog:
     """Commands in DH quantities with their time of arrival.
 
     Args:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.robot import Robot
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 from dynid.sim.follow import Follower
-from dynid.sim.track import Controller
+from dynid.sim.track import ComputedTorque
 
 Floats = NDArray[np.float64]
 
@@ -68,20 +68,20 @@ class Measured:
     """One sample of the simulated arm as its driver would publish it, in DH quantities.
 
     Attributes:
-        since: time of the sample since the start [s].
+        elapsed: time of the sample since the start [s].
         q: (n,).
         qd: (n,).
         tau: (n,).
     """
 
-    since: float
+    elapsed: float
     q: Floats
     qd: Floats
     tau: Floats
 
 
 @dataclass
-class Rig:
+class DriverLoop:
     """The simulation, advanced to the present again and again.
 
     Args:
@@ -92,7 +92,7 @@ class Rig:
         rng: source of all noise.
     """
 
-    arm: Arm
+    arm: SimulatedArm
     follower: Follower[Any]
     rate: float
     imperfections: Imperfections
@@ -111,7 +111,7 @@ class Rig:
         self.every = max(1, round(1 / (self.rate * self.arm.dt)))
         self._skew = min(round(self.imperfections.skew / self.arm.dt), self.every - 1)
         self._polled = (0.0, self.follower.goal)
-        self.controller = Controller()
+        self.controller = ComputedTorque()
         self.arm.reset(self.follower.goal)
         self._offset = np.array(self.imperfections.torque_offset or (0.0,) * n)
         self._zero = np.zeros(n)
@@ -164,7 +164,7 @@ class Rig:
         self.arm.step(tau)
         self._steps += 1
 
-    def _sample(self, since: float, q: Floats, qd: Floats, tau: Floats) -> None:
+    def _sample(self, elapsed: float, q: Floats, qd: Floats, tau: Floats) -> None:
         """Measure and put the sample on its way."""
         wrong = self.imperfections
         if self.rng.random() < wrong.drop:
@@ -179,7 +179,7 @@ class Rig:
         delay = wrong.latency + abs(self.rng.normal(0.0, wrong.jitter)) if wrong.jitter else wrong.latency
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
         speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
-        measured = Measured(since, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
+        measured = Measured(elapsed, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
         self._waiting.append((due, measured))
 
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:

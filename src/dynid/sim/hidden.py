@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from dynid.log import Log
 from dynid.motion import Motion
 from dynid.robot import Robot
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 from dynid.sim.plant import Plant
 from dynid.sim.sines import SineSpec, sines
-from dynid.sim.track import Recording, track
+from dynid.sim.track import SimulatedRun, track
 
 Floats = NDArray[np.float64]
 Law = Callable[[float, Floats, Floats], float]
@@ -56,25 +56,25 @@ CASES = (
 )  # fmt: skip
 
 
-def law_of(hidden: Hidden, arm: Arm, rng: np.random.Generator) -> Law | None:
+def law_of(hidden: Hidden, arm: SimulatedArm, rng: np.random.Generator) -> Law | None:
     """Return the further torque at the joint by time, positions and velocities; None for sensor faults."""
     j, a, phase = hidden.joint, hidden.size, float(rng.uniform(0, 2 * math.pi))
     still = np.zeros(arm.robot.n)
 
-    def way(v: float) -> float:
+    def coulomb_sign(v: float) -> float:
         return math.tanh(v / 0.01)
 
     laws: dict[str, Law] = {
-        "stribeck": lambda t, q, v: a * way(v[j]) / (1 + (v[j] / 0.06) ** 2),
+        "stribeck": lambda t, q, v: a * coulomb_sign(v[j]) / (1 + (v[j] / 0.06) ** 2),
         "spring": lambda t, q, v: a * q[j] + 0.1 * a * q[j] ** 3,
-        "load_friction": lambda t, q, v: a * abs(arm.inverse_dynamics(q, v, still)[j]) * way(v[j]),
-        "position_friction": lambda t, q, v: a * math.cos(q[j] + phase) * way(v[j]),
+        "load_friction": lambda t, q, v: a * abs(arm.inverse_dynamics(q, v, still)[j]) * coulomb_sign(v[j]),
+        "position_friction": lambda t, q, v: a * math.cos(q[j] + phase) * coulomb_sign(v[j]),
         "torque_ripple": lambda t, q, v: a * math.cos(40 * q[j] + phase),
         "end_stop": lambda t, q, v: a * max(0.0, q[j] - 0.2),
-        "joint_coupling": lambda t, q, v: a * v[j + 1] + 0.5 * a * way(v[j + 1]),
+        "joint_coupling": lambda t, q, v: a * v[j + 1] + 0.5 * a * coulomb_sign(v[j + 1]),
         "asymmetric_viscous": lambda t, q, v: a * abs(v[j]),
         "presliding_hysteresis": _Bristle(hidden, 0.03),
-        "knock": _Knock(hidden),
+        "knock": _Ringing(hidden),
         "contact": _Contact(hidden, rng),
     }
     return laws.get(hidden.name)
@@ -93,17 +93,19 @@ class _Bristle:
         return self._a * (self._z - math.tanh(speed / 0.01))
 
 
-class _Knock:
+class _Ringing:
     """Ringing after each reversal, as of play in a gear."""
 
     def __init__(self, hidden: Hidden) -> None:
-        self._j, self._a, self._since, self._way = hidden.joint, hidden.size, math.inf, 0.0
+        self._j, self._a, self._elapsed, self._sign = hidden.joint, hidden.size, math.inf, 0.0
 
     def __call__(self, t: float, q: Floats, v: Floats) -> float:
-        way = math.copysign(1.0, float(v[self._j]))
-        self._since = 0.0 if way != self._way else self._since + STEP
-        self._way = way
-        return self._a * way * math.exp(-self._since / 0.15) * math.sin(34.0 * self._since) if self._since < 2 else 0.0
+        sign = math.copysign(1.0, float(v[self._j]))
+        self._elapsed = 0.0 if sign != self._sign else self._elapsed + STEP
+        self._sign = sign
+        if self._elapsed >= 2:
+            return 0.0
+        return self._a * sign * math.exp(-self._elapsed / 0.15) * math.sin(34.0 * self._elapsed)
 
 
 class _Contact:
@@ -139,7 +141,7 @@ def hidden_logs(
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
     logs: list[Log] = []
-    with Arm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=STEP) as arm:
+    with SimulatedArm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=STEP) as arm:
         law = law_of(hidden, arm, rng)
         if law is not None:
 
@@ -156,7 +158,9 @@ def hidden_logs(
     return logs
 
 
-def _log(arm: Arm, motion: Motion, hidden: Hidden, plant: Plant, rng: np.random.Generator, start: float) -> Log:
+def _log(
+    arm: SimulatedArm, motion: Motion, hidden: Hidden, plant: Plant, rng: np.random.Generator, start: float
+) -> Log:
     done = track(arm, motion)
     # Why: a torque acts from its sample to the next, so the mean of two belongs to the sample between them.
     tau = done.tau.copy()
@@ -168,5 +172,5 @@ def _log(arm: Arm, motion: Motion, hidden: Hidden, plant: Plant, rng: np.random.
         tau[:, j] += hidden.size * (start + done.t) / 60
     elif hidden.name == "torque_delay":
         tau = np.stack([np.interp(done.t - hidden.size, done.t, column) for column in tau.T], axis=1)
-    truth = Recording(done.t[::EVERY] + start, done.q[::EVERY], done.qd[::EVERY], tau[::EVERY], done.q_ref[::EVERY])
+    truth = SimulatedRun(done.t[::EVERY] + start, done.q[::EVERY], done.qd[::EVERY], tau[::EVERY], done.q_ref[::EVERY])
     return replace(plant.sensors.measure(truth, arm.robot.joint_names, rng), dh=True)

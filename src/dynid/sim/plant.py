@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.robot import LINK_PARAMETERS, Body, Robot
-from dynid.sim.arm import Arm, Friction
+from dynid.sim.arm import Friction, SimulatedArm
 from dynid.sim.sensors import Sensors
 
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -36,9 +36,9 @@ class Plant:
     friction: Friction
     sensors: Sensors
 
-    def arm(self, robot: Robot) -> Arm:
+    def arm(self, robot: Robot) -> SimulatedArm:
         """Return the arm in PyBullet."""
-        return Arm(robot, self.bodies, self.friction, self.rotor_inertia)
+        return SimulatedArm(robot, self.bodies, self.friction, self.rotor_inertia)
 
     def parameters(self) -> dict[str, float]:
         """Return the true parameters by name: m1, mcx1, ... Izz1, Im1 of each link and fv1, fc1, fo1 of each joint."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.robot import Robot
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def replay(
     starts = np.linspace(0, len(t) - length - 1, max(1, min(windows, (len(t) - 1) // length))).astype(int)
     x, v = q[starts].copy(), qd[starts].copy()
     errors = np.zeros((len(starts), robot.n))
-    arms = [Arm(robot, dt=dt) for _ in starts]
+    arms = [SimulatedArm(robot, dt=dt) for _ in starts]
     try:
         for arm, position, speed in zip(arms, x, v, strict=True):
             arm.reset(position, speed)

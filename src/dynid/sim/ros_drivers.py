@@ -1,4 +1,4 @@
-"""A simulated arm's face to ROS: the topics, types, names, units and quirks of one driver each.
+"""The ROS side of a simulated arm: the topics, types, names, units and quirks of one driver each.
 
 Source: kinova-ros for the Gen2; CentroEPiaggio/kuka-lwr (ros_control over FRI) for the LWR4+.
 """
@@ -30,8 +30,8 @@ from dynid.drivers.joints import Columns
 from dynid.drivers.kinova_msgs import message, service
 from dynid.drivers.ros import Node, import_ros
 from dynid.robot import Robot
-from dynid.sim.command_log import Received
-from dynid.sim.driver_loop import Measured, Rig
+from dynid.sim.command_log import CommandLog
+from dynid.sim.driver_loop import DriverLoop, Measured
 from dynid.sim.follow import PointFollower, VelocityFollower
 
 Floats = NDArray[np.float64]
@@ -40,20 +40,20 @@ Floats = NDArray[np.float64]
 SMOOTHING = 0.2
 
 
-class Face(ABC):
+class SimulatedDriver(ABC):
     """A driver as other nodes see it.
 
     Args:
         node: this process in the graph.
-        rig: the simulation.
+        loop: the simulation.
         topic: topic of the joint states.
     """
 
-    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
-        self.node, self.rig, self.topic = node, rig, topic
-        self.robot: Robot = rig.robot
+    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
+        self.node, self.loop, self.topic = node, loop, topic
+        self.robot: Robot = loop.robot
         self.columns = Columns(self.robot)
-        self.received = Received(self.robot, 0.01)
+        self.commands = CommandLog(self.robot, 0.01)
         self._state = import_ros("sensor_msgs.msg").JointState
         self._began = time.time_ns()
         self._monotonic = time.monotonic_ns()
@@ -69,7 +69,7 @@ class Face(ABC):
 
     def publish(self, measured: Measured) -> None:
         """Publish one sample."""
-        if self.rig.faulty("dies"):
+        if self.loop.faulty("dies"):
             os._exit(1)
         self._publisher.publish(self.state(measured))
 
@@ -93,17 +93,17 @@ class Face(ABC):
 
     def heard(self) -> float | None:
         """Note a command and return the time, or None when the driver is deaf."""
-        self.rig.commanded()
-        return None if self.rig.faulty("deaf") else time.monotonic()
+        self.loop.commanded()
+        return None if self.loop.faulty("deaf") else time.monotonic()
 
 
-class KinovaFace(Face):
+class SimulatedKinova(SimulatedDriver):
     """kinova-ros: 13 names, degrees in its own messages, stop and start as services."""
 
     FINGERS = ("finger_1", "finger_2", "finger_3", "finger_tip_1", "finger_tip_2", "finger_tip_3")
 
-    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
-        super().__init__(node, rig, topic)
+    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
+        super().__init__(node, loop, topic)
         self.namespace = topic.split("/out/")[0]
         prefix = self.columns.names[0].removesuffix("1")
         self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
@@ -113,12 +113,12 @@ class KinovaFace(Face):
             for name in ("joint_angles", "joint_torques", "joint_command")
         )
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
-        node.rospy.set_param(gravity, rig.imperfections.fault == "gravity-free")
-        node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / rig.rate)
+        node.rospy.set_param(gravity, loop.imperfections.fault == "gravity-free")
+        node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
         self.subscribe(f"{self.namespace}/in/joint_velocity", message("JointVelocity"), self._velocity)
         services = {"start": ("Start", self._start), "set_zero_torques": ("ZeroTorques", self._zero)}
         services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
-        if rig.imperfections.fault != "no-stop":
+        if loop.imperfections.fault != "no-stop":
             services["stop"] = ("Stop", self._stop)
         for name, (kind, callback) in services.items():
             node.rospy.Service(f"{self.namespace}/in/{name}", service(kind), callback)
@@ -128,7 +128,7 @@ class KinovaFace(Face):
         fingers = np.zeros(len(self.FINGERS))
         q, qd, tau = self._driver_values(measured)
         values = (np.concatenate([part, fingers]) for part in (q, doubled(qd), tau))
-        return self._joint_state(self._names, self._began + round(measured.since * 1e9), *values)
+        return self._joint_state(self._names, self._began + round(measured.elapsed * 1e9), *values)
 
     def publish(self, measured: Measured) -> None:
         """Publish the joint state and the messages without time stamps."""
@@ -136,7 +136,7 @@ class KinovaFace(Face):
         for publisher, values in (
             (self._angles, np.degrees(self.columns.positions(measured.q))),
             (self._torques, self.columns.efforts(measured.tau)),
-            (self._command, np.degrees(self.columns.positions(self.rig.follower.goal))),
+            (self._command, np.degrees(self.columns.positions(self.loop.follower.goal))),
         ):
             publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
 
@@ -144,23 +144,23 @@ class KinovaFace(Face):
         now = self.heard()
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
         speed = np.radians(values) * self.columns.sign
-        self.received.velocity(time.monotonic(), speed)
+        self.commands.velocity(time.monotonic(), speed)
         if now is not None:
-            assert isinstance(self.rig.follower, VelocityFollower)
-            self.rig.follower.push(speed)
+            assert isinstance(self.loop.follower, VelocityFollower)
+            self.loop.follower.push(speed)
 
     def _stop(self, request: Any) -> Any:  # noqa: ANN401
-        if self.rig.faulty("stop-fails"):
+        if self.loop.faulty("stop-fails"):
             raise self.node.rospy.ServiceException("no connection to the arm")
-        self.rig.follower.stop()
+        self.loop.follower.stop()
         return service("Stop")._response_class("Arm stopped")
 
     def _start(self, request: Any) -> Any:  # noqa: ANN401
-        self.rig.follower.start()
+        self.loop.follower.start()
         return service("Start")._response_class("Arm started")
 
     def _zero(self, request: Any) -> Any:  # noqa: ANN401
-        self.rig.zero_torques()
+        self.loop.zero_torques()
         return service("ZeroTorques")._response_class()
 
     def _mode(self, request: Any) -> Any:  # noqa: ANN401
@@ -173,11 +173,11 @@ def doubled(qd: Floats) -> Floats:
     return np.asarray(np.radians(np.where(degrees > 180, degrees - 360, degrees)))
 
 
-class TrajectoryFace(Face):
+class SimulatedController(SimulatedDriver):
     """Any driver with joint states and a joint_trajectory_controller."""
 
-    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
-        super().__init__(node, rig, topic)
+    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
+        super().__init__(node, loop, topic)
         self.namespace = topic.rsplit("/", 1)[0]
         trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
         self.subscribe(f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory)
@@ -185,12 +185,12 @@ class TrajectoryFace(Face):
     @property
     def follower(self) -> PointFollower:
         """The controller."""
-        assert isinstance(self.rig.follower, PointFollower)
-        return self.rig.follower
+        assert isinstance(self.loop.follower, PointFollower)
+        return self.loop.follower
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state in chain order with wall time."""
-        stamp = self._began + round(measured.since * 1e9)
+        stamp = self._began + round(measured.elapsed * 1e9)
         return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
 
     def points(self, trajectory: Any) -> list[tuple[Floats, Floats, Floats, float]]:  # noqa: ANN401
@@ -212,19 +212,19 @@ class TrajectoryFace(Face):
             return
         now = self.heard()
         q, qd, qdd, after = self.points(command)[-1]
-        self.received.point(time.monotonic(), q, qd, qdd)
+        self.commands.point(time.monotonic(), q, qd, qdd)
         if now is not None:
             self.follower.push((q, qd, after))
 
 
-class ActionFace(TrajectoryFace):
+class SimulatedActionServer(SimulatedController):
     """The same with the controller's FollowJointTrajectory action, which takes one goal at a time."""
 
     #: Status messages [Hz], as actionlib's server publishes them.
     STATUS_RATE = 5.0
 
-    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
-        super().__init__(node, rig, topic)
+    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
+        super().__init__(node, loop, topic)
         base = f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory"
         self._goal: Any = None
         self._told = -1.0
@@ -233,7 +233,7 @@ class ActionFace(TrajectoryFace):
         self._statuses = self.publisher(f"{base}/status", action_message(STATUS))
         self._results = self.publisher(f"{base}/result", action_message(RESULT))
         self.subscribe(f"{base}/goal", action_message(GOAL), self._begin)
-        if rig.imperfections.fault != "no-stop":
+        if loop.imperfections.fault != "no-stop":
             self.subscribe(f"{base}/cancel", action_message(CANCEL), self._cancel)
 
     def publish(self, measured: Measured) -> None:
@@ -242,15 +242,15 @@ class ActionFace(TrajectoryFace):
         with self._turn:
             if self._goal is not None:
                 self._look()
-            if measured.since - self._told >= 1 / self.STATUS_RATE:
-                self._told = measured.since
+            if measured.elapsed - self._told >= 1 / self.STATUS_RATE:
+                self._told = measured.elapsed
                 self._say(ACTIVE)
 
     def _look(self) -> None:
         """See how the goal stands."""
-        if self.rig.faulty("deaf"):
+        if self.loop.faulty("deaf"):
             self.follower.hold()
-        elif self.rig.faulty("gives-up"):
+        elif self.loop.faulty("gives-up"):
             self.follower.hold()
             self._end(ABORTED, "a joint left its path tolerance")
         elif not self.follower.following:
@@ -261,7 +261,7 @@ class ActionFace(TrajectoryFace):
         points = self.points(goal.goal.trajectory)
         begin = time.monotonic()
         for q, qd, qdd, after in points:
-            self.received.point(begin + after, q, qd, qdd)
+            self.commands.point(begin + after, q, qd, qdd)
         with self._turn:
             if self._goal is not None:
                 self._end(PREEMPTED, "another goal came")
@@ -274,7 +274,7 @@ class ActionFace(TrajectoryFace):
 
     def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
         with self._turn:
-            if self._goal is None or cancel.id not in ("", self._goal.id) or self.rig.faulty("stop-fails"):
+            if self._goal is None or cancel.id not in ("", self._goal.id) or self.loop.faulty("stop-fails"):
                 return
             self.follower.hold()
             self._end(PREEMPTED, "cancelled")
@@ -295,44 +295,44 @@ class ActionFace(TrajectoryFace):
         self._statuses.publish(found)
 
 
-class LwrFace(TrajectoryFace):
+class SimulatedLwr(SimulatedController):
     """LWR4+ through ros_control: alphabetical names, stamps of the monotonic clock, a differentiated velocity."""
 
-    def __init__(self, node: Node, rig: Rig, topic: str) -> None:
-        super().__init__(node, rig, topic)
+    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
+        super().__init__(node, loop, topic)
         self._order = np.argsort(self.columns.names)
         self._names = [self.columns.names[i] for i in self._order]
         self._before: tuple[float, Floats, Floats] | None = None
-        if rig.imperfections.fault != "no-stop":
+        if loop.imperfections.fault != "no-stop":
             self.subscribe(f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state as hardware_interface's std::map orders it."""
         q, _, tau = self._driver_values(measured)
-        qd = self._differentiated(measured.since, q)
-        stamp = self._monotonic + round(measured.since * 1e9)
+        qd = self._differentiated(measured.elapsed, q)
+        stamp = self._monotonic + round(measured.elapsed * 1e9)
         return self._joint_state(self._names, stamp, *(values[self._order] for values in (q, qd, tau)))
 
-    def _differentiated(self, since: float, q: Floats) -> Floats:
+    def _differentiated(self, elapsed: float, q: Floats) -> Floats:
         if self._before is None:
-            self._before = (since, q, np.zeros_like(q))
+            self._before = (elapsed, q, np.zeros_like(q))
         then, old, speed = self._before
-        if since > then:
-            speed = SMOOTHING * (q - old) / (since - then) + (1 - SMOOTHING) * speed
-        self._before = (since, q, speed)
+        if elapsed > then:
+            speed = SMOOTHING * (q - old) / (elapsed - then) + (1 - SMOOTHING) * speed
+        self._before = (elapsed, q, speed)
         return speed
 
     def _stop(self, pressed: Any) -> None:  # noqa: ANN401
-        if self.rig.faulty("stop-fails"):
+        if self.loop.faulty("stop-fails"):
             return
         if pressed.data:
-            self.rig.follower.stop()
+            self.loop.follower.stop()
         else:
-            self.rig.follower.start()
+            self.loop.follower.start()
 
 
-def face_of(node: Node, rig: Rig, topic: str) -> Face:
-    """Return the face of the driver that the robot file names."""
-    kind = rig.robot.driver.kind if rig.robot.driver else "generic"
-    faces: dict[str, type[Face]] = {"kinova_gen2": KinovaFace, "lwr4plus": LwrFace}
-    return faces.get(kind, ActionFace)(node, rig, topic)
+def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:
+    """Return the simulation of the driver that the robot file names."""
+    kind = loop.robot.driver.kind if loop.robot.driver else "generic"
+    drivers: dict[str, type[SimulatedDriver]] = {"kinova_gen2": SimulatedKinova, "lwr4plus": SimulatedLwr}
+    return drivers.get(kind, SimulatedActionServer)(node, loop, topic)

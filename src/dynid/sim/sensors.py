@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.log import Log
-from dynid.sim.track import Recording
+from dynid.sim.track import SimulatedRun
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Sensors:
         """Return sensors that tell the truth."""
         return cls((0.0,) * n, 0.0, 0.0, 0.0)
 
-    def measure(self, truth: Recording, names: tuple[str, ...], rng: np.random.Generator) -> Log:
+    def measure(self, truth: SimulatedRun, names: tuple[str, ...], rng: np.random.Generator) -> Log:
         """Return the log of a recording.
 
         Args:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.motion import Motion
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Controller:
+class ComputedTorque:
     """Computed torque from the commanded motion with feedback that makes each joint a second-order system.
 
     Friction is not compensated, as on a real arm, so the arm lags a little where friction turns.
@@ -27,7 +27,7 @@ class Controller:
     frequency: float = 15.0
     damping: float = 1.0
 
-    def torque(self, arm: Arm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]) -> Floats:
+    def torque(self, arm: SimulatedArm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]) -> Floats:
         """Return drive torques, (n,), for a state and the commanded position, velocity and acceleration."""
         omega = 2 * np.pi * self.frequency
         aim = target[2] + 2 * self.damping * omega * (target[1] - qd) + omega**2 * (target[0] - q)
@@ -35,7 +35,7 @@ class Controller:
 
 
 @dataclass(frozen=True)
-class Recording:
+class SimulatedRun:
     """What a simulated arm did, without sensor errors.
 
     Attributes:
@@ -53,7 +53,7 @@ class Recording:
     q_ref: Floats
 
 
-def track(arm: Arm, motion: Motion, every: int = 1, controller: Controller | None = None) -> Recording:
+def track(arm: SimulatedArm, motion: Motion, every: int = 1, controller: ComputedTorque | None = None) -> SimulatedRun:
     """Let an arm follow a motion.
 
     Args:
@@ -62,7 +62,7 @@ def track(arm: Arm, motion: Motion, every: int = 1, controller: Controller | Non
         every: keep every so many steps.
         controller: the feedback; the default one when None.
     """
-    controller = controller or Controller()
+    controller = controller or ComputedTorque()
     arm.reset(motion.q[0], motion.qd[0])
     kept = len(range(0, len(motion), every))
     q, qd, tau = (np.empty((kept, arm.robot.n)) for _ in range(3))
@@ -73,4 +73,4 @@ def track(arm: Arm, motion: Motion, every: int = 1, controller: Controller | Non
             row = k // every
             (q[row], qd[row]), tau[row] = state, torque
         arm.step(torque)
-    return Recording(motion.t[::every], q, qd, tau, motion.q[::every])
+    return SimulatedRun(motion.t[::every], q, qd, tau, motion.q[::every])

@@ -89,7 +89,7 @@ class Shaping:
         return x[: -self._n].reshape(-1, self._n), np.tanh(x[-self._n :])
 
     def motion(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return q, qd, qdd at the wanted times, (N, n) each, and remember what ``pull`` needs."""
+        """Return q, qd, qdd at the wanted times, (N, n) each, and remember what ``gradient`` needs."""
         c, place = self._split(x)
         columns = np.arange(self._n)
         U, Ud, Udd = (phi @ c for phi in self._fine)
@@ -113,7 +113,7 @@ class Shaping:
         u, ud, udd = (phi @ c for phi in self._wanted)
         return scale * u + centre, scale * ud, scale * udd
 
-    def pull(self, gq: Floats, gqd: Floats, gqdd: Floats) -> Floats:
+    def gradient(self, gq: Floats, gqd: Floats, gqdd: Floats) -> Floats:
         """Return the gradient by the free variables of the last motion, given that by q, qd, qdd, (size,)."""
         c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
         columns = np.arange(self._n)

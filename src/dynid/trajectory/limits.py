@@ -72,7 +72,7 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Check:
+class LimitCheck:
     """What a motion uses of the limits.
 
     Attributes:
@@ -86,9 +86,9 @@ class Check:
     tool_speed: float
 
 
-def check(
+def check_trajectory(
     trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque | None = None, speed: float | None = None
-) -> Check:
+) -> LimitCheck:
     """Compare a motion with all limits.
 
     Args:
@@ -108,19 +108,19 @@ def check(
     if speed is not None and fastest > speed * (1 + ROUNDING):
         when = float(motion.t[moving.argmax()])
         violations.append(Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest))
-    return Check(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
+    return LimitCheck(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
 
 
-def require(found: Check, margin: float = 0.0) -> None:
+def require_within_limits(found: LimitCheck, margin: float = 0.0) -> None:
     """Refuse a motion that breaks a limit.
 
     Raises:
         LimitBroken: with the worst violation, and the speed factor or change that would pass.
     """
-    refuse(found.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
+    raise_worst(found.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
 
 
-def refuse(violations: Sequence[Violation], margin: float, slower: Callable[[float], str]) -> None:
+def raise_worst(violations: Sequence[Violation], margin: float, slower: Callable[[float], str]) -> None:
     """Raise when there are violations.
 
     Args:

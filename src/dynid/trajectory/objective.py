@@ -31,7 +31,7 @@ class Penalty(Protocol):
 
 
 @dataclass(frozen=True)
-class Problem:
+class PlanProblem:
     """What is to be planned.
 
     Attributes:
@@ -43,7 +43,7 @@ class Problem:
         noise: standard deviation of each joint's torque, (n,); equal weights when None.
         known: information matrix of earlier logs, in the same noise and for ``rate``, (p, p); None without any.
         rate: sample rate of the coming log [Hz].
-        torque: values of ``columns`` believed before measuring, for torque limits, (p,); None to leave them out.
+        torque: prior values of ``columns``, for the torque limits, (p,); None to leave torques out.
         penalties: obstacles.
         samples: samples along the path.
     """
@@ -61,7 +61,7 @@ class Problem:
     samples: int = 200
 
 
-def information(problem: Problem, W: Floats) -> Floats:
+def information(problem: PlanProblem, W: Floats) -> Floats:
     """Return the information matrix that a log of a motion will have, earlier logs included, (p, p).
 
     Args:
@@ -74,14 +74,14 @@ def information(problem: Problem, W: Floats) -> Floats:
     return G if problem.known is None else G + problem.known
 
 
-class Objective:
+class ExcitationObjective:
     """Cost and gradient of a problem as functions of free variables.
 
     Args:
         problem: what is planned.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: PlanProblem) -> None:
         self.problem = problem
         # Why: samples in the middle of equal parts weigh the path evenly and miss its two motionless ends.
         t = problem.basis.duration * (np.arange(problem.samples) + 0.5) / problem.samples
@@ -104,7 +104,7 @@ class Objective:
         for penalty in problem.penalties:
             extra, pulled = penalty.value(motion[0])
             value, gradient = value + extra, State(gradient.q + pulled, gradient.qd, gradient.qdd)
-        return value, self.shaping.pull(gradient.q, gradient.qd, gradient.qdd)
+        return value, self.shaping.gradient(gradient.q, gradient.qd, gradient.qdd)
 
     def _overload(self, W: Floats, theta: Floats) -> tuple[float, Floats]:
         """Return a penalty on torques beyond their limits and its gradient by W."""

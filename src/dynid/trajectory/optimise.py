@@ -26,7 +26,7 @@ from dynid.errors import WrongUsage
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.trajectory.feasible import Shaping
-from dynid.trajectory.objective import Objective, Problem
+from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ REPORT = 0.5
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchOptions:
     """How long and how hard to search.
 
     Attributes:
@@ -65,7 +65,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class MotionCandidate:
     """A motion that the search found.
 
     Attributes:
@@ -85,7 +85,7 @@ End = Literal["all starts", "time", "interrupt", "replay"]
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchOutcome:
     """What a search found.
 
     Attributes:
@@ -94,13 +94,13 @@ class Found:
         ended: why the search ended; after ``"all starts"`` and ``"replay"`` equal inputs give equal candidates.
     """
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[MotionCandidate, ...]
     finished: int
     ended: End
 
 
 @dataclass(frozen=True)
-class Met:
+class BestMotion:
     """The best that one start has met so far.
 
     Attributes:
@@ -114,14 +114,14 @@ class Met:
     evaluation: int
 
 
-def optimise(problem: Problem, search: Search, progress: Progress = SILENT) -> Found:
+def optimise(problem: PlanProblem, search: SearchOptions, progress: Progress = SILENT) -> SearchOutcome:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
 
     Raises:
         KeyboardInterrupt: interrupted before anything was found.
         WrongUsage: the evaluation to replay is not one at which a best was met.
     """
-    best: dict[int, Met] = {}
+    best: dict[int, BestMotion] = {}
     finished: set[int] = set()
     ended: End = "all starts" if search.replay is None else "replay"
     begin = time.monotonic()
@@ -151,11 +151,13 @@ def optimise(problem: Problem, search: Search, progress: Progress = SILENT) -> F
     if search.replay is not None:
         _require_met(search.replay, best)
     shaping = Shaping(problem.basis, problem.limits, np.zeros(1))
-    found = [Candidate(met.value, shaping.coefficients(met.x), start, met.evaluation) for start, met in best.items()]
-    return Found(tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended)
+    found = [
+        MotionCandidate(met.value, shaping.coefficients(met.x), start, met.evaluation) for start, met in best.items()
+    ]
+    return SearchOutcome(tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended)
 
 
-def _require_met(replay: tuple[int, int], best: dict[int, Met]) -> None:
+def _require_met(replay: tuple[int, int], best: dict[int, BestMotion]) -> None:
     """Refuse numbers that no search with these inputs can have ended with."""
     start, evaluation = replay
     if start not in best or best[start].evaluation != evaluation:
@@ -166,7 +168,7 @@ def _require_met(replay: tuple[int, int], best: dict[int, Met]) -> None:
         )
 
 
-def describe(problem: Problem, value: float) -> str:
+def describe(problem: PlanProblem, value: float) -> str:
     """Return a cost in words."""
     cost = problem.cost
     if value > PENALISED:
@@ -179,7 +181,7 @@ def describe(problem: Problem, value: float) -> str:
 
 
 @contextmanager
-def _workers(problem: Problem, search: Search) -> Iterator[tuple[Any, list[Any]]]:
+def _workers(problem: PlanProblem, search: SearchOptions) -> Iterator[tuple[Any, list[Any]]]:
     """Run the search in processes that end with the block."""
     context = multiprocessing.get_context("spawn")
     reports = context.Queue()
@@ -226,24 +228,24 @@ def _modest_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _work(problem: Problem, search: Search, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
+def _work(problem: PlanProblem, search: SearchOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
     """Search from the starts of every ``step``-th lane and report the best so far of each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    objective = Objective(problem)
+    objective = ExcitationObjective(problem)
     if search.replay is not None:
         start, last = search.replay
-        reports.put((start, descend(objective, beginning(objective, search.seed, start), last=last)))
+        reports.put((start, descend(objective, start_variables(objective, search.seed, start), last=last)))
         return
     best = np.full(LANES, np.inf)
     for start in range(search.restarts):
         lane = start % LANES
         if lane % step == first:
-            x = beginning(objective, search.seed, start)
+            x = start_variables(objective, search.seed, start)
             best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, reports)).value)
             reports.put((start, None))
 
 
-def beginning(objective: Objective, seed: int, start: int) -> Floats:
+def start_variables(objective: ExcitationObjective, seed: int, start: int) -> Floats:
     """Return the free variables from which a start goes down."""
     return objective.shaping.random(np.random.default_rng((seed, start)))
 
@@ -255,7 +257,7 @@ class _Report:
         self._start, self._reports = start, reports
         self._best, self._sent = np.inf, 0.0
 
-    def __call__(self, met: Met, *, last: bool) -> None:
+    def __call__(self, met: BestMotion, *, last: bool) -> None:
         now = time.monotonic()
         if met.value < self._best and (last or now - self._sent > REPORT):
             self._best, self._sent = met.value, now
@@ -267,12 +269,12 @@ class _Enough(Exception):
 
 
 def descend(
-    objective: Objective,
+    objective: ExcitationObjective,
     x: Floats,
     best: float = np.inf,
     report: Callable[..., None] | None = None,
     last: int | None = None,
-) -> Met:
+) -> BestMotion:
     """Go down from one start through the stages.
 
     Args:
@@ -285,7 +287,7 @@ def descend(
     Returns:
         The least cost met, with its variables.
     """
-    seen = Met(np.inf, x, 0)
+    seen = BestMotion(np.inf, x, 0)
     count = 0
 
     def measured(x: Floats, power: float, *, last_of_stage: bool = False) -> tuple[float, Floats]:
@@ -296,7 +298,7 @@ def descend(
         value, gradient = objective(x, power)
         if np.isinf(power):
             if value < seen.value:
-                seen = Met(value, x.copy(), count)
+                seen = BestMotion(value, x.copy(), count)
             if report is not None:
                 report(seen, last=last_of_stage)
         return value, gradient

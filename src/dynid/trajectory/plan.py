@@ -72,7 +72,7 @@ class Trajectory:
         return extrema(self.basis, self.coefficients, order) * self.alpha**order
 
 
-def through(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> Trajectory:
+def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> Trajectory:
     """Join waypoints by quintic segments of least jerk and stretch the intervals in which a rate would be broken.
 
     Args:

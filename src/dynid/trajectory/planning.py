@@ -1,4 +1,4 @@
-"""From wishes to a motion that may be shown: search, repair, and the judges in their order.
+"""From options to a motion that may be shown: search, repair, and the judges in their order.
 
 Joint limits hold by construction; torque, tool speed and contact are checked, and a motion that fails is drawn towards
 a clear pose until it passes. PyBullet is asked last, because it is the slowest.
@@ -20,11 +20,11 @@ from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.clearance import Scene, Spheres
 from dynid.trajectory.cost import Cost, Kind
 from dynid.trajectory.feasible import CONTINUOUS, Bounds, Shaping, bounds
-from dynid.trajectory.limits import check, require
-from dynid.trajectory.objective import Problem
-from dynid.trajectory.optimise import Candidate, Found, Search, optimise
+from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
+from dynid.trajectory.objective import PlanProblem
+from dynid.trajectory.optimise import MotionCandidate, SearchOptions, SearchOutcome, optimise
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.predict import believed, held_out
+from dynid.trajectory.predict import held_out, prior_base_parameters
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ RANDOM_STARTS = 20
 
 
 @dataclass(frozen=True)
-class Wishes:
+class PlanOptions:
     """What a person wants of a motion.
 
     Attributes:
@@ -72,29 +72,29 @@ class Wishes:
     alpha: float = 1.0
     speed: float | None = None
     scene: Scene = field(default_factory=Scene)
-    search: Search | None = None
+    search: SearchOptions | None = None
     known: Floats | None = None
     rate: float = 100.0
     seed: int = 0
 
 
 @dataclass(frozen=True)
-class Workshop:
+class PlanningContext:
     """An arm with everything that judging its motions needs.
 
     Attributes:
         base: model and base parameters.
         limits: limits, margins taken off.
         spheres: the arm and its surroundings.
-        wishes: what is wanted.
-        theta: base parameters believed before measuring, (p,).
+        options: what is wanted.
+        theta: base parameters by the prior, before anything is measured, (p,).
         other: mean of P^T P over the motions that the model shall predict, (p, p).
     """
 
     base: BaseModel
     limits: Bounds
     spheres: Spheres
-    wishes: Wishes
+    options: PlanOptions
     theta: Floats
     other: Floats
 
@@ -103,43 +103,47 @@ class Workshop:
         observer = self.base.model.observer(self.base.reduction.base)
         return observer.torque(self.theta, motion.q, motion.qd, motion.qdd)
 
+    def check(self, trajectory: Trajectory) -> LimitCheck:
+        """Return what a motion uses of the limits."""
+        return check_trajectory(trajectory, self.base.robot, self.limits, self.torque, self.options.speed)
 
-def workshop(base: BaseModel, wishes: Wishes) -> Workshop:
+
+def planning_context(base: BaseModel, options: PlanOptions) -> PlanningContext:
     """Prepare the judges."""
-    limits = bounds(base.robot, wishes.margin)
-    return Workshop(
+    limits = bounds(base.robot, options.margin)
+    return PlanningContext(
         base,
         limits,
-        Spheres(base.robot, wishes.scene),
-        wishes,
-        believed(base.model, base.reduction),
+        Spheres(base.robot, options.scene),
+        options,
+        prior_base_parameters(base.model, base.reduction),
         held_out(base.model, base.reduction.base, bounds(base.robot)),
     )
 
 
-def family(wishes: Wishes) -> Basis:
+def basis_of(options: PlanOptions) -> Basis:
     """Return the family of motions that is wanted."""
-    if wishes.family == "fourier":
-        return Fourier(wishes.duration, wishes.segments)
-    return Quintic.even(wishes.duration, wishes.segments, smooth=wishes.family == "spline")
+    if options.family == "fourier":
+        return Fourier(options.duration, options.segments)
+    return Quintic.even(options.duration, options.segments, smooth=options.family == "spline")
 
 
-def problem(shop: Workshop, basis: Basis) -> Problem:
+def plan_problem(context: PlanningContext, basis: Basis) -> PlanProblem:
     """Return the search problem of what is wanted."""
-    wishes = shop.wishes
-    finite = bool(np.isfinite(shop.limits.torque).any())
-    return Problem(
-        shop.base.model,
-        shop.base.reduction.base,
+    options = context.options
+    finite = bool(np.isfinite(context.limits.torque).any())
+    return PlanProblem(
+        context.base.model,
+        context.base.reduction.base,
         basis,
-        shop.limits,
-        Cost(wishes.cost, wishes.normalised, wishes.weights, shop.other if wishes.cost == "i" else None),
-        noise=wishes.noise if wishes.cost in ("i", "d") or wishes.known is not None else None,
-        known=wishes.known,
-        rate=wishes.rate,
-        torque=shop.theta if finite else None,
-        penalties=(shop.spheres,),
-        samples=max(SAMPLES, SAMPLES_A_SEGMENT * wishes.segments),
+        context.limits,
+        Cost(options.cost, options.normalised, options.weights, context.other if options.cost == "i" else None),
+        noise=options.noise if options.cost in ("i", "d") or options.known is not None else None,
+        known=options.known,
+        rate=options.rate,
+        torque=context.theta if finite else None,
+        penalties=(context.spheres,),
+        samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
     )
 
 
@@ -160,54 +164,54 @@ class Proposal:
     share: float = 1.0
 
 
-def searched(shop: Workshop, progress: Progress = SILENT) -> Found | None:
+def search_motions(context: PlanningContext, progress: Progress = SILENT) -> SearchOutcome | None:
     """Search for the best motions; None when no search is wanted."""
-    wishes = shop.wishes
-    return None if wishes.search is None else optimise(problem(shop, family(wishes)), wishes.search, progress)
+    search = context.options.search
+    return None if search is None else optimise(plan_problem(context, basis_of(context.options)), search, progress)
 
 
-def proposals(shop: Workshop, found: Found | None) -> Iterator[Proposal]:
+def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
     """Yield motions at the wanted speed factor, the most promising first, each with its repaired versions after it.
 
     Args:
-        shop: the arm and what is wanted.
+        context: the arm and what is wanted.
         found: what the search found; None for random motions.
     """
-    wishes, basis = shop.wishes, family(shop.wishes)
-    candidates = list(_random(shop, basis)) if found is None else found.candidates
-    home = clear_pose(shop)
+    options, basis = context.options, basis_of(context.options)
+    candidates = list(_random(context, basis)) if found is None else found.candidates
+    home = clear_pose(context)
     for one in candidates:
         for share in SHRINK:
             drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
-            yield Proposal(Trajectory(basis, drawn, wishes.alpha), one.start, one.evaluation or None, share)
+            yield Proposal(Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share)
 
 
-def _random(shop: Workshop, basis: Basis) -> Iterator[Candidate]:
-    shaping = Shaping(basis, shop.limits, np.zeros(1))
+def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]:
+    shaping = Shaping(basis, context.limits, np.zeros(1))
     for start in range(RANDOM_STARTS):
-        x = shaping.random(np.random.default_rng((shop.wishes.seed, start)))
-        yield Candidate(np.inf, shaping.coefficients(x), start, 0)
+        x = shaping.random(np.random.default_rng((context.options.seed, start)))
+        yield MotionCandidate(np.inf, shaping.coefficients(x), start, 0)
 
 
-def clear_pose(shop: Workshop) -> Floats:
+def clear_pose(context: PlanningContext) -> Floats:
     """Return a pose inside the limits with much room around the arm, (n,)."""
     rng = np.random.default_rng(0)
-    lower, upper = np.maximum(shop.limits.lower, CONTINUOUS[0]), np.minimum(shop.limits.upper, CONTINUOUS[1])
+    lower, upper = np.maximum(context.limits.lower, CONTINUOUS[0]), np.minimum(context.limits.upper, CONTINUOUS[1])
     q = rng.uniform(lower, upper, (CLEAR_POSES, len(lower)))
-    room = [min((c.distance - c.wanted for c in shop.spheres.contacts(pose[None])), default=0.0) for pose in q]
+    room = [min((c.distance - c.wanted for c in context.spheres.contacts(pose[None])), default=0.0) for pose in q]
     return np.asarray(q[int(np.argmax(room))])
 
 
-def judged(shop: Workshop, trajectory: Trajectory) -> None:
+def require_safe(context: PlanningContext, trajectory: Trajectory) -> None:
     """Refuse a motion that breaks a limit or comes too near to something, as far as this process can tell.
 
     Raises:
         LimitBroken: a joint limit, a torque, or the tool's speed.
         Collision: contact of the arm's spheres.
     """
-    require(check(trajectory, shop.base.robot, shop.limits, shop.torque, shop.wishes.speed), shop.wishes.margin)
+    require_within_limits(context.check(trajectory), context.options.margin)
     motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
-    for contact in shop.spheres.contacts(motion.q):
+    for contact in context.spheres.contacts(motion.q):
         if contact.distance < contact.wanted:
             what = f"{contact.what}: {1000 * contact.distance:.0f} mm at t = {motion.t[contact.index]:.1f} s"
             raise Collision(f"{what}; wanted are {1000 * contact.wanted:.0f} mm")

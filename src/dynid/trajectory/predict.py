@@ -27,7 +27,7 @@ NOISE = 0.1
 #: The other motions on which the expected torque error is meant: so many random Fourier motions inside the limits.
 OTHER_MOTIONS, OTHER_DURATION, OTHER_HARMONICS = 12, 10.0, 5
 #: The recommended sequence of speed factors.
-LADDER = (0.2, 0.5, 1.0)
+ALPHAS = (0.2, 0.5, 1.0)
 
 
 def default_noise(robot: Robot) -> Floats:
@@ -37,8 +37,8 @@ def default_noise(robot: Robot) -> Floats:
     return np.array([NOISE_SHARE * j.limits.torque if j.limits.torque else NOISE for j in robot.joints])
 
 
-def believed(model: Model, reduction: Reduction) -> Floats:
-    """Return the base parameters as believed before measuring; friction and rotors count as zero, (p,)."""
+def prior_base_parameters(model: Model, reduction: Reduction) -> Floats:
+    """Return the base parameters of the prior, friction and rotor inertias counted as zero, (p,)."""
     links = prior_parameters(model.robot).reshape(model.robot.n, 10)
     full = np.zeros((model.robot.n, 11))
     full[:, :10] = links
@@ -125,8 +125,8 @@ def held_out(
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One speed factor of the ladder.
+class AlphaRow:
+    """One row of the table of speed factors.
 
     Attributes:
         alpha: speed factor.
@@ -141,18 +141,18 @@ class Rung:
     condition: float
 
 
-def ladder(
+def alpha_table(
     trajectory: Trajectory, model: Model, columns: NDArray[np.intp], noise: Floats, other: Floats,
-    known: Floats | None = None, samples: int = 1000, alphas: Sequence[float] = LADDER,
-) -> tuple[Rung, ...]:  # fmt: skip
+    known: Floats | None = None, samples: int = 1000, alphas: Sequence[float] = ALPHAS,
+) -> tuple[AlphaRow, ...]:  # fmt: skip
     """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
 
     A slower run of the same rate has more samples; they hardly help, since what it does not show it shows nowhere.
     """
-    rungs = []
+    rows = []
     for alpha in sorted({*alphas, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
         motion = slowed.motion(slowed.duration * (np.arange(samples) + 0.5) / samples)
         found = predict(model, columns, motion, noise, other, known)
-        rungs.append(Rung(alpha, slowed.duration, found.torque_error, found.figures.condition))
-    return tuple(rungs)
+        rows.append(AlphaRow(alpha, slowed.duration, found.torque_error, found.figures.condition))
+    return tuple(rows)

@@ -55,7 +55,7 @@ class Distance:
 
 
 @dataclass(frozen=True)
-class Look:
+class Drawing:
     """What to draw.
 
     Attributes:
@@ -69,7 +69,9 @@ class Look:
     title: str = ""
 
 
-def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look: Look) -> tuple[Distance, ...]:
+def measure_trajectory(
+    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing
+) -> tuple[Distance, ...]:
     """Measure distances all along a motion and draw it.
 
     Args:
@@ -77,7 +79,7 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
         robot: the arm.
         urdf: its URDF; a user's own may have other link frames, but must have the same joint axes.
         scene: floor, obstacles, wanted distances.
-        look: what to draw.
+        drawing: what to draw.
 
     Returns:
         The least distance of every watched pair, the closest pair first; distances end at 0.3 m.
@@ -86,12 +88,14 @@ def examine(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, look
         PackageMissing: PyBullet is not there.
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    return measure(*_poses(trajectory), robot, urdf, scene, look)
+    return measure_poses(*_poses(trajectory), robot, urdf, scene, drawing)
 
 
-def measure(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Look) -> tuple[Distance, ...]:
-    """Measure distances at poses in DH values, (N, n), of these times, (N,) [s]; otherwise as ``examine``."""
-    with _job(t, q, robot, urdf, scene, look) as job:
+def measure_poses(
+    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing
+) -> tuple[Distance, ...]:
+    """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
+    with _job(t, q, robot, urdf, scene, drawing) as job:
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
             child = subprocess.run(
@@ -124,14 +128,14 @@ def require_clear(
     Raises:
         Collision: with the pair, the time and the distance.
     """
-    broken = [d for d in distances if d.distance < wanted(d, scene)]
+    broken = [d for d in distances if d.distance < wanted_distance(d, scene)]
     if not broken:
         return
-    worst = min(broken, key=lambda d: d.distance - wanted(d, scene))
+    worst = min(broken, key=lambda d: d.distance - wanted_distance(d, scene))
     if worst.distance < 0:
         touch = f"touches it (depth {-1000 * worst.distance:.0f} mm)"
     else:
-        touch = f"comes within {1000 * worst.distance:.0f} mm; wanted are {1000 * wanted(worst, scene):.0f} mm"
+        touch = f"comes within {1000 * worst.distance:.0f} mm; wanted are {1000 * wanted_distance(worst, scene):.0f} mm"
     first, second = worst.pair.split(" - ", 1)
     what = f"{first} and {second}: the arm {touch} at t = {worst.time:.1f} s"
     if len(broken) > 1:
@@ -139,7 +143,7 @@ def require_clear(
     raise Collision(what, where=str(picture) if picture else "", fix=fix)
 
 
-def wanted(distance: Distance, scene: Scene) -> float:
+def wanted_distance(distance: Distance, scene: Scene) -> float:
     """Return the wanted distance of a pair [m]: of arms that are built lower than wanted, what they can keep."""
     outside = distance.pair.endswith("floor") or " - obstacle" in distance.pair
     if not outside:
@@ -190,7 +194,7 @@ def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
 
 
 @contextmanager
-def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Look | None) -> Iterator[Path]:
+def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None) -> Iterator[Path]:
     """Write a job for the child into a folder that is removed afterwards."""
     lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in robot.joints]).T
     random = np.random.default_rng(0).uniform(lower, upper, (300, robot.n))
@@ -206,10 +210,10 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, look: Loo
         "foot": list(robot.base_xyz),
         "camera": _camera(robot, q),
         "room": Spheres(robot, scene).room(),
-        "picture": str(look.picture.resolve()) if look and look.picture else None,
-        "animation": str(look.animation.resolve()) if look and look.animation else None,
-        "title": look.title if look else "",
-        "window": look is None,
+        "picture": str(drawing.picture.resolve()) if drawing and drawing.picture else None,
+        "animation": str(drawing.animation.resolve()) if drawing and drawing.animation else None,
+        "title": drawing.title if drawing else "",
+        "window": drawing is None,
         "maps": _maps(robot),
     }
     with tempfile.TemporaryDirectory() as folder:

@@ -6,9 +6,9 @@ import pytest
 from dynid.errors import Collision, LimitBroken
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
-from dynid.record.motion_checks import Course, check_clearance, check_limits, check_torque, fastest_tool
+from dynid.record.motion_checks import PlayedMotion, check_clearance, check_limits, check_torque, fastest_tool
 from dynid.record.playing import approach, at_speed, joined
-from dynid.sim.arm import Arm
+from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.clearance import Box, Scene, scene_from
 
 LWR = load_robot("kuka_lwr4plus")
@@ -30,7 +30,7 @@ def only(joint, size):
 
 @pytest.fixture(scope="module")
 def bullet():
-    with Arm(LWR) as arm:
+    with SimulatedArm(LWR) as arm:
         yield lambda motion: np.array(
             [arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
         )
@@ -43,25 +43,25 @@ def advised(error, speed=1.0):
 def test_a_broken_rate_is_refused_with_the_speed_that_passes():
     motion = swing(only(5, 2.0), 1.0)
     with pytest.raises(LimitBroken, match=r"lwr_5_joint moves|accelerates at .* at t = 0\.\d s; limit") as caught:
-        check_limits(LWR, Course(motion))
+        check_limits(LWR, PlayedMotion(motion))
     speed = advised(caught.value)
-    check_limits(LWR, Course(at_speed(motion, speed), speed=speed))
+    check_limits(LWR, PlayedMotion(at_speed(motion, speed), speed=speed))
     with pytest.raises(LimitBroken):
-        check_limits(LWR, Course(at_speed(motion, 1.1 * speed), speed=1.1 * speed))
+        check_limits(LWR, PlayedMotion(at_speed(motion, 1.1 * speed), speed=1.1 * speed))
 
 
 def test_a_position_out_of_range_is_not_cured_by_a_lower_speed():
     with pytest.raises(LimitBroken, match="lwr_1_joint reaches 3 rad") as caught:
-        check_limits(LWR, Course(swing(only(2, 2.5), 20.0)))
+        check_limits(LWR, PlayedMotion(swing(only(2, 2.5), 20.0)))
     assert "slower does not help" in caught.value.fix
 
 
 def test_a_torque_near_the_rating_is_refused_with_the_speed_that_passes(bullet):
     motion = swing(only(2, 1.3), 0.5)
     with pytest.raises(LimitBroken, match=r"lwr_1_joint needs \d+ N m at t = .*limit 123 with 30 % margin") as caught:
-        check_torque(LWR, Course(motion), bullet)
+        check_torque(LWR, PlayedMotion(motion), bullet)
     speed = advised(caught.value)
-    load = check_torque(LWR, Course(at_speed(motion, speed), speed=speed), bullet)
+    load = check_torque(LWR, PlayedMotion(at_speed(motion, speed), speed=speed), bullet)
     assert load.share <= 0.7
     faster = at_speed(motion, 1.08 * speed)
     assert np.abs(bullet(faster)[:, 1]).max() > 0.7 * 176
@@ -69,30 +69,30 @@ def test_a_torque_near_the_rating_is_refused_with_the_speed_that_passes(bullet):
 
 def test_a_pose_that_is_too_heavy_is_refused_at_any_speed(bullet):
     with pytest.raises(LimitBroken) as caught:
-        check_torque(LWR, Course(swing(only(2, 0.8))), lambda motion: 4 * bullet(motion))
+        check_torque(LWR, PlayedMotion(swing(only(2, 0.8))), lambda motion: 4 * bullet(motion))
     assert "slower does not help" in caught.value.fix
 
 
 def test_the_floor_an_obstacle_and_the_arm_itself_are_kept_clear_of():
-    course = Course(swing(only(2, 0.3)))
-    near = check_clearance(LWR, course, Scene())
+    played = PlayedMotion(swing(only(2, 0.3)))
+    near = check_clearance(LWR, played, Scene())
     assert near[0].distance > 0.05
     with pytest.raises(Collision, match=r"link_\d and floor: the arm touches it \(depth \d+ mm\) at t = 1\.0 s"):
-        check_clearance(LWR, Course(swing(np.array([0.0, 1.4, 0.0, -0.9, 0.0, 0.7, 0.0]))), Scene())
+        check_clearance(LWR, PlayedMotion(swing(np.array([0.0, 1.4, 0.0, -0.9, 0.0, 0.7, 0.0]))), Scene())
     with pytest.raises(Collision, match="obstacle 1"):
-        check_clearance(LWR, course, Scene(obstacles=(Box((0.05, -0.2, 0.9), (0.5, 0.2, 1.2)),)))
+        check_clearance(LWR, played, Scene(obstacles=(Box((0.05, -0.2, 0.9), (0.5, 0.2, 1.2)),)))
     kinova = load_robot("kinova_gen2")
     folded = np.array([0.0, 3.14, 0.0, 0.55, 0.0, 5.1, 0.0])
     still = Motion(np.array([0.0, 1.0]), np.tile(folded, (2, 1)), np.zeros((2, 7)), np.zeros((2, 7)))
     with pytest.raises(Collision, match=r"link_\d and (link_\d|base)"):
-        check_clearance(kinova, Course(still), Scene(floor=None))
+        check_clearance(kinova, PlayedMotion(still), Scene(floor=None))
 
 
 def test_contact_on_the_approach_names_the_approach():
     motion = swing(only(5, 0.2))
     way = approach(LWR, np.array([0.0, 1.9, 0.0, 0.0, 0.0, 0.0, 0.0]), motion.q[0])
     with pytest.raises(Collision, match="floor") as caught:
-        check_clearance(LWR, Course(joined([way, motion]), float(way.t[-1])), Scene())
+        check_clearance(LWR, PlayedMotion(joined([way, motion]), float(way.t[-1])), Scene())
     assert "nearer to the start" in caught.value.fix
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
-from dynid.record.playing import Reference, approach, at_speed, joined, nearest_turn, repeated
+from dynid.record.playing import ReferenceMotion, approach, at_speed, joined, nearest_turn, repeated
 
 ARM = load_robot("kinova_gen2")
 
@@ -17,7 +17,7 @@ def sine(seconds=2.0, rate=100):
 
 
 def test_between_samples_the_reference_is_the_motion_itself():
-    fine, coarse = sine(rate=1000), Reference(sine(rate=100), np.zeros(7))
+    fine, coarse = sine(rate=1000), ReferenceMotion(sine(rate=100), np.zeros(7))
     found = [coarse.at(t) for t in fine.t]
     np.testing.assert_allclose([x.q for x in found], fine.q, atol=2e-7)
     np.testing.assert_allclose([x.qd for x in found], fine.qd, atol=2e-6)
@@ -25,12 +25,12 @@ def test_between_samples_the_reference_is_the_motion_itself():
 
 
 def test_the_gap_to_the_start_dies_away_and_the_rates_are_its_derivatives():
-    reference = Reference(sine(), np.full(7, 0.05))
+    reference = ReferenceMotion(sine(), np.full(7, 0.05))
     t = np.linspace(0, 1.2, 2401)
     q, qd = (np.array([getattr(reference.at(x), key) for x in t]) for key in ("q", "qd"))
     np.testing.assert_allclose(q[0], 0.05)
     np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], qd[1:-1], atol=1e-4)
-    assert np.abs(reference.at(1.0).q - Reference(sine(), np.zeros(7)).at(1.0).q).max() < 1e-12
+    assert np.abs(reference.at(1.0).q - ReferenceMotion(sine(), np.zeros(7)).at(1.0).q).max() < 1e-12
 
 
 def test_half_the_speed_is_a_quarter_of_the_acceleration():

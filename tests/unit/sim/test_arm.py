@@ -6,10 +6,10 @@ import pytest
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
 from dynid.robot import Body, Joint, Limits, Robot
-from dynid.sim.arm import Arm, Friction
+from dynid.sim.arm import Friction, SimulatedArm
 from dynid.sim.sensors import Sensors
 from dynid.sim.sines import SineSpec, lowest_point, sines
-from dynid.sim.track import Recording, track
+from dynid.sim.track import SimulatedRun, track
 
 SPHERE = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
 SPEC = SineSpec(duration=6.0, period=5.0, reach=0.5, speed=0.6, acceleration=0.5, floor=0.05)
@@ -33,7 +33,7 @@ def run(arm, steps, tau=0.0):
 
 def test_a_body_falls_freely():
     """s = g t^2 / 2, to the first order of the step; Bullet's own damping would show."""
-    with Arm(slider((0.0, 0.0, -9.81)), [Body(2.0, inertia_com=SPHERE)], dt=1e-4) as arm:
+    with SimulatedArm(slider((0.0, 0.0, -9.81)), [Body(2.0, inertia_com=SPHERE)], dt=1e-4) as arm:
         q, qd = run(arm, 5000)
     assert qd[-1] == pytest.approx(-9.81 * 0.5, rel=1e-9)
     assert q[-1] == pytest.approx(-9.81 * 0.25 / 2, rel=1e-3)
@@ -45,14 +45,14 @@ def test_the_base_pose_turns_gravity_with_the_arm():
     turned = Robot("t", "standard", upright.joints, upright.gravity, base_rpy=(np.pi, 0.3, 1.0))
     ends = []
     for robot in (upright, turned):
-        with Arm(robot, [Body(2.0, inertia_com=SPHERE)]) as arm:
+        with SimulatedArm(robot, [Body(2.0, inertia_com=SPHERE)]) as arm:
             ends.append(run(arm, 500)[0, -1])
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
 
 
 def test_a_rotor_adds_its_inertia_to_the_link():
     """F = (m + Im) a."""
-    with Arm(slider(), [Body(2.0, inertia_com=SPHERE)], rotor_inertia=[3.0]) as arm:
+    with SimulatedArm(slider(), [Body(2.0, inertia_com=SPHERE)], rotor_inertia=[3.0]) as arm:
         _, qd = run(arm, 1000, tau=10.0)
     assert qd[-1] == pytest.approx(10.0 / 5.0 * 0.5, rel=1e-9)
 
@@ -60,7 +60,7 @@ def test_a_rotor_adds_its_inertia_to_the_link():
 def test_viscous_friction_makes_an_exponential():
     """v = F / b (1 - exp(-b t / m))."""
     friction = Friction((4.0,), (0.0,), (0.0,), (0.01,))
-    with Arm(slider(), [Body(2.0, inertia_com=SPHERE)], friction, dt=1e-4) as arm:
+    with SimulatedArm(slider(), [Body(2.0, inertia_com=SPHERE)], friction, dt=1e-4) as arm:
         _, qd = run(arm, 5000, tau=8.0)
     assert qd[-1] == pytest.approx(2.0 * (1 - np.exp(-1.0)), rel=1e-3)
 
@@ -68,7 +68,7 @@ def test_viscous_friction_makes_an_exponential():
 def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
     """A steep Coulomb part on a light body: v falls by c / m, then stays at rest without chattering."""
     friction = Friction((0.0,), (1.0,), (0.0,), (1e-3,))
-    with Arm(slider(), [Body(0.05, inertia_com=SPHERE)], friction) as arm:
+    with SimulatedArm(slider(), [Body(0.05, inertia_com=SPHERE)], friction) as arm:
         arm.reset(np.zeros(1), np.ones(1))
         _, qd = run(arm, 400)
     assert qd[49] == pytest.approx(1.0 - 20.0 * 0.025, rel=1e-6)
@@ -77,7 +77,7 @@ def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
 
 def test_a_pendulum_keeps_its_energy():
     """m l^2 qd^2 / 2 - m g l cos q over two swings, to the first order of the step."""
-    with Arm(pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4) as arm:
+    with SimulatedArm(pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4) as arm:
         arm.reset(np.array([1.0]))
         q, qd = run(arm, 30_000)
     energy = 0.5**2 * qd**2 / 2 - 9.81 * 0.5 * np.cos(q)
@@ -87,7 +87,7 @@ def test_a_pendulum_keeps_its_energy():
 def test_no_mechanical_stop_disturbs_the_torques():
     """Position limits of the robot file do not act in the simulation."""
     robot = Robot("s", "standard", (Joint("p", limits=Limits((-0.1, 0.1))),), gravity=(0.0, 0.0, 0.0))
-    with Arm(robot, [Body(1.0, inertia_com=SPHERE)]) as arm:
+    with SimulatedArm(robot, [Body(1.0, inertia_com=SPHERE)]) as arm:
         arm.reset(np.zeros(1), np.ones(1))
         q, qd = run(arm, 1000)
     assert q[-1] == pytest.approx(0.5)
@@ -98,7 +98,7 @@ def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
     """What the drives gave equals rigid body + friction + rotors of the motion that was made."""
     robot = load_robot("kuka_lwr4plus")
     friction = Friction((0.5,) * 7, (0.4,) * 7, (0.1,) * 7, (0.1,) * 7)
-    with Arm(robot, None, friction, [0.1] * 7) as arm:
+    with SimulatedArm(robot, None, friction, [0.1] * 7) as arm:
         motion = sines(robot, SineSpec(6.0, 6.0, 0.3, 0.3, 0.3, 0.05), arm.dt, np.random.default_rng(3))
         made = track(arm, motion)
         qd = np.gradient(made.q, arm.dt, axis=0)
@@ -112,7 +112,7 @@ def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
 def test_only_every_so_many_steps_are_kept():
     """The first is the motion's first state."""
     motion = Motion(np.arange(11) * 5e-4, *(np.zeros((11, 1)) for _ in range(3)))
-    with Arm(slider(), [Body(1.0, inertia_com=SPHERE)]) as arm:
+    with SimulatedArm(slider(), [Body(1.0, inertia_com=SPHERE)]) as arm:
         made = track(arm, motion, every=5)
     np.testing.assert_allclose(made.t, [0.0, 0.0025, 0.005])
     assert made.q.shape == made.qd.shape == made.tau.shape == (3, 1)
@@ -145,7 +145,7 @@ def test_the_lowest_point_of_an_outstretched_arm_is_its_tip():
 def test_sensors_add_what_they_say():
     """Noise of the stated size, positions on the encoder's grid, stamps that never go back."""
     still = np.full((20_000, 2), 0.123456)
-    truth = Recording(np.arange(20_000) * 0.01, still, 0 * still, 0 * still, still)
+    truth = SimulatedRun(np.arange(20_000) * 0.01, still, 0 * still, 0 * still, still)
     log = Sensors((0.1, 0.02), 1e-3, None, 0.02).measure(truth, ("a", "b"), np.random.default_rng(0))
     np.testing.assert_allclose(log.tau.std(axis=0), [0.1, 0.02], rtol=0.03)
     np.testing.assert_allclose(log.q, 0.123)
@@ -157,7 +157,7 @@ def test_sensors_add_what_they_say():
 def test_perfect_sensors_tell_the_truth():
     """Nothing is added."""
     some = np.random.default_rng(0).normal(size=(5, 2))
-    truth = Recording(np.arange(5) * 0.1, some, 2 * some, 3 * some, some)
+    truth = SimulatedRun(np.arange(5) * 0.1, some, 2 * some, 3 * some, some)
     log = Sensors.perfect(2).measure(truth, ("a", "b"), np.random.default_rng(0))
     np.testing.assert_array_equal(log.t, truth.t)
     np.testing.assert_array_equal(log.q, truth.q)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.sim.arm import Arm
-from dynid.sim.driver_loop import Imperfections, Rig
+from dynid.sim.arm import SimulatedArm
+from dynid.sim.driver_loop import DriverLoop, Imperfections
 from dynid.sim.follow import PointFollower
 from dynid.sim.ros_drivers import doubled
 
@@ -15,11 +15,11 @@ def samples(rate, **imperfections):
     """What the driver of a moving arm measures in a third of a second, by the time in its stamp [ms]."""
     follower = PointFollower(START, 1e-3)
     follower.play([(START + 0.3, np.full(6, 0.2), 0.5)])
-    with Arm(UR, dt=1e-3) as arm:
-        rig = Rig(arm, follower, rate, Imperfections((0.0,) * 6, **imperfections), np.random.default_rng(0))
+    with SimulatedArm(UR, dt=1e-3) as arm:
+        loop = DriverLoop(arm, follower, rate, Imperfections((0.0,) * 6, **imperfections), np.random.default_rng(0))
         for _ in range(330):
-            rig._step()
-        return {round(1e3 * measured.since): measured for _, measured in rig._waiting}
+            loop._step()
+        return {round(1e3 * measured.elapsed): measured for _, measured in loop._waiting}
 
 
 def test_torques_and_velocities_that_are_polled_later_belong_to_a_later_moment():

@@ -51,7 +51,7 @@ def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):
             return sum(np.sum(w * part) for w, part in zip(weights, shaping.motion(x), strict=True))
 
         value(x)
-        slope = shaping.pull(*weights) @ direction
+        slope = shaping.gradient(*weights) @ direction
         h = 1e-6
         assert slope == pytest.approx((value(x + h * direction) - value(x - h * direction)) / (2 * h), rel=1e-4)
 

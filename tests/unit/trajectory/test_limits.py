@@ -9,7 +9,7 @@ from randomplans import random_trajectory
 from dynid.errors import LimitBroken
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds, bounds
-from dynid.trajectory.limits import check, require
+from dynid.trajectory.limits import check_trajectory, require_within_limits
 from dynid.trajectory.plan import Trajectory
 
 #: Torque limits that about half of the random plans keep [N m].
@@ -35,10 +35,10 @@ def test_broken_rate_is_refused_and_the_alpha_of_the_advice_passes(lwr, quantity
     peaks = np.abs(plan.extrema(order)).max(axis=0)
     limit = replace(bounds(lwr.robot), **{quantity: share * peaks})
     with pytest.raises(LimitBroken, match=r"lwr_\d_joint .* at t = .* s; limit") as caught:
-        require(check(plan, lwr.robot, limit))
+        require_within_limits(check_trajectory(plan, lwr.robot, limit))
     alpha = suggested(caught.value)
     assert alpha == pytest.approx(share ** (1 / order), abs=0.01)
-    assert check(plan.slowed(alpha), lwr.robot, limit).violations == ()
+    assert check_trajectory(plan.slowed(alpha), lwr.robot, limit).violations == ()
 
 
 def test_overshoot_between_samples_of_a_coarse_grid_is_seen(lwr):
@@ -48,7 +48,7 @@ def test_overshoot_between_samples_of_a_coarse_grid_is_seen(lwr):
     plan = Trajectory(basis, c)
     peak = 15 / 8
     limit = replace(bounds(lwr.robot), velocity=np.full(7, peak * 0.9999), acceleration=np.full(7, 100.0))
-    found = check(plan, lwr.robot, limit)
+    found = check_trajectory(plan, lwr.robot, limit)
     assert len(found.violations) == 7
     assert found.violations[0].value == pytest.approx(peak, rel=1e-12)
     assert found.violations[0].time == pytest.approx(0.5, abs=1e-6)
@@ -58,7 +58,7 @@ def test_broken_position_is_refused_and_says_that_slower_does_not_help(lwr):
     plan = random_trajectory(lwr.robot, 1)
     limit = scaled(bounds(lwr.robot), lower=0.3, upper=0.3)
     with pytest.raises(LimitBroken, match="reaches") as caught:
-        require(check(plan, lwr.robot, limit), margin=0.1)
+        require_within_limits(check_trajectory(plan, lwr.robot, limit), margin=0.1)
     assert "10 % margin" in caught.value.what
     assert "slower does not help" in caught.value.fix
 
@@ -71,12 +71,12 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
         return 5.0 * motion.qdd
 
     with pytest.raises(LimitBroken, match="needs") as caught:
-        require(check(plan, lwr.robot, limit, inertial))
+        require_within_limits(check_trajectory(plan, lwr.robot, limit, inertial))
     alpha = suggested(caught.value)
-    assert check(plan.slowed(alpha), lwr.robot, limit, inertial).violations == ()
-    assert check(plan.slowed(alpha * 1.1), lwr.robot, limit, inertial).violations
+    assert check_trajectory(plan.slowed(alpha), lwr.robot, limit, inertial).violations == ()
+    assert check_trajectory(plan.slowed(alpha * 1.1), lwr.robot, limit, inertial).violations
     with pytest.raises(LimitBroken) as caught:
-        require(check(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0)))
+        require_within_limits(check_trajectory(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0)))
     assert "too heavy" in caught.value.fix
 
 
@@ -84,12 +84,12 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
 def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request, tmp_path):
     pin = pytest.importorskip("pinocchio")
     from dynid.sim.urdf import write_urdf
-    from dynid.trajectory.predict import believed
+    from dynid.trajectory.predict import prior_base_parameters
 
     base = request.getfixturevalue(arm)
     write_urdf(base.robot, None, tmp_path / "arm.urdf")
     other = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
-    data, theta, observer = other.createData(), believed(base.model, base.reduction), base.model.observer
+    data, theta, observer = other.createData(), prior_base_parameters(base.model, base.reduction), base.model.observer
     limit = replace(bounds(base.robot), torque=TORQUES[arm])
 
     def torque(motion):
@@ -102,7 +102,7 @@ def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(ar
         # Why: Pinocchio holds the angle of a joint without end as cosine and sine.
         poses = [pin.integrate(other, pin.neutral(other), q) for q in fine.q]
         tau = np.array([pin.rnea(other, data, *state) for state in zip(poses, fine.qd, fine.qdd, strict=True)])
-        found = check(plan, base.robot, limit, torque)
+        found = check_trajectory(plan, base.robot, limit, torque)
         broken = {v.joint for v in found.violations if v.quantity == "torque"}
         share = np.abs(tau).max(axis=0) / limit.torque
         assert broken == {base.robot.joint_names[j] for j in np.flatnonzero(share > 1)}
@@ -117,13 +117,13 @@ def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2)
     motion = plan.sampled(1000)
     tips = np.array([tool_pose(gen2.robot, q)[:3, 3] for q in motion.q])
     fastest = np.linalg.norm(np.gradient(tips, motion.t, axis=0), axis=1).max()
-    assert check(plan, gen2.robot, bounds(gen2.robot)).tool_speed == pytest.approx(fastest, rel=1e-3)
+    assert check_trajectory(plan, gen2.robot, bounds(gen2.robot)).tool_speed == pytest.approx(fastest, rel=1e-3)
     with pytest.raises(LimitBroken, match="tool moves at") as caught:
-        require(check(plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest))
+        require_within_limits(check_trajectory(plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest))
     assert suggested(caught.value) == pytest.approx(0.25, abs=0.0101)
 
 
 def test_shares_of_a_plan_inside_the_limits_are_at_most_one(lwr):
-    found = check(random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1))
-    require(found)
+    found = check_trajectory(random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1))
+    require_within_limits(found)
     assert all(0 < peak.share <= 1 + 1e-6 for peak in found.peaks)

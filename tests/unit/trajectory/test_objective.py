@@ -9,13 +9,13 @@ from dynid.trajectory.basis import Fourier, Quintic
 from dynid.trajectory.clearance import Box, Scene, Spheres
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.objective import Objective, Problem, information
-from dynid.trajectory.predict import believed
+from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
+from dynid.trajectory.predict import prior_base_parameters
 
 
 def problem(base, **changes):
     facts = {"basis": Quintic.even(5.0, 4), "cost": Cost("condition"), "limits": bounds(base.robot), "samples": 60}
-    return Problem(base.model, base.reduction.base, **(facts | changes))
+    return PlanProblem(base.model, base.reduction.base, **(facts | changes))
 
 
 def slope_error(objective, seed=7):
@@ -30,7 +30,7 @@ def slope_error(objective, seed=7):
 
 @pytest.mark.parametrize("cost", [Cost("condition"), Cost("condition", True), Cost("paper"), Cost("d")])
 def test_gradient_along_the_path_is_that_of_differences(lwr, cost):
-    assert slope_error(Objective(problem(lwr, cost=cost))) < 1e-4
+    assert slope_error(ExcitationObjective(problem(lwr, cost=cost))) < 1e-4
 
 
 def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_differences(gen2):
@@ -42,12 +42,12 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
         "basis": Fourier(5.0, 3),
         "cost": Cost("i", V=np.eye(p)),
         "penalties": (Spheres(gen2.robot, scene),),
-        "torque": believed(gen2.model, gen2.reduction),
+        "torque": prior_base_parameters(gen2.model, gen2.reduction),
         "limits": replace(bounds(gen2.robot), torque=tight.torque),
         "known": 10 * np.eye(p),
         "noise": np.linspace(0.1, 0.4, 7),
     }
-    assert slope_error(Objective(problem(gen2, **changes))) < 1e-4
+    assert slope_error(ExcitationObjective(problem(gen2, **changes))) < 1e-4
 
 
 def test_information_is_that_of_a_log_at_its_rate(lwr):

@@ -14,14 +14,14 @@ from dynid.robot import Joint, Limits, Robot
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.limits import check
-from dynid.trajectory.objective import Objective, Problem
-from dynid.trajectory.optimise import HOPELESS, Search, beginning, descend, optimise
+from dynid.trajectory.limits import check_trajectory
+from dynid.trajectory.objective import ExcitationObjective, PlanProblem
+from dynid.trajectory.optimise import HOPELESS, SearchOptions, descend, optimise, start_variables
 from dynid.trajectory.plan import Trajectory
 
 
 def problem(base):
-    return Problem(
+    return PlanProblem(
         base.model, base.reduction.base, Quintic.even(5.0, 3), bounds(base.robot, 0.1), Cost("d"), samples=40
     )
 
@@ -31,23 +31,24 @@ def planar():
     limits = Limits(position=(-2.0, 2.0), velocity=2.0, acceleration=6.0, torque=None)
     joints = tuple(Joint(f"joint_{k}", a=0.4, twist=1.2 * k, limits=limits) for k in (1, 2))
     model = build_model(Robot("two", "standard", joints))
-    here = Problem(model, reduce(model).base, Quintic.even(4.0, 3), bounds(model.robot), Cost("condition"), samples=40)
-    return here
+    basis, limits = Quintic.even(4.0, 3), bounds(model.robot)
+    return PlanProblem(model, reduce(model).base, basis, limits, Cost("condition"), samples=40)
 
 
 def test_search_ends_far_below_its_start_and_inside_the_limits(lwr):
     here = problem(lwr)
-    found = optimise(here, Search(restarts=1, seconds=60, processes=1))
-    objective = Objective(here)
-    start = objective(beginning(objective, 0, 0))[0]
+    found = optimise(here, SearchOptions(restarts=1, seconds=60, processes=1))
+    objective = ExcitationObjective(here)
+    start = objective(start_variables(objective, 0, 0))[0]
     # D-optimality is the mean over 62 parameters: 0.4 is a volume of the error ellipsoid smaller by exp(12).
     assert found.candidates[0].value < start - 0.4
-    assert check(Trajectory(here.basis, found.candidates[0].coefficients), lwr.robot, here.limits).violations == ()
+    best = Trajectory(here.basis, found.candidates[0].coefficients)
+    assert check_trajectory(best, lwr.robot, here.limits).violations == ()
 
 
 def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
     found = [
-        optimise(problem(lwr), Search(restarts=2, seconds=120, seed=seed, processes=processes))
+        optimise(problem(lwr), SearchOptions(restarts=2, seconds=120, seed=seed, processes=processes))
         for seed, processes in ((3, 1), (3, 2), (4, 1))
     ]
     plans = [one.candidates[0].coefficients for one in found]
@@ -56,15 +57,15 @@ def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
 
 
 def test_starts_that_are_given_up_are_the_same_for_any_number_of_processes():
-    found = [optimise(planar(), Search(restarts=10, seconds=300, processes=count)) for count in (1, 2)]
+    found = [optimise(planar(), SearchOptions(restarts=10, seconds=300, processes=count)) for count in (1, 2)]
     assert [(one.ended, one.finished) for one in found] == [("all starts", 10)] * 2
     ranks = [[(c.start, c.evaluation, c.value) for c in one.candidates] for one in found]
     assert ranks[0] == ranks[1]
 
 
 def test_a_start_is_given_up_only_when_it_is_far_from_the_best():
-    objective = Objective(planar())
-    x = beginning(objective, 0, 0)
+    objective = ExcitationObjective(planar())
+    x = start_variables(objective, 0, 0)
     met = descend(objective, x)
     assert descend(objective, x, best=met.value).evaluation == met.evaluation
     assert descend(objective, x, best=met.value - 10 * HOPELESS).evaluation < met.evaluation
@@ -72,13 +73,13 @@ def test_a_start_is_given_up_only_when_it_is_far_from_the_best():
 
 def test_time_limit_is_kept_to_about_a_second(lwr):
     begin = time.monotonic()
-    found = optimise(problem(lwr), Search(restarts=10_000, seconds=6, processes=1))
+    found = optimise(problem(lwr), SearchOptions(restarts=10_000, seconds=6, processes=1))
     assert (found.ended, len(found.candidates) > 0) == ("time", True)
     assert time.monotonic() - begin < 12
 
 
 def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(lwr):
-    search = Search(restarts=10_000, seconds=6, seed=5, processes=2)
+    search = SearchOptions(restarts=10_000, seconds=6, seed=5, processes=2)
     stopped = optimise(problem(lwr), search)
     best = stopped.candidates[0]
     again = optimise(problem(lwr), replace(search, seconds=0.1, replay=(best.start, best.evaluation)))
@@ -89,7 +90,7 @@ def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(l
 
 def test_replay_of_numbers_that_no_such_search_ended_with_is_refused():
     with pytest.raises(WrongUsage, match="start 3 met no best at evaluation 100000"):
-        optimise(planar(), Search(replay=(3, 100_000)))
+        optimise(planar(), SearchOptions(replay=(3, 100_000)))
 
 
 class Impatient(Silent):
@@ -100,6 +101,6 @@ class Impatient(Silent):
 
 
 def test_interrupt_keeps_the_best_so_far(lwr):
-    found = optimise(problem(lwr), Search(restarts=100, seconds=300, processes=1), Impatient())
+    found = optimise(problem(lwr), SearchOptions(restarts=100, seconds=300, processes=1), Impatient())
     assert (found.ended, len(found.candidates)) == ("interrupt", 1)
     assert np.isfinite(found.candidates[0].value)

@@ -7,7 +7,7 @@ from scipy.interpolate import make_interp_spline
 
 from dynid.errors import WrongUsage
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.plan import through
+from dynid.trajectory.plan import through_waypoints
 
 
 def test_alpha_slows_position_speed_and_acceleration_by_its_powers(lwr):
@@ -42,7 +42,7 @@ def test_alpha_outside_zero_to_one_is_refused(lwr, alpha):
 def test_least_jerk_through_waypoints_is_the_quintic_spline_of_scipy(lwr):
     q = np.random.default_rng(8).uniform(-1, 1, (6, 7))
     times = np.array([0.0, 20, 35, 60, 80, 100])
-    plan = through(q, bounds(lwr.robot), times)
+    plan = through_waypoints(q, bounds(lwr.robot), times)
     zeros = [(1, np.zeros(7)), (2, np.zeros(7))]
     theirs = make_interp_spline(times, q, k=5, bc_type=(zeros, zeros))
     t = np.linspace(0, 100, 300)
@@ -52,7 +52,7 @@ def test_least_jerk_through_waypoints_is_the_quintic_spline_of_scipy(lwr):
 def test_intervals_are_stretched_until_no_rate_is_broken(gen2):
     limit = bounds(gen2.robot, 0.1)
     q = np.random.default_rng(9).uniform(-0.5, 0.5, (7, 7)) + np.array([0, np.pi] * 3 + [0])
-    plan = through(q, limit, np.arange(7) * 0.2)
+    plan = through_waypoints(q, limit, np.arange(7) * 0.2)
     assert plan.duration > 1.2
     for order, most in ((1, limit.velocity), (2, limit.acceleration)):
         assert np.all(np.abs(plan.extrema(order)) <= most * (1 + 1e-6))
@@ -61,6 +61,6 @@ def test_intervals_are_stretched_until_no_rate_is_broken(gen2):
 
 def test_intervals_without_times_are_nearly_as_short_as_the_limits_allow(lwr):
     limit = bounds(lwr.robot)
-    plan = through(np.array([np.zeros(7), np.full(7, 0.5)]), limit)
+    plan = through_waypoints(np.array([np.zeros(7), np.full(7, 0.5)]), limit)
     shares = [np.max(np.abs(plan.extrema(o)) / m) for o, m in ((1, limit.velocity), (2, limit.acceleration))]
     assert max(shares) == pytest.approx(1.0, abs=1e-4)

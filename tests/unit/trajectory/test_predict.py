@@ -7,16 +7,16 @@ from randomplans import random_trajectory
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.objective import Objective, Problem
-from dynid.trajectory.optimise import beginning, descend
+from dynid.trajectory.objective import ExcitationObjective, PlanProblem
+from dynid.trajectory.optimise import descend, start_variables
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import (
-    believed,
+    alpha_table,
     default_noise,
     held_out,
     information_of,
-    ladder,
     predict,
+    prior_base_parameters,
 )
 
 
@@ -40,9 +40,9 @@ def test_predicted_errors_are_those_of_200_noisy_fits(lwr, other):
 
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
-    rungs = ladder(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other)
-    assert [rung.alpha for rung in rungs] == [0.2, 0.5, 1.0]
-    errors = [rung.torque_error for rung in rungs]
+    rows = alpha_table(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other)
+    assert [row.alpha for row in rows] == [0.2, 0.5, 1.0]
+    errors = [row.torque_error for row in rows]
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > 5 * errors[2]
 
@@ -76,9 +76,9 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
     basis, limit = Quintic.even(5.0, 3), bounds(lwr.robot, 0.1)
     both = []
     for knowledge in (known, None):
-        problem = Problem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
-        objective = Objective(problem)
-        met = descend(objective, beginning(objective, 0, 0), last=120)
+        problem = PlanProblem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
+        objective = ExcitationObjective(problem)
+        met = descend(objective, start_variables(objective, 0, 0), last=120)
         plan = Trajectory(basis, objective.shaping.coefficients(met.x))
         both.append(predict(lwr.model, columns, plan.sampled(100), noise, other, known))
     aware, unaware = both
@@ -92,7 +92,7 @@ def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
     write_urdf(lwr.robot, None, tmp_path / "arm.urdf")
     arm = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     motion = random_trajectory(lwr.robot, 6).sampled(5)
-    theta = believed(lwr.model, lwr.reduction)
+    theta = prior_base_parameters(lwr.model, lwr.reduction)
     tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
     data = arm.createData()
     for k in range(len(motion)):
@@ -101,19 +101,19 @@ def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
 
 def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noise_draws(gen2):
     pytest.importorskip("pybullet")
-    from dynid.sim.arm import Arm
+    from dynid.sim.arm import SimulatedArm
 
     columns, noise = gen2.reduction.base, default_noise(gen2.robot)
     motion = random_trajectory(gen2.robot, 7).sampled(100)
     other = held_out(gen2.model, columns, bounds(gen2.robot))
     found = predict(gen2.model, columns, motion, noise, other)
-    with Arm(gen2.robot) as arm:
+    with SimulatedArm(gen2.robot) as arm:
         tau = np.array([arm.required_torque(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
     W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
     solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
     rng = np.random.default_rng(8)
     draws = np.array([solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)])
-    misses = draws - believed(gen2.model, gen2.reduction)
+    misses = draws - prior_base_parameters(gen2.model, gen2.reduction)
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)

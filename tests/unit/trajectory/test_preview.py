@@ -16,18 +16,18 @@ from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Box, Scene
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.plan import through
-from dynid.trajectory.preview import Look, examine, require_clear, window
+from dynid.trajectory.plan import through_waypoints
+from dynid.trajectory.preview import Drawing, measure_trajectory, require_clear, window
 
 pytest.importorskip("pybullet")
-NOTHING = Look()
+NOTHING = Drawing()
 
 
 def towards(robot, *degrees):
     start = np.radians([0, 0, 0, 0, 0, 0, 0] if robot.gravity[2] < 0 else [0, 180, 0, 180, 0, 180, 0])
     limits = bounds(robot)
     free = replace(limits, lower=limits.lower - 10, upper=limits.upper + 10)
-    return through(np.array([start, np.radians(degrees)]), free)
+    return through_waypoints(np.array([start, np.radians(degrees)]), free)
 
 
 @pytest.fixture
@@ -62,13 +62,14 @@ COLLIDING = {
 @pytest.mark.parametrize(("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses])
 def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(arm, pose, urdf, request):
     robot = request.getfixturevalue(arm).robot
-    found = examine(towards(robot, *pose), robot, urdf(robot), Scene(), NOTHING)
+    found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene(), NOTHING)
     with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
         require_clear(found, Scene())
 
 
 def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, urdf):
-    found = examine(towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(floor=0.1), NOTHING)
+    plan = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
+    found = measure_trajectory(plan, lwr.robot, urdf(lwr.robot), Scene(floor=0.1), NOTHING)
     require_clear(found, Scene(floor=-0.5))
     lowest = next(d for d in found if d.pair == "link_7 - floor")
     height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
@@ -80,15 +81,15 @@ def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
     away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
     with pytest.raises(Collision, match="obstacle 1"):
-        require_clear(examine(into, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
-    require_clear(examine(away, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
 
 
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
-    look = Look(tmp_path / "a.png", tmp_path / "a.gif", "a title")
-    examine(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
+    look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
+    measure_trajectory(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
     assert still.shape[1] > 1000
@@ -106,7 +107,7 @@ def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
     tilted = replace(lwr.robot, joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
-        examine(plan, tilted, urdf(lwr.robot), Scene(), NOTHING)
+        measure_trajectory(plan, tilted, urdf(lwr.robot), Scene(), NOTHING)
 
 
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
@@ -120,9 +121,9 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
         joints[k] = replace(joints[k], theta_offset=-offset[k])
     mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    assert examine(plan, mapped, path, Scene(), NOTHING)
+    assert measure_trajectory(plan, mapped, path, Scene(), NOTHING)
     with pytest.raises(WrongRobotFile, match=r"lwr_0_joint: axis in .* is 180\.0 deg"):
-        examine(plan, lwr.robot, path, Scene(), NOTHING)
+        measure_trajectory(plan, lwr.robot, path, Scene(), NOTHING)
 
 
 def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
@@ -130,7 +131,7 @@ def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
         lwr.robot, driver=None, joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:])
     )
     with pytest.raises(WrongRobotFile, match="lacks the joints shoulder; it has lwr_0_joint"):
-        examine(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene(), NOTHING)
+        measure_trajectory(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene(), NOTHING)
 
 
 def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(lwr, urdf, monkeypatch):
@@ -150,13 +151,13 @@ from dynid.files.robotfile import load_robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Scene
 from dynid.trajectory.feasible import bounds
-from dynid.trajectory.plan import through
+from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import window
 from pathlib import Path
 import numpy as np
 robot = load_robot("kuka_lwr4plus")
 write_urdf(robot, None, Path("arm.urdf"))
-plan = through(np.array([np.zeros(7), np.full(7, 0.3)]), bounds(robot))
+plan = through_waypoints(np.array([np.zeros(7), np.full(7, 0.3)]), bounds(robot))
 with window(plan, robot, Path("arm.urdf"), Scene()):
     print("open")
 """
