@@ -311,7 +311,7 @@ class NotAnArtifact(DynidError):
 
 
 class LogLayout(DynidError):
-    """A text log or npz log does not have the columns that are needed."""
+    """A log does not have the arrays or columns that are needed."""
 
     code, status = "E322", ExitStatus.INPUT
     why = "positions and torques of every joint and the time are needed"

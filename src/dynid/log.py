@@ -1,34 +1,42 @@
-"""The noun Log: what a driver published, as time series keyed by joint name.
+"""The noun Log: one recording of positions and torques, from a file or from arrays.
 
-A ``Log`` straight from a file is raw: the driver's own columns, order and units, all joints it had. ``dynid.signals``
-turns it into DH quantities of one robot and says what is wrong with it.
+A ``Log`` straight from a file or from arrays is raw: the columns, their order and units are those of the driver.
+``dynid.signals.checks.prepare`` turns it into DH quantities of one robot, checks it, and says what is wrong with it.
 """
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import Finding
+from dynid.errors import Finding, LogLayout, PackageMissing
+from dynid.units import FACTORS
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Log:
-    """A recording.
+    """A recording of one arm: N samples of n joints.
+
+    Arrays may be anything NumPy makes an array of; they are stored as float64, without a copy where they have that type
+    already. A single joint may be given as (N,).
 
     Attributes:
         t: time stamps, (N,) [s].
-        q: positions, (N, n).
-        tau: torques (or currents), (N, n).
-        names: names of the n columns; () when the file does not name them.
-        qd: measured velocities, (N, n), or None.
-        source: the file or folder it came from.
+        q: positions, (N, n), in the unit of ``units``, else of the robot file [rad or m].
+        tau: torques, or motor currents, (N, n) [N m, N or A].
+        names: names of the n columns; () when they are not named and have the order of the robot file.
+        qd: measured velocities, (N, n) [rad/s or m/s], or None.
+        source: the file or folder it came from, None when made from arrays.
         sha256: hash of that file.
         topic: ROS topic, or "".
         tau_unit: "Nm" or "A", as far as the file says; "" when it does not.
@@ -36,8 +44,13 @@ class Log:
             robot file's.
         motor_side: whether q and tau are on the motor side of the gears.
         dh: whether the columns are DH quantities of the robot already, in its joint order and SI units.
-        findings: what was noticed while reading.
-        extra: further arrays, such as the commanded positions ``q_ref`` (N, n).
+        checked: whether it has passed the checks of ``prepare`` for one robot: in DH quantities, every number finite,
+            time increasing.
+        findings: what was noticed while reading and checking.
+        extra: further arrays and facts, such as the commanded positions ``q_ref`` (N, n) in the unit of q.
+
+    Raises:
+        LogLayout: an array has another shape than (N, n), holds no numbers, or a unit is not known.
     """
 
     t: Floats
@@ -52,12 +65,63 @@ class Log:
     units: dict[str, str] = field(default_factory=dict)
     motor_side: bool = False
     dh: bool = False
+    checked: bool = False
     findings: tuple[Finding, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check shapes, number types and units."""
+        self._set("t", self._floats("t", self.t).reshape(-1))
+        q = self._floats("q", self.q)
+        self._set("q", q[:, None] if q.ndim == 1 else q)
+        if self.q.ndim != 2 or len(self.q) != len(self.t):
+            raise self._wrong(f"array 'q' is {q.shape}, expected ({len(self.t)}, number of joints)")
+        self._set("tau", self._columns("tau", self.tau))
+        if self.qd is not None:
+            self._set("qd", self._columns("qd", self.qd))
+        if "q_ref" in self.extra:
+            self._set("extra", {**self.extra, "q_ref": self._columns("q_ref", self.extra["q_ref"])})
+        self._set("names", tuple(str(name) for name in self.names))
+        if self.names and len(self.names) != self.n:
+            raise self._wrong(f"names {len(self.names)} joints but has {self.n} columns")
+        for key, unit in self.units.items():
+            if key not in FACTORS or unit not in FACTORS[key]:
+                raise self._wrong(f"units.{key} = {unit} is not known; known: {', '.join(FACTORS.get(key, FACTORS))}")
+        if self.tau_unit not in ("", "Nm", "A"):
+            raise self._wrong(f"tau_unit = {self.tau_unit} is not known; known: Nm, A")
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _wrong(self, text: str) -> LogLayout:
+        between = " " if text.startswith("names") else ": "
+        return LogLayout(f"{self.name}{between}{text}", where=str(self.source or ""))
+
+    def _floats(self, key: str, values: ArrayLike) -> Floats:
+        try:
+            array = np.asarray(values)
+        except ValueError:
+            raise self._wrong(f"array '{key}' has rows of different lengths") from None
+        if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array):
+            raise self._wrong(f"array '{key}' holds no numbers")
+        return np.asarray(array, dtype=np.float64)
+
+    def _columns(self, key: str, values: ArrayLike) -> Floats:
+        array = self._floats(key, values)
+        if array.ndim == 1 and self.n == 1:
+            array = array[:, None]
+        if array.shape != self.q.shape:
+            raise self._wrong(f"array '{key}' is {array.shape}, expected {self.q.shape}")
+        return array
 
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.t)
+
+    @property
+    def name(self) -> str:
+        """Name of the file it came from, for people."""
+        return self.source.name if self.source else "the log"
 
     @property
     def n(self) -> int:
@@ -73,3 +137,45 @@ class Log:
     def rate(self) -> float:
         """Median sample rate [Hz]."""
         return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
+
+    def _facts(self) -> dict[str, str]:
+        """Return what ``repr`` shows, by label."""
+        state = "checked" if self.checked else "not checked"
+        return {
+            "log": self.source.name if self.source else "made from arrays",
+            "samples": f"{len(self)}, {self.duration:.1f} s, {self.rate:.1f} Hz",
+            "joints": f"{self.n}" + (f": {', '.join(self.names)}" if self.names else ", not named"),
+            "columns": "position, torque" + (", velocity" if self.qd is not None else ""),
+            "quantities": f"{'DH' if self.dh else 'those of the driver'}, {state}",
+            **{finding.code: finding.text for finding in self.findings},
+        }
+
+    def __repr__(self) -> str:
+        """Return name, size, joints and findings, one line each."""
+        return "\n".join(f"{label:<10} {text}" for label, text in self._facts().items())
+
+    def _repr_html_(self) -> str:
+        rows = (f"<tr><th>{label}</th><td>{html.escape(text)}</td></tr>" for label, text in self._facts().items())
+        return f"<table>{''.join(rows)}</table>"
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the samples as a pandas table: index ``t``, columns ``q_<joint>``, ``qd_<joint>``, ``tau_<joint>``.
+
+        Raises:
+            PackageMissing: pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise PackageMissing("pandas is not installed", fix="pip install pandas") from error
+        names = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
+        kinds = {"q": self.q, **({"qd": self.qd} if self.qd is not None else {}), "tau": self.tau}
+        columns = [f"{kind}_{name}" for kind in kinds for name in names]
+        return pd.DataFrame(np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the log as .npz with names and units in its header; ``dynid.load_log`` reads it back, and checks it."""
+        from dynid.files.npzlog import write_log
+
+        write_log(Path(path), self)
+        return Path(path)

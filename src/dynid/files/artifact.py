@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -45,10 +46,18 @@ class Artifact:
 
 
 def sha256(path: Path) -> str:
-    """Return the sha256 of a file, or of all files of a folder in the order of their names."""
-    digest = hashlib.sha256()
+    """Return the sha256 of a file, or of all files of a folder in the order of their names.
+
+    A file is read for it once per process, and again only when its size or time of change is another.
+    """
     files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
-    for file in files:
+    return _sha256(tuple((file.absolute(), (info := file.stat()).st_mtime_ns, info.st_size) for file in files))
+
+
+@lru_cache(maxsize=256)
+def _sha256(files: tuple[tuple[Path, int, int], ...]) -> str:
+    digest = hashlib.sha256()
+    for file, _, _ in files:
         with file.open("rb") as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)

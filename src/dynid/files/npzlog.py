@@ -13,15 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid import __version__
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.artifact import HEADER, Artifact, sha256, write_artifact
 from dynid.log import Log
-from dynid.units import FACTORS
 
-Floats = NDArray[np.float64]
 SCHEMA = "dynid/log/1"
 
 
@@ -47,21 +44,13 @@ def read_npz_log(path: Path) -> Log:
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
-    t = _floats(path, "t", arrays["t"]).reshape(-1)
-    shape = (len(t), _floats(path, position, arrays[position]).reshape(len(t), -1).shape[1]) if len(t) else (0, 0)
-    columns = {
-        key: _columns(path, key, arrays[key], shape) for key in (position, torque, "qd", "q_ref") if key in arrays
-    }
-    names = tuple(str(name) for name in header.get("joint_names", ()))
-    units = _units(path, header)
-    if names and len(names) != shape[1]:
-        raise LogLayout(f"{path.name} names {len(names)} joints but has {shape[1]} columns", where=str(path))
-    return Log(
-        t=t,
-        q=columns[position],
-        tau=columns[torque],
-        names=names,
-        qd=columns.get("qd"),
+    units = header.get("units", {})
+    log = Log(
+        t=arrays["t"],
+        q=arrays[position],
+        tau=arrays[torque],
+        names=tuple(header.get("joint_names", ())),
+        qd=arrays.get("qd"),
         source=path,
         sha256=sha256(path),
         topic=str(header.get("topic", "")),
@@ -69,8 +58,11 @@ def read_npz_log(path: Path) -> Log:
         units=units,
         motor_side=motor or bool(header.get("motor_side", False)),
         dh=bool(header.get("dh", False)),
-        extra={"q_ref": columns["q_ref"]} if "q_ref" in columns else {},
+        extra={"q_ref": arrays["q_ref"]} if "q_ref" in arrays else {},
     )
+    if not log.q.size:
+        raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
+    return log
 
 
 def write_log(path: Path, log: Log, run: Mapping[str, Any] | None = None) -> None:
@@ -110,28 +102,3 @@ def _check_schema(path: Path, header: dict[str, Any]) -> None:
         )
     if schema != SCHEMA:
         raise LogNotFound(f"{path.name} holds {schema or 'something else'}, not a log", where=str(path))
-
-
-def _units(path: Path, header: dict[str, Any]) -> dict[str, str]:
-    """Return the units that the header declares, after checking that they are known."""
-    declared = header.get("units", {})
-    for key, unit in declared.items():
-        if key not in FACTORS or unit not in FACTORS[key]:
-            known = ", ".join(FACTORS.get(key, FACTORS))
-            raise LogLayout(f"{path.name}: units.{key} = {unit} is not known; known: {known}", where=str(path))
-    return dict(declared)
-
-
-def _floats(path: Path, key: str, array: NDArray[Any]) -> Floats:
-    if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array) or not array.size:
-        raise LogLayout(f"{path.name}: array '{key}' holds no numbers", where=str(path))
-    return array.astype(float, copy=False)
-
-
-def _columns(path: Path, key: str, array: NDArray[Any], shape: tuple[int, int]) -> Floats:
-    values = _floats(path, key, array)
-    if values.ndim == 1 and shape[1] == 1:
-        values = values[:, None]
-    if values.shape != shape:
-        raise LogLayout(f"{path.name}: array '{key}' is {values.shape}, expected {shape}", where=str(path))
-    return values

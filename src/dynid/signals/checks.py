@@ -1,7 +1,7 @@
 """From a raw log to a clean one in DH quantities, with every check on the way.
 
-Reads a ``Log`` as it came from disk; gives back a ``Log`` with ``dh`` set, names and columns of the robot, findings,
-and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and filtering come later, in ``condition``.
+Reads a ``Log`` as it came from disk or from arrays; gives back a ``Log`` that is ``checked``, with names and columns of
+the robot, findings, and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and filtering come later, in ``condition``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def prepare(
     """Return the log in DH quantities of the robot, checked.
 
     Args:
-        log: as read from disk.
+        log: as read from disk or made from arrays; of one that is checked already only ``exclude`` and ``identify``
+            are looked at.
         robot: the arm, with its driver map.
         exclude: stretches to leave out, first and last time in the log's own clock [s].
         sort_time: whether samples are put in the order of their stamps.
@@ -56,6 +57,11 @@ def prepare(
         DynidError: the first serious fault, by code E303 to E401 of the catalogue.
     """
     log = without(log, exclude)
+    if log.checked:
+        log = selected(log, robot)
+        if identify:
+            check_amount(log, robot)
+        return log
     log = _usable_velocity(selected(log, robot), robot)
     log = ordered(log, sort_time=sort_time)
     check_finite(log, robot)
@@ -73,7 +79,7 @@ def prepare(
     findings += check_zero(log, robot)
     if identify:
         check_amount(log, robot)
-    log = replace(log, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
+    log = replace(log, checked=True, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
     return _trusted_velocity(noted(log, *findings, *flat_findings), robot)
 
 

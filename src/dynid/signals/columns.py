@@ -26,7 +26,7 @@ def matched(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
     """
     if not log.names:
         if log.n != robot.n:
-            raise JointCountDiffers(f"{_file(log)} has {log.n} joints, {robot.name} has {robot.n}", where=_file(log))
+            raise JointCountDiffers(f"{log.name} has {log.n} joints, {robot.name} has {robot.n}", where=log.name)
         return list(range(robot.n)), []
     for names in (robot.log_names, robot.joint_names):
         if set(names) <= set(log.names):
@@ -39,25 +39,21 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
     joints = [name for name in log.names if not driver.ignores(name)]
     if len(joints) < robot.n:
         return JointCountDiffers(
-            f"{_file(log)} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}", where=_file(log)
+            f"{log.name} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}", where=log.name
         )
     missing = [name for name in robot.log_names if name not in log.names]
     lost = f"{_short(missing)} " if len(missing) < robot.n else ""
     names = f"[{', '.join(joints[: robot.n])}]"
     return JointNamesDiffer(
-        f"{_file(log)} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
+        f"{log.name} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
         + (f"; missing: {lost.strip()}" if lost else ""),
-        where=_file(log),
+        where=log.name,
         fix=f"map them in chain order under `driver:` in {robot.path or 'the robot file'}: joint_names: {names}",
     )
 
 
 def _short(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-
-
-def _file(log: Log) -> str:
-    return log.source.name if log.source else "the log"
 
 
 def units(log: Log, robot: Robot) -> dict[str, str]:
@@ -135,8 +131,8 @@ def to_dh(log: Log, robot: Robot) -> Log:
         reference = reference @ back if reference is not None else None
     elif log.motor_side:
         raise LogLayout(
-            f"{_file(log)} holds motor positions and torques, but the robot file has no gear ratios",
-            where=_file(log),
+            f"{log.name} holds motor positions and torques, but the robot file has no gear ratios",
+            where=log.name,
             fix="add `coupling: {reduction: [...]}` to the robot file",
         )
     sign, offset = _map(robot)

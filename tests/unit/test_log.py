@@ -1,0 +1,115 @@
+"""A log is made from arrays, says what does not fit, shows itself, and comes back from disk as it was saved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogTooShort
+from dynid.files.artifact import sha256
+from dynid.files.logs import read_log
+from dynid.log import Log
+from dynid.signals.checks import prepare
+from makelogs import lwr, lwr_log
+
+T = np.arange(5) / 100
+
+
+def test_anything_that_numpy_understands_becomes_float64():
+    log = Log(t=[0, 1, 2], q=[1, 2, 3], tau=np.ones((3, 1), np.float32), names=["elbow"], extra={"q_ref": [0, 0, 1]})
+    assert [x.shape for x in (log.q, log.tau, log.extra["q_ref"])] == [(3, 1)] * 3
+    assert {x.dtype for x in (log.t, log.q, log.tau, log.extra["q_ref"])} == {np.dtype(np.float64)}
+    assert (log.names, log.n, len(log), log.duration, log.rate) == (("elbow",), 1, 3, 2.0, 1.0)
+
+
+def test_float_arrays_are_not_copied():
+    q = np.ones((5, 2))
+    assert Log(T, q, q).q is q
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"q": np.ones((4, 2))}, r"array 'q' is \(4, 2\), expected \(5, number of joints\)"),
+        ({"tau": np.ones((5, 3))}, r"array 'tau' is \(5, 3\), expected \(5, 2\)"),
+        ({"qd": np.ones((5, 1))}, r"array 'qd' is \(5, 1\), expected \(5, 2\)"),
+        ({"extra": {"q_ref": np.ones(5)}}, r"array 'q_ref' is \(5,\), expected \(5, 2\)"),
+        ({"tau": [["a", "b"]] * 5}, "array 'tau' holds no numbers"),
+        ({"tau": np.ones((5, 2)) * 1j}, "array 'tau' holds no numbers"),
+        ({"q": [[1, 2], [3]]}, "array 'q' has rows of different lengths"),
+        ({"names": ("one",)}, "the log names 1 joints but has 2 columns"),
+        ({"units": {"position": "gon"}}, "units.position = gon is not known; known: rad, deg"),
+        ({"units": {"place": "rad"}}, "units.place = rad is not known; known: position, velocity, effort"),
+        ({"tau_unit": "mA"}, "tau_unit = mA is not known; known: Nm, A"),
+    ],
+)
+def test_what_does_not_fit_is_named(change, text):
+    with pytest.raises(LogLayout, match=text):
+        Log(**{"t": T, "q": np.ones((5, 2)), "tau": np.ones((5, 2)), **change})
+
+
+def test_a_log_shows_its_name_size_joints_and_findings():
+    log = replace(lwr_log(), findings=(Finding("W312", "warning", "1 gap, <longest> 30 ms"),))
+    shown = repr(log)
+    size = f"{len(log)}, {log.duration:.1f} s"
+    for part in ("lwr4plus_validate.bag", size, "7: lwr_0_joint", "not checked", "W312", "<longest>"):
+        assert part in shown
+    assert "&lt;longest&gt;" in log._repr_html_()
+    assert "made from arrays" in repr(Log(T, T, T))
+
+
+def test_a_table_has_one_column_for_each_quantity_of_each_joint():
+    pytest.importorskip("pandas")
+    q = np.arange(10.0).reshape(5, 2)
+    table = Log(T, q, 10 * q, ("a", "b"), qd=-q).to_dataframe()
+    assert list(table.columns) == ["q_a", "q_b", "qd_a", "qd_b", "tau_a", "tau_b"]
+    np.testing.assert_array_equal(table["tau_b"], 10 * q[:, 1])
+    np.testing.assert_array_equal(table.index, T)
+    assert list(Log(T, q, q).to_dataframe().columns)[:2] == ["q_joint_1", "q_joint_2"]
+
+
+def test_what_is_saved_is_read_back(tmp_path):
+    made = Log(T, np.ones((5, 2)), 2 * np.ones((5, 2)), ("a", "b"), units={"position": "deg"}, tau_unit="A")
+    for log in (made, prepare(lwr_log(), lwr())):
+        again = read_log(log.save(tmp_path / "log.npz"), robot=lwr())
+        for key in ("t", "q", "tau"):
+            np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
+        assert (again.names, again.tau_unit, again.dh, again.checked) == (log.names, log.tau_unit, log.dh, False)
+        assert again.units["position"] == "deg" if log is made else True
+
+
+def test_a_checked_log_that_was_saved_is_the_same_after_the_checks(tmp_path):
+    log = prepare(lwr_log(), lwr())
+    again = prepare(read_log(log.save(tmp_path / "log.npz"), robot=lwr()), lwr())
+    np.testing.assert_allclose(again.t, log.t, atol=1e-9)
+    np.testing.assert_array_equal(again.q, log.q)
+    np.testing.assert_array_equal(again.tau, log.tau)
+
+
+def test_a_checked_log_is_not_checked_again_but_still_cut_and_asked_for_enough_motion():
+    log = prepare(lwr_log(), lwr())
+    assert log.checked
+    np.testing.assert_array_equal(prepare(log, lwr()).q, log.q)
+    assert prepare(log, lwr(), exclude=[(-1.0, 5.0)]).t[0] > 5.0
+    short = [(2.0, 1e9)]
+    with pytest.raises(LogTooShort):
+        prepare(log, lwr(), exclude=short)
+    assert prepare(log, lwr(), exclude=short, identify=False).duration < 2.1
+    other = replace(lwr(), joints=tuple(replace(joint, name=f"x{joint.name}") for joint in lwr().joints), driver=None)
+    with pytest.raises(JointNamesDiffer):
+        prepare(log, other)
+
+
+def test_a_file_is_hashed_once_until_it_changes(tmp_path, monkeypatch):
+    from hashlib import sha256 as reference
+
+    file = tmp_path / "a.txt"
+    file.write_bytes(b"one")
+    assert sha256(file) == reference(b"one").hexdigest()
+    with monkeypatch.context() as patched:
+        patched.setattr("pathlib.Path.open", lambda *_: pytest.fail("it was read again"))
+        assert sha256(file) == reference(b"one").hexdigest()
+    file.write_bytes(b"other")
+    assert sha256(file) == reference(b"other").hexdigest()
