@@ -27,7 +27,7 @@ test: $(VENV)/.ready-test ros screen
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:
-	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.drivers.ros_paths import missing_modules as m; sys.exit(bool(m()))' \
+	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.drivers.ros import missing_modules as m; sys.exit(bool(m()))' \
 		&& command -v rosmaster >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing ROS 1 with apt" && \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from lab import Lab, start_master, store, swing
 
-from dynid.drivers.ros_paths import missing_modules
+from dynid.drivers.ros import missing_modules
 from dynid.files.robotfile import load_robot
 from dynid.model.store import obtain_base_model
 

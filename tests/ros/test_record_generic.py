@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid.drivers.action_live import choose_commands
-from dynid.drivers.action_msgs import CANCEL, GOAL, RESULT, STATUS, action_message
+from dynid.drivers.follow_joint_trajectory import CANCEL, GOAL, RESULT, STATUS, action_message, choose_commands
 from dynid.files.bag import list_topics
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot

@@ -65,8 +65,7 @@ def checks() -> Iterator[Check]:
 
 def ros_checks() -> Iterator[Check]:
     """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
-    from dynid.drivers.ros import master_uri
-    from dynid.drivers.ros_paths import APT, missing_modules, ros_folders
+    from dynid.drivers.ros import APT, master_uri, missing_modules, ros_folders
 
     missing = missing_modules()
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"

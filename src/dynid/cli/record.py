@@ -15,7 +15,7 @@ from dynid.cli.prompt import Answer, ask, key_pressed, may_write, typed
 from dynid.errors import DynidError, ExitStatus, NotReviewed, StartPoseOff, WrongUsage
 
 if TYPE_CHECKING:
-    from dynid.drivers.live import LivePort
+    from dynid.drivers.command_port import CommandPort
     from dynid.drivers.ros import Node
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.motion import Motion
@@ -123,8 +123,7 @@ def _quantity(unit: str, scale: float = 1.0) -> Any:  # noqa: ANN401 - a click c
 @click.option("--duration", type=click.FloatRange(0, min_open=True), metavar="S", help="Length with --listen-only.")
 def command(common: Common, robot: str, trajectory: Path | None, **options: Any) -> ExitStatus:  # noqa: ANN401
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
-    from dynid.drivers.priority import raise_priority
-    from dynid.drivers.ros import connect
+    from dynid.drivers.ros import connect, raise_priority
     from dynid.files.robotfile import load_robot
     from dynid.files.trajectoryfile import read_trajectory
 
@@ -172,13 +171,15 @@ class Recording:
 
     def run(self) -> ExitStatus:
         """Check, ask, move, write."""
-        from dynid.drivers.live import open_port
+        from dynid.drivers.registry import driver_of
         from dynid.record import preflight
 
         topic = preflight.find_topic(self.node, self.arm, self.given.topic)
         listener = preflight.listener_of(self.node, self.arm, topic)
         try:
-            port = open_port(self.node, self.arm, topic, self.given.command_topic, moving=not self.given.listen_only)
+            port = driver_of(self.arm).open_port(
+                self.node, self.arm, topic, self.given.command_topic, moving=not self.given.listen_only
+            )
             seen = self._look(listener, port)
             if self.given.listen_only:
                 return self._listen_only(listener, port)
@@ -194,7 +195,7 @@ class Recording:
             listener.close()
 
     # ------------------------------------------------------------ preflight
-    def _look(self, listener: Listener, port: LivePort) -> ObservedState:
+    def _look(self, listener: Listener, port: CommandPort) -> ObservedState:
         """Listen to the driver and judge its numbers."""
         from dynid.record import preflight
 
@@ -209,7 +210,7 @@ class Recording:
         self.terminal.stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
         return seen
 
-    def _plan(self, seen: ObservedState, port: LivePort) -> Motion:
+    def _plan(self, seen: ObservedState, port: CommandPort) -> Motion:
         """Return what will be played, checked sample by sample."""
         from dynid.cli.recordplan import foresee, motion_to_play
         from dynid.record import preflight
@@ -252,7 +253,7 @@ class Recording:
                 return
 
     # ------------------------------------------------------------ recording
-    def _move(self, listener: Listener, port: LivePort, motion: Motion, seen: ObservedState) -> ExitStatus:
+    def _move(self, listener: Listener, port: CommandPort, motion: Motion, seen: ObservedState) -> ExitStatus:
         from dynid.record import playing, session
         from dynid.record.monitor import StopRules
         from dynid.record.preflight import at_candle, check_place
@@ -284,7 +285,7 @@ class Recording:
 
         return self._record(listener, port, run)
 
-    def _listen_only(self, listener: Listener, port: LivePort) -> ExitStatus:
+    def _listen_only(self, listener: Listener, port: CommandPort) -> ExitStatus:
         from dynid.record import session
         from dynid.record.monitor import StopRules
 
@@ -300,7 +301,7 @@ class Recording:
 
         return self._record(listener, port, run)
 
-    def _record(self, listener: Listener, port: LivePort, run: Callable[[LogRecorder], Outcome]) -> ExitStatus:
+    def _record(self, listener: Listener, port: CommandPort, run: Callable[[LogRecorder], Outcome]) -> ExitStatus:
         """Open the files, run, close them, say how it went."""
         from dynid.record.recorder import LogRecorder
 
@@ -312,7 +313,7 @@ class Recording:
         self._finish(facts, outcome, recorder.bag_path, recorder.text_folder)
         return self._end(outcome, recorder)
 
-    def _beginning(self, port: LivePort) -> dict[str, Any]:
+    def _beginning(self, port: CommandPort) -> dict[str, Any]:
         from dynid.files.artifact import sha256
         from dynid.record import manifest
 

@@ -98,8 +98,7 @@ def command(common: Common, robot: str, **options: Any) -> ExitStatus:  # noqa: 
     import signal
     import time
 
-    from dynid.drivers.priority import raise_priority
-    from dynid.drivers.ros import connect
+    from dynid.drivers.ros import connect, raise_priority
     from dynid.files.robotfile import load_robot
     from dynid.sim.ros_drivers import simulated_driver
 

@@ -6,7 +6,7 @@ import importlib.metadata
 import platform
 
 from dynid import __version__
-from dynid.drivers.ros_paths import missing_modules
+from dynid.drivers.ros import missing_modules
 
 
 def version_of(package: str) -> str | None:

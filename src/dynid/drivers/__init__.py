@@ -1,26 +1,4 @@
-"""What each robot driver publishes and which traps it sets: one file a driver behind one interface.
+"""Robot drivers: what each publishes, which traps it sets, and how it is commanded; one file per driver.
 
-A driver says which topic and message to read, which joints to leave out, whether its velocity can be trusted.
+``registry.driver_of`` gives the driver of a robot file. Only ``ros`` imports ROS, and only when something is recorded.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from dynid.drivers.generic import Generic
-from dynid.drivers.interface import Driver
-from dynid.drivers.kinova_gen2 import KinovaGen2
-from dynid.drivers.lwr4plus import Lwr4Plus
-
-if TYPE_CHECKING:
-    from dynid.robot import Robot
-
-DRIVERS: dict[str, Driver] = {driver.kind: driver for driver in (KinovaGen2(), Lwr4Plus(), Generic())}
-
-
-def driver_of(robot: Robot) -> Driver:
-    """Return the driver that the robot file names, the generic one when it names none."""
-    return DRIVERS[robot.driver.kind if robot.driver else "generic"]
-
-
-__all__ = ["DRIVERS", "Driver", "Generic", "KinovaGen2", "Lwr4Plus", "driver_of"]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from dynid.errors import TopicMissing, WrongMessageType
 
 if TYPE_CHECKING:
+    from dynid.drivers.command_port import CommandPort
+    from dynid.drivers.ros import Node
     from dynid.robot import Robot
 
 JOINT_STATE = "sensor_msgs/JointState"
@@ -34,6 +36,23 @@ class Driver(ABC):
     gravity_fix: ClassVar[str] = (
         "make the driver publish the measured torque, or say `torque: {source: gravity_free}` in the robot file"
     )
+
+    @abstractmethod
+    def open_port(
+        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+    ) -> CommandPort:
+        """Return the port through which the arm is commanded.
+
+        Args:
+            node: this process in the ROS graph.
+            robot: the arm.
+            state_topic: topic of its joint states.
+            command_topic: topic or action that it is commanded on; found when None.
+            moving: whether it will be commanded.
+
+        Raises:
+            TopicMissing: several topics could be meant.
+        """
 
     def ignores(self, name: str) -> bool:
         """Return whether a column is known not to be a joint of the arm."""

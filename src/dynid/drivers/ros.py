@@ -6,6 +6,7 @@ rospy waits without end for a master that is not there, so a socket knocks first
 from __future__ import annotations
 
 import importlib
+import importlib.machinery
 import logging
 import os
 import socket
@@ -13,10 +14,10 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from dynid.drivers.ros_paths import APT, missing_modules, ros_folders
 from dynid.errors import MasterSilent, RosMissing
 from dynid.xdg import cache_folder
 
@@ -26,6 +27,32 @@ T = TypeVar("T")
 DEFAULT_MASTER = "http://localhost:11311"
 #: A master in the same laboratory answers in milliseconds; longer means there is none [s].
 PATIENCE = 2.0
+#: Where Ubuntu 20.04's Noetic and Debian 12's own packages put their Python modules.
+FOLDERS = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
+#: What ``dynid record`` imports.
+MODULES = ("rospy", "rosgraph", "rosbag", "genpy", "genmsg", "sensor_msgs", "std_msgs", "trajectory_msgs")
+#: The line that installs all of it on Debian 12.
+APT = (
+    "apt-get install -y --no-install-recommends python3-rospy python3-rosbag python3-rosmaster python3-roslaunch "
+    "python3-sensor-msgs python3-trajectory-msgs python3-std-msgs"
+)
+#: Lowest real-time priority: before all usual programs, after those that the system itself runs in real time.
+REAL_TIME = 1
+#: Niceness where real time is not allowed.
+NICENESS = -10
+
+
+def ros_folders() -> list[str]:
+    """Return the folders that may hold rospy, DYNID_ROS_PATH first."""
+    own = os.environ.get("DYNID_ROS_PATH", "")
+    return [folder for folder in (*own.split(os.pathsep), *FOLDERS) if folder and Path(folder).is_dir()]
+
+
+def missing_modules() -> list[str]:
+    """Return which of the needed ROS modules cannot be found, without importing any of them."""
+    places = [*sys.path, *ros_folders()]
+    finder = importlib.machinery.PathFinder
+    return [name for name in MODULES if finder.find_spec(name, places) is None]
 
 
 def master_uri(given: str | None = None) -> str:
@@ -193,3 +220,21 @@ def _silence() -> None:
         for handler in list(logger.handlers):
             if not isinstance(handler, logging.FileHandler):
                 logger.removeHandler(handler)
+
+
+def raise_priority() -> str:
+    """Raise the priority of this thread and those it starts later; return what was granted.
+
+    Why: a late command jerks the arm, a late reader loses its state.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME))
+    except (OSError, AttributeError):
+        pass
+    else:
+        return "real time"
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    except (OSError, AttributeError):
+        return "usual"
+    return f"nice {NICENESS}"

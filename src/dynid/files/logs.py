@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers import driver_of
 from dynid.drivers.interface import JOINT_STATE
+from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogNotFound, WrongMessageType
 from dynid.files.artifact import sha256
 from dynid.files.bag import clock, list_topics, read_topics

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.joints import Sample
+from dynid.drivers.joint_state import Sample
 from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
 from dynid.robot import Robot
 

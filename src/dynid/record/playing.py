@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.live import Target
+from dynid.drivers.command_port import Target
 from dynid.motion import Motion
 from dynid.robot import Robot
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers import driver_of
-from dynid.drivers.joints import Columns, Sample
-from dynid.drivers.live import LivePort
+from dynid.drivers.command_port import CommandPort
+from dynid.drivers.joint_state import Columns, Sample
+from dynid.drivers.registry import driver_of
 from dynid.drivers.ros import Node
 from dynid.errors import (
     Finding,
@@ -171,7 +171,7 @@ def at_candle(seen: ObservedState) -> bool:
     return bool(np.abs(np.angle(np.exp(1j * (seen.q - CANDLE)))).max() < CANDLE_TOLERANCE)
 
 
-def check_gravity(seen: ObservedState, robot: Robot, port: LivePort) -> bool | None:
+def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool | None:
     """Refuse a driver that publishes torques without gravity; return what its parameter says.
 
     Raises:
@@ -229,7 +229,7 @@ def _check_place(q: Floats, robot: Robot, motion: Motion, when: str) -> None:
         raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}")
 
 
-def check_endpoints(port: LivePort) -> None:
+def check_endpoints(port: CommandPort) -> None:
     """Refuse a driver that cannot be commanded or stopped.
 
     Raises:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.drivers.joints import Columns, Sample
+from dynid.drivers.joint_state import Columns, Sample
 from dynid.drivers.ros import Node, import_ros
 from dynid.errors import CannotWrite
 

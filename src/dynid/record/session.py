@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.drivers.live import LivePort
+from dynid.drivers.command_port import CommandPort
 from dynid.drivers.ros import Node, ping_master
 from dynid.errors import CannotWrite, DynidError, MasterSilent
 from dynid.record.monitor import Monitor, StopRules
@@ -75,7 +75,7 @@ class Outcome:
         return f"aborted, {code}{self.failure}"
 
 
-def play(port: LivePort, reference: ReferenceMotion, rules: StopRules, recorder: LogRecorder, poll: Poll) -> Outcome:
+def play(port: CommandPort, reference: ReferenceMotion, rules: StopRules, recorder: LogRecorder, poll: Poll) -> Outcome:
     """Play a motion and record; the recorder runs already and is closed by the caller.
 
     Args:
@@ -186,7 +186,7 @@ def disk_error(recorder: LogRecorder) -> CannotWrite:
     )  # fmt: skip
 
 
-def _stop(port: LivePort, listener: Listener, outcome: Outcome) -> None:
+def _stop(port: CommandPort, listener: Listener, outcome: Outcome) -> None:
     """Stop the arm and see whether it stands still."""
     try:
         outcome.stop = port.stop()

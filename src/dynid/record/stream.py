@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dynid.drivers.joints import Sample
-from dynid.drivers.live import LivePort
+from dynid.drivers.command_port import CommandPort
+from dynid.drivers.joint_state import Sample
 from dynid.record.monitor import Monitor
 from dynid.record.playing import ReferenceMotion
 
@@ -32,7 +32,7 @@ class Stream(threading.Thread):
 
     def __init__(
         self,
-        port: LivePort,
+        port: CommandPort,
         reference: ReferenceMotion,
         monitor: Monitor,
         latest: Callable[[], Sample | None],

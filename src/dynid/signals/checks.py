@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynid.drivers import driver_of
+from dynid.drivers.registry import driver_of
 from dynid.errors import Finding
 from dynid.log import Log
 from dynid.robot import Robot

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers import driver_of
+from dynid.drivers.registry import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import Log
 from dynid.robot import Robot

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers import driver_of
+from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
 from dynid.robot import Robot

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.action_msgs import (
+from dynid.drivers.follow_joint_trajectory import (
     ABORTED,
     ACTIVE,
     CANCEL,
@@ -26,8 +26,8 @@ from dynid.drivers.action_msgs import (
     SUCCEEDED,
     action_message,
 )
-from dynid.drivers.joints import Columns
-from dynid.drivers.kinova_msgs import message, service
+from dynid.drivers.joint_state import Columns
+from dynid.drivers.kinova_gen2 import kinova_message, kinova_service
 from dynid.drivers.ros import Node, import_ros
 from dynid.robot import Robot
 from dynid.sim.command_log import CommandLog
@@ -107,7 +107,7 @@ class SimulatedKinova(SimulatedDriver):
         self.namespace = topic.split("/out/")[0]
         prefix = self.columns.names[0].removesuffix("1")
         self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
-        self._angles_type = message("JointAngles")
+        self._angles_type = kinova_message("JointAngles")
         self._angles, self._torques, self._command = (
             self.publisher(f"{self.namespace}/out/{name}", self._angles_type)
             for name in ("joint_angles", "joint_torques", "joint_command")
@@ -115,13 +115,13 @@ class SimulatedKinova(SimulatedDriver):
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
         node.rospy.set_param(gravity, loop.imperfections.fault == "gravity-free")
         node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
-        self.subscribe(f"{self.namespace}/in/joint_velocity", message("JointVelocity"), self._velocity)
+        self.subscribe(f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity)
         services = {"start": ("Start", self._start), "set_zero_torques": ("ZeroTorques", self._zero)}
         services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
         if loop.imperfections.fault != "no-stop":
             services["stop"] = ("Stop", self._stop)
         for name, (kind, callback) in services.items():
-            node.rospy.Service(f"{self.namespace}/in/{name}", service(kind), callback)
+            node.rospy.Service(f"{self.namespace}/in/{name}", kinova_service(kind), callback)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state with fingers; its stamp is wall time, taken before torques are polled."""
@@ -153,18 +153,18 @@ class SimulatedKinova(SimulatedDriver):
         if self.loop.faulty("stop-fails"):
             raise self.node.rospy.ServiceException("no connection to the arm")
         self.loop.follower.stop()
-        return service("Stop")._response_class("Arm stopped")
+        return kinova_service("Stop")._response_class("Arm stopped")
 
     def _start(self, request: Any) -> Any:  # noqa: ANN401
         self.loop.follower.start()
-        return service("Start")._response_class("Arm started")
+        return kinova_service("Start")._response_class("Arm started")
 
     def _zero(self, request: Any) -> Any:  # noqa: ANN401
         self.loop.zero_torques()
-        return service("ZeroTorques")._response_class()
+        return kinova_service("ZeroTorques")._response_class()
 
     def _mode(self, request: Any) -> Any:  # noqa: ANN401
-        return service("SetTorqueControlMode")._response_class()
+        return kinova_service("SetTorqueControlMode")._response_class()
 
 
 def doubled(qd: Floats) -> Floats:

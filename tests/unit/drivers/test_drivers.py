@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dynid.drivers import DRIVERS, driver_of
+from dynid.drivers.registry import DRIVERS, driver_of
 from dynid.errors import TopicMissing, WrongMessageType
 from dynid.files.robotfile import DRIVER_KINDS
 from makelogs import gen2, lwr

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dynid.drivers.joints import Sample
+from dynid.drivers.joint_state import Sample
 from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
 from dynid.files.robotfile import load_robot
 from dynid.record.monitor import Monitor

@@ -3,7 +3,7 @@ import time
 import numpy as np
 import pytest
 
-from dynid.drivers.joints import Sample
+from dynid.drivers.joint_state import Sample
 from dynid.errors import StartPoseOff, StateStale
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion

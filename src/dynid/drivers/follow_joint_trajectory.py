@@ -1,7 +1,8 @@
 """Commanding through a FollowJointTrajectory action: the whole motion is one goal, and a stop cancels it.
 
 The controller plays the goal by itself. It is watched like a stream, but it does not end when dynid dies; only the
-cancel, or the arm's own stop button, ends it.
+cancel, or the arm's own stop button, ends it. Messages are made at run time: neither actionlib nor control_msgs has to
+be there. Source: actionlib_msgs, control_msgs and trajectory_msgs of ROS 1; checksums are compared when nodes connect.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.action_msgs import CANCEL, ENDED, GOAL, RESULT, STATES, STATUS, SUCCEEDED, action_message
-from dynid.drivers.live import CONNECT_PATIENCE, SERVICE_PATIENCE, LivePort, Target
+from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
 from dynid.drivers.ros import import_ros
 from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 
@@ -28,6 +29,45 @@ POINT_RATE = 50.0
 ACCEPT_PATIENCE, FINISH_PATIENCE = 3.0, 5.0
 #: How often a waiting thread looks [s].
 LOOK = 0.005
+
+GOAL = "control_msgs/FollowJointTrajectoryActionGoal"
+RESULT = "control_msgs/FollowJointTrajectoryActionResult"
+STATUS = "actionlib_msgs/GoalStatusArray"
+CANCEL = "actionlib_msgs/GoalID"
+
+#: States of a goal by the numbers of actionlib_msgs/GoalStatus.
+STATES = (
+    "pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost",
+)  # fmt: skip
+ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST = 1, 2, 3, 4, 5, 8, 9
+#: A goal that has come to one of these moves nothing any more.
+ENDED = (PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST)
+
+_NUMBERS = "".join(f"uint8 {name.upper()}={k}\n" for k, name in enumerate(STATES))
+_ERRORS = (
+    "SUCCESSFUL", "INVALID_GOAL", "INVALID_JOINTS", "OLD_HEADER_TIMESTAMP", "PATH_TOLERANCE_VIOLATED",
+    "GOAL_TOLERANCE_VIOLATED",
+)  # fmt: skip
+_CODES = "".join(f"int32 {name}={-k}\n" for k, name in enumerate(_ERRORS))
+_TEXTS = {
+    "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id\n",
+    CANCEL: "time stamp\nstring id\n",
+    "actionlib_msgs/GoalStatus": f"GoalID goal_id\nuint8 status\n{_NUMBERS}string text\n",
+    "trajectory_msgs/JointTrajectoryPoint": (
+        "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\nfloat64[] effort\n"
+        "duration time_from_start\n"
+    ),
+    "trajectory_msgs/JointTrajectory": "Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
+    "control_msgs/JointTolerance": "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n",
+    "control_msgs/FollowJointTrajectoryGoal": (
+        "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\nJointTolerance[] goal_tolerance\n"
+        "duration goal_time_tolerance\n"
+    ),
+    "control_msgs/FollowJointTrajectoryResult": (f"int32 error_code\n{_CODES}string error_string\n"),
+    GOAL: "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal\n",
+    RESULT: "Header header\nactionlib_msgs/GoalStatus status\nFollowJointTrajectoryResult result\n",
+    STATUS: "Header header\nGoalStatus[] status_list\n",
+}
 
 
 def choose_commands(
@@ -62,7 +102,7 @@ def choose_commands(
     return usual, False
 
 
-class FollowJointTrajectoryLive(LivePort):
+class FollowJointTrajectoryPort(CommandPort):
     """Any driver with a FollowJointTrajectory action server."""
 
     stop_words: ClassVar[str] = "a cancelled goal stops the arm (it can only be tried on a goal)"
@@ -195,3 +235,20 @@ class FollowJointTrajectoryLive(LivePort):
         if result.status.goal_id.id == self._id:
             self._text = result.result.error_string or result.status.text
             self._state = result.status.status
+
+
+@cache
+def _generated() -> dict[str, Any]:
+    """Return all classes by name."""
+    generate = import_ros("genpy.dynamic").generate_dynamic
+    line = "=" * 80
+    parts = "".join(f"{line}\nMSG: {kind}\n{text}" for kind, text in _TEXTS.items())
+    found: dict[str, Any] = {}
+    for kind in (GOAL, RESULT, STATUS, CANCEL):
+        found |= generate(kind, _TEXTS[kind] + parts)
+    return found
+
+
+def action_message(kind: str) -> Any:  # noqa: ANN401 - a generated class
+    """Return the class of a message, such as ``GOAL`` or ``"trajectory_msgs/JointTrajectoryPoint"``."""
+    return _generated()[kind]

@@ -6,20 +6,19 @@ Source: CentroEPiaggio/kuka-lwr, single_lwr_robot/config/controllers.yaml and lw
 
 from __future__ import annotations
 
-import time
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.live import LivePort, Target
+from dynid.drivers.command_port import CommandPort, Target
 from dynid.drivers.ros import import_ros
-from dynid.errors import ServiceMissing, TopicSilent
+from dynid.errors import ServiceMissing
 
 Floats = NDArray[np.float64]
 
 
-class JointTrajectoryLive(LivePort):
+class JointTrajectoryPort(CommandPort):
     """Any driver with a JointTrajectory topic beside its joint states."""
 
     rate: ClassVar[float] = 100.0
@@ -61,42 +60,3 @@ class JointTrajectoryLive(LivePort):
     def _require_listener(self) -> None:
         if self.publisher.get_num_connections() == 0:
             raise ServiceMissing(f"nobody listens to {self.command_topic} any more", where=self.command_topic)
-
-
-class Lwr4PlusLive(JointTrajectoryLive):
-    """LWR4+ in joint position control; it is stopped through the driver's emergency_stop topic."""
-
-    stop_words: ClassVar[str] = "emergency_stop is connected (a topic gives no answer)"
-
-    @property
-    def stop_topic(self) -> str:
-        """Topic of the software stop."""
-        return f"{self.namespace}/emergency_stop"
-
-    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the controller's topic and that of the software stop."""
-        return (self.command_topic, self.stop_topic), ()
-
-    def ready(self) -> None:
-        """Connect to the controller and to the stop, and release a stop that is still pressed."""
-        super().ready()
-        self._bool = import_ros("std_msgs.msg").Bool
-        self._stop = self.node.rospy.Publisher(self.stop_topic, self._bool, queue_size=10, tcp_nodelay=True)
-        try:
-            self.wait_for_listener(self._stop, self.stop_topic)
-        except TopicSilent as error:
-            raise ServiceMissing(f"nobody listens to {self.stop_topic}", where=self.stop_topic) from error
-        self._stop.publish(self._bool(False))
-        time.sleep(0.1)
-
-    def stop(self) -> str:
-        """Press the software stop: the controllers are reset and the arm holds until it is released."""
-        if self._stop.get_num_connections() == 0:
-            raise ServiceMissing(f"nobody listens to {self.stop_topic} any more", where=self.stop_topic)
-        for _ in range(3):
-            self._stop.publish(self._bool(True))
-            time.sleep(0.02)
-        # Why: a topic is not answered; that the connection outlived three messages is all that can be known.
-        if self._stop.get_num_connections() == 0:
-            raise ServiceMissing(f"the driver's connection on {self.stop_topic} is gone", where=self.stop_topic)
-        return "emergency_stop is pressed; release it with: rostopic pub -1 " + f"{self.stop_topic} std_msgs/Bool false"

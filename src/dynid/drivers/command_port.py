@@ -1,4 +1,4 @@
-"""The live half of a robot driver: how it is commanded, stopped and asked. One class a driver behind one interface."""
+"""How an arm is commanded, stopped and asked while it moves: one port per driver behind one interface."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.joints import Columns
+from dynid.drivers.joint_state import Columns
 from dynid.drivers.ros import Node, within
 from dynid.errors import ServiceMissing, TopicSilent
 from dynid.robot import Robot
@@ -41,7 +41,7 @@ class Target:
     qdd: Floats
 
 
-class LivePort(ABC):
+class CommandPort(ABC):
     """A driver that can be commanded.
 
     Args:
@@ -191,35 +191,3 @@ class LivePort(ABC):
             return within(SERVICE_PATIENCE, lambda: proxy(request) if request is not None else proxy())
         except (service_error, OSError, self.node.rospy.ROSException) as error:
             raise ServiceMissing(f"{name} did not answer ({error})", where=name) from error
-
-
-def open_port(
-    node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
-) -> LivePort:
-    """Return the live port of the driver that the robot file names.
-
-    Args:
-        node: this process in the graph.
-        robot: the arm.
-        state_topic: topic of its joint states.
-        command_topic: topic or action it is commanded on; found when None.
-        moving: whether it will be commanded.
-
-    Raises:
-        TopicMissing: several topics could be meant.
-    """
-    from dynid.drivers.action_live import FollowJointTrajectoryLive, choose_commands
-    from dynid.drivers.kinova_gen2_live import KinovaGen2Live
-    from dynid.drivers.trajectory_live import JointTrajectoryLive, Lwr4PlusLive
-
-    kind = robot.driver.kind if robot.driver else "generic"
-    ports: dict[str, type[LivePort]] = {"kinova_gen2": KinovaGen2Live, "lwr4plus": Lwr4PlusLive}
-    if kind in ports:
-        return ports[kind](node, robot, state_topic, command_topic)
-    streamed = JointTrajectoryLive(node, robot, state_topic)
-    if not moving:
-        return streamed
-    _, subscribed, _ = node.master().getSystemState()
-    types, heard = dict(node.master().getTopicTypes()), {name for name, _ in subscribed}
-    topic, goals = choose_commands(types, heard, command_topic, streamed.command_topic)
-    return (FollowJointTrajectoryLive if goals else JointTrajectoryLive)(node, robot, state_topic, topic)
