@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from dynid.files.bagwrite import write_bag
+from dynid.files.bag import write_bag
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.robot import Robot

@@ -1,25 +1,22 @@
-"""ROS 1 bag -> joint states as arrays, without ROS.
+"""ROS 1 bags as logs and back, without ROS.
 
-Reads with rosbags; what rosbags cannot open is scanned record by record (``salvage``) and comes with finding W305.
+Reads and writes with rosbags; what rosbags cannot open is scanned record by record (``bag_recovery``) and comes with
+finding W305.
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.errors import BagTruncated, Finding, LogNotFound
+from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
 from dynid.files.bag_recovery import MAGIC, Connection, scan
-from dynid.files.messages import Collector, Series, broken_bytes
-
-Floats = NDArray[np.float64]
-
-#: A clock ticks: header stamps with fewer distinct values than this share of the messages are not one.
-LEAST_DISTINCT = 0.5
+from dynid.files.messages import Collector, broken_bytes
+from dynid.log import Log
 
 
 @dataclass(frozen=True)
@@ -61,37 +58,60 @@ def list_topics(path: Path) -> dict[str, Topic]:
         return found
 
 
-def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Series]], tuple[Finding, ...]]:
+def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
     """Read topics of a bag.
 
     Returns:
-        for each topic its series, one for each set of joint names, the largest first; and what was noticed.
+        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
 
     Raises:
         BagTruncated: nothing of these topics is readable.
     """
     try:
         collectors = _collect(_indexed(path, names))
-        return {name: collector.groups() for name, collector in collectors.items()}, ()
+        return {name: collector.logs() for name, collector in collectors.items()}, ()
     except broken_bytes() as error:
         reason = str(error).strip() or type(error).__name__
     collectors = _collect((item for item in scan(path) if item[0].topic in names), lenient=True)
-    groups = {name: found for name, collector in collectors.items() if (found := collector.groups())}
+    groups = {name: found for name, collector in collectors.items() if (found := collector.logs())}
     if not groups:
         raise _nothing_readable(path)
-    return groups, (_salvaged(path, reason, groups),)
+    return groups, (_recovered(path, reason, groups),)
 
 
-def clock(series: Series) -> tuple[Floats, str]:
-    """Return the time since the first message, (N,) [s], and which clock it is: ``"header"`` or ``"arrival"``.
+def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
+    """Write a log as a bz2-compressed bag of sensor_msgs/JointState; equal logs give equal bytes.
 
-    Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
-    with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed.
+    Args:
+        log: the columns to publish, in their order.
+        path: the file; an existing one is replaced.
+        topic: topic of the messages, each stored at the time of its stamp.
+        start: what ``log.t`` counts from [ns since 1970].
     """
-    ticking = len(np.unique(series.stamp)) >= max(2, LEAST_DISTINCT * len(series))
-    sane = len(series) > 0 and bool(np.all(series.stamp > 0)) and ticking
-    ns = series.stamp if sane else series.arrival
-    return (ns - ns[0]) * 1e-9 if len(ns) else np.zeros(0), "header" if sane else "arrival"
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    State, Header, Time = (store.types[kind] for kind in kinds)
+    stamps = start + np.round(log.t * 1e9).astype(np.int64)
+    speeds = np.empty((len(log), 0)) if log.qd is None else log.qd
+    q, qd, tau = (np.ascontiguousarray(part) for part in (log.q, speeds, log.tau))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            temporary = Path(folder) / path.name
+            writer = Writer(temporary)
+            writer.set_compression(Writer.CompressionFormat.BZ2)
+            with writer:
+                channel = writer.add_connection(topic, State.__msgtype__, typestore=store)
+                for i, stamp in enumerate(stamps.tolist()):
+                    header = Header(i, Time(*divmod(stamp, 10**9)), "")
+                    message = State(header, list(log.names), q[i], qd[i], tau[i])
+                    writer.write(channel, stamp, bytes(store.serialize_ros1(message, State.__msgtype__)))
+            temporary.replace(path)
+    except OSError as error:
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
 
 
 def _collect(messages: Iterator[tuple[Connection, int, bytes]], *, lenient: bool = False) -> dict[str, Collector]:
@@ -137,10 +157,10 @@ def _plain(connection: object) -> Connection:
     )
 
 
-def _salvaged(path: Path, reason: str, groups: dict[str, list[Series]]) -> Finding:
-    count = sum(len(series) for found in groups.values() for series in found)
-    spans = [series.arrival[-1] - series.arrival[0] for found in groups.values() for series in found]
-    seconds = float(max(spans)) * 1e-9
+def _recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
+    logs = [log for found in groups.values() for log in found]
+    count = sum(len(log) for log in logs)
+    seconds = float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9
     text = (
         f"{path.name} was cut or not closed (recorder killed?): "
         f"{count} messages, {seconds:.1f} s, are readable and used; "

@@ -14,9 +14,9 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogNotFound, WrongMessageType
 from dynid.files.artifact import sha256
-from dynid.files.bag import clock, list_topics, read_topics
+from dynid.files.bag import list_topics, read_topics
 from dynid.files.bag_recovery import MAGIC
-from dynid.files.messages import KINOVA_TYPES, Series
+from dynid.files.messages import KINOVA_TYPES
 from dynid.files.npzlog import read_npz_log
 from dynid.files.textlog import read_csv, read_folder
 from dynid.log import Log
@@ -97,33 +97,21 @@ def _read_bag(path: Path, robot: Robot, topic: str | None) -> Log:
         return _read_kinova_pair(path, robot, *pair)
     chosen = driver.choose_topic(topics, topic, robot, path.name)
     groups, findings = read_topics(path, [chosen])
-    series = _of_robot(groups.get(chosen, []), robot, chosen)
+    log = _of_robot(groups.get(chosen, []), robot, chosen)
     for key in ("position", "effort"):
-        if not getattr(series, key).shape[1]:
-            raise WrongMessageType(f"{chosen} has no {key} in any of its {len(series)} messages", where=path.name)
-    t, which = clock(series)
-    if which == "arrival":
+        if key in log.extra["absent"]:
+            raise WrongMessageType(f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name)
+    if log.extra["clock"] == "arrival":
         findings = (*findings, _arrival(chosen))
-    return Log(
-        t=t,
-        q=series.position,
-        tau=series.effort,
-        names=series.names,
-        qd=series.velocity if series.velocity.shape[1] else None,
-        source=path,
-        sha256=sha256(path),
-        topic=chosen,
-        findings=findings,
-        extra={"clock": which},
-    )
+    return replace(log, source=path, sha256=sha256(path), findings=findings)
 
 
-def _of_robot(groups: Sequence[Series], robot: Robot, topic: str) -> Series:
-    """Return the series whose names cover the robot's; other nodes may publish on the same topic."""
+def _of_robot(groups: Sequence[Log], robot: Robot, topic: str) -> Log:
+    """Return the log whose names cover the robot's; other nodes may publish on the same topic."""
     for names in (robot.log_names, robot.joint_names):
-        for series in groups:
-            if set(names) <= set(series.names):
-                return series
+        for log in groups:
+            if set(names) <= set(log.names):
+                return log
     if not groups:
         raise WrongMessageType(f"{topic} has no messages", where=topic)
     if not groups[0].names:
@@ -151,18 +139,18 @@ def _read_kinova_pair(path: Path, robot: Robot, angles: str, torques: str) -> Lo
     if angles not in groups or torques not in groups:
         raise WrongMessageType(f"{path.name} needs messages on both {angles} and {torques}", where=path.name)
     position, torque = groups[angles][0], groups[torques][0]
-    both = (position.arrival >= torque.arrival[0]) & (position.arrival <= torque.arrival[-1])
+    # Unit: these messages have no stamps, so that both logs count from the arrival of their own first message.
+    grid = torque.t + (torque.extra["arrival_ns"][0] - position.extra["arrival_ns"][0]) * 1e-9
+    both = (position.t >= grid[0]) & (position.t <= grid[-1])
     if not both.any():
-        raise WrongMessageType(f"{angles} and {torques} share no stretch of time", where=path.name)
-    start, n = position.arrival[both][0], min(robot.n, 7)
-    t = (position.arrival[both] - start) * 1e-9
-    grid = (torque.arrival - start) * 1e-9
+        raise WrongMessageType(f"{angles} and {torques} share no time", where=path.name)
+    t, n = position.t[both], min(robot.n, 7)
     unit = robot.driver.units["position"] if robot.driver else "rad"
     # Unit: these messages are in degrees by definition; the log is handed over in the unit that the robot file expects.
-    q = position.position[both][:, :n] * POSITION["deg"] / POSITION[unit]
-    tau = np.column_stack([np.interp(t, grid, torque.position[:, j]) for j in range(n)])
+    q = position.q[both, :n] * POSITION["deg"] / POSITION[unit]
+    tau = np.column_stack([np.interp(t, grid, torque.q[:, j]) for j in range(n)])
     return Log(
-        t, q, tau, robot.log_names[:n], source=path, sha256=sha256(path), topic=angles,
+        t - t[0], q, tau, robot.log_names[:n], source=path, sha256=sha256(path), topic=angles,
         findings=(*findings, _arrival(f"{angles} and {torques}")), extra={"clock": "arrival"},
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Raw ROS 1 messages -> float arrays, block by block, so that a bag of hours is never held as messages.
+"""Raw ROS 1 messages -> logs, block by block, so that a bag of hours is never held as messages.
 
 ``Collector`` takes the raw messages of one topic and keeps only their numbers, grouped by the joint names they carry
 (an arm and its gripper often share a topic).
@@ -8,48 +8,28 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.drivers.interface import JOINT_STATE
 from dynid.files.bag_recovery import Connection
+from dynid.log import Log
 
-Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
+#: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,
+#: ``velocity`` and ``effort``, (N, n), NaN where a message has none, or (N, 0) where none has any.
+Columns = dict[str, NDArray[Any]]
+FIELDS = ("position", "velocity", "effort")
 
-JOINT_STATE = "sensor_msgs/JointState"
 #: Checksum of the one definition that the fixed layout below was written for.
 JOINT_STATE_MD5 = "3066dcd76a6cfaef579bd0f34173e9fd"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
 #: Messages that are decoded together: large enough for numpy, small enough to be forgotten soon.
 BLOCK = 4096
-
-
-@dataclass(frozen=True)
-class Series:
-    """The messages of one topic as arrays.
-
-    Attributes:
-        names: joint names of the columns, () for a message without names.
-        arrival: time of arrival in the bag, (N,) [ns].
-        stamp: header stamps, (N,) [ns], 0 where the message has none.
-        position: (N, n), NaN where the message has none; n is 0 when no message has any. Likewise the others.
-        velocity: (N, n) or (N, 0).
-        effort: (N, n) or (N, 0).
-    """
-
-    names: tuple[str, ...]
-    arrival: Times
-    stamp: Times
-    position: Floats
-    velocity: Floats
-    effort: Floats
-
-    def __len__(self) -> int:
-        """Return the number of messages."""
-        return len(self.arrival)
+#: A clock ticks: header stamps with fewer distinct values than this share of the messages are not one.
+LEAST_DISTINCT = 0.5
 
 
 class Collector:
@@ -63,22 +43,21 @@ class Collector:
     def __init__(self, connection: Connection, *, lenient: bool = False) -> None:
         self.connection = connection
         self.lenient = lenient
-        self.count = 0
         self._pending: list[tuple[int, bytes]] = []
-        self._blocks: dict[frozenset[str], list[Series]] = {}
+        self._blocks: dict[frozenset[str], list[tuple[tuple[str, ...], Columns]]] = {}
         self._decode: Callable[[bytes], object] | None = None
 
     def add(self, arrival: int, raw: bytes) -> None:
         """Take one message."""
         self._pending.append((arrival, raw))
-        self.count += 1
         if len(self._pending) == BLOCK:
             self._flush()
 
-    def groups(self) -> list[Series]:
-        """Return one series for each set of joint names, the largest first."""
+    def logs(self) -> list[Log]:
+        """Return one raw log for each set of joint names, the largest first."""
         self._flush()
-        return sorted((_joined(blocks) for blocks in self._blocks.values()), key=len, reverse=True)
+        found = (_log(*_joined(blocks), self.connection.topic) for blocks in self._blocks.values())
+        return sorted(found, key=len, reverse=True)
 
     def _flush(self) -> None:
         if not self._pending:
@@ -87,10 +66,10 @@ class Collector:
         raws = [raw for _, raw in self._pending]
         self._pending = []
         fast = joint_state_block(arrival, raws) if self.connection.md5 == JOINT_STATE_MD5 else None
-        for block in [fast] if fast is not None else self._one_by_one(arrival, raws):
-            self._blocks.setdefault(frozenset(block.names), []).append(block)
+        for names, columns in [fast] if fast is not None else self._one_by_one(arrival, raws):
+            self._blocks.setdefault(frozenset(names), []).append((names, columns))
 
-    def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[Series]:
+    def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[tuple[tuple[str, ...], Columns]]:
         """Decode by the bag's own definition; messages with equal names and lengths go into one block."""
         rows: dict[tuple[Any, ...], list[tuple[int, int, Any, Any, Any]]] = {}
         for time, raw in zip(arrival, raws, strict=True):
@@ -104,10 +83,10 @@ class Collector:
                 continue
             key = (names, len(position), len(velocity), len(effort))
             rows.setdefault(key, []).append((int(time), stamp, position, velocity, effort))
-        return [_block(key[0], entries) for key, entries in rows.items()]
+        return [(key[0], _columns(key[0], entries)) for key, entries in rows.items()]
 
 
-def joint_state_block(arrival: Times, raws: Sequence[bytes]) -> Series | None:
+def joint_state_block(arrival: Times, raws: Sequence[bytes]) -> tuple[tuple[str, ...], Columns] | None:
     """Decode JointStates of one layout in one go; None when they differ in anything but stamps and numbers."""
     length = len(raws[0])
     if any(len(raw) != length for raw in raws):
@@ -122,12 +101,11 @@ def joint_state_block(arrival: Times, raws: Sequence[bytes]) -> Series | None:
     for begin, end in zip(edges[::2], [*edges[1::2], length], strict=True):
         if not np.array_equal(table[:, begin:end], np.broadcast_to(table[0, begin:end], (len(raws), end - begin))):
             return None
-    position, velocity, effort = (
-        np.ascontiguousarray(table[:, s : s + 8 * c]).view("<f8").reshape(len(raws), c).astype(float)
-        for s, c in zip(starts, counts, strict=True)
-    )
     stamp = np.ascontiguousarray(table[:, 4:12]).view("<u4").astype(np.int64)
-    return Series(names, arrival, stamp[:, 0] * 10**9 + stamp[:, 1], position, velocity, effort)
+    columns: Columns = {"arrival": arrival, "stamp": stamp[:, 0] * 10**9 + stamp[:, 1]}
+    for key, s, c in zip(FIELDS, starts, counts, strict=True):
+        columns[key] = np.ascontiguousarray(table[:, s : s + 8 * c]).view("<f8").reshape(len(raws), c).astype(float)
+    return names, columns
 
 
 def _layout(raw: bytes) -> tuple[tuple[str, ...], list[int], list[int]] | None:
@@ -188,33 +166,59 @@ def _fields(message: object, kind: str) -> tuple[tuple[str, ...], int, Any, Any,
     return (), 0, values, (), ()
 
 
-def _block(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Series:
+def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Columns:
     width = len(names) or 7
     arrays = [np.array([entry[i] for entry in entries], dtype=float).reshape(len(entries), -1) for i in (2, 3, 4)]
     # Why: a field shorter than the names cannot be told apart by joint; NaN lets the checks name the samples.
     arrays = [a if a.shape[1] in (0, width) else np.full((len(a), width), np.nan) for a in arrays]
     times = np.array([entry[:2] for entry in entries], dtype=np.int64)
-    return Series(names, times[:, 0], times[:, 1], *arrays)
+    return {"arrival": times[:, 0], "stamp": times[:, 1], **dict(zip(FIELDS, arrays, strict=True))}
 
 
-def _joined(blocks: list[Series]) -> Series:
+def _joined(blocks: list[tuple[tuple[str, ...], Columns]]) -> tuple[tuple[str, ...], Columns]:
     """Join blocks that carry the same joints, perhaps in another order, in the order of arrival."""
-    names = blocks[0].names
-    widths = [max(getattr(b, key).shape[1] for b in blocks) for key in ("position", "velocity", "effort")]
-    parts: list[list[Floats]] = [[], [], []]
-    for block in blocks:
-        order = [block.names.index(name) for name in names]
-        for part, key, width in zip(parts, ("position", "velocity", "effort"), widths, strict=True):
-            values: Floats = getattr(block, key)
-            if values.shape[1] != width:
-                values = np.full((len(values), width), np.nan)
-            elif order and order != list(range(len(order))) and width:
-                values = values[:, order]
-            part.append(values)
-    arrival = np.concatenate([block.arrival for block in blocks])
-    stamp = np.concatenate([block.stamp for block in blocks])
-    arrays = [np.concatenate(part) for part in parts]
-    if np.any(np.diff(arrival) < 0):
-        order_ = np.argsort(arrival, kind="stable")
-        arrival, stamp, arrays = arrival[order_], stamp[order_], [a[order_] for a in arrays]
-    return Series(names, arrival, stamp, *arrays)
+    names = blocks[0][0]
+    joined = {key: np.concatenate([columns[key] for _, columns in blocks]) for key in ("arrival", "stamp")}
+    for key in FIELDS:
+        width = max(columns[key].shape[1] for _, columns in blocks)
+        joined[key] = np.concatenate([_ordered(columns[key], own, names, width) for own, columns in blocks])
+    if np.any(np.diff(joined["arrival"]) < 0):
+        order = np.argsort(joined["arrival"], kind="stable")
+        joined = {key: values[order] for key, values in joined.items()}
+    return names, joined
+
+
+def _ordered(values: NDArray[Any], own: tuple[str, ...], names: tuple[str, ...], width: int) -> NDArray[Any]:
+    """Return columns in the order of ``names``; NaN where these messages lack what others have."""
+    if values.shape[1] != width:
+        return np.full((len(values), width), np.nan)
+    return values if own == names or not width else values[:, [own.index(name) for name in names]]
+
+
+def _log(names: tuple[str, ...], columns: Columns, topic: str) -> Log:
+    """Return messages as a raw log.
+
+    ``extra`` names the ``clock`` of its time, the first and last ``arrival_ns``, and as ``absent`` the fields that no
+    message has; absent positions and efforts are NaN.
+    """
+    t, clock = _time(columns["stamp"], columns["arrival"])
+    n = max(len(names), *(columns[key].shape[1] for key in FIELDS))
+    q, qd, tau = (columns[key] if columns[key].shape[1] else np.full((len(t), n), np.nan) for key in FIELDS)
+    absent = tuple(key for key in FIELDS if not columns[key].shape[1])
+    span = (int(columns["arrival"][0]), int(columns["arrival"][-1]))
+    return Log(
+        t=t, q=q, tau=tau, names=names, qd=None if "velocity" in absent else qd, topic=topic,
+        extra={"clock": clock, "arrival_ns": span, "absent": absent},
+    )  # fmt: skip
+
+
+def _time(stamp: Times, arrival: Times) -> tuple[NDArray[np.float64], str]:
+    """Return the time since the first message, (N,) [s], and which clock it is: ``"header"`` or ``"arrival"``.
+
+    Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
+    with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed.
+    """
+    ticking = len(np.unique(stamp)) >= max(2, LEAST_DISTINCT * len(stamp))
+    sane = bool(np.all(stamp > 0)) and ticking
+    ns = stamp if sane else arrival
+    return (ns - ns[0]) * 1e-9, "header" if sane else "arrival"

@@ -25,7 +25,7 @@ _SPLIT = re.compile(r"[,;\s]+")
 
 
 @dataclass(frozen=True)
-class Table:
+class _Table:
     """One text file.
 
     Attributes:
@@ -103,7 +103,7 @@ def read_csv(path: Path, rate: float | None = None) -> Log:
     )
 
 
-def _read_table(path: Path) -> Table:
+def _read_table(path: Path) -> _Table:
     """Read one text file; its first line may hold names."""
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -120,7 +120,7 @@ def _read_table(path: Path) -> Table:
     if not rows:
         raise LogLayout(f"{path.name} has no samples", where=str(path))
     width = len(names) or len(_words(rows[0][1]))
-    return Table(path, names, _numbers(path, rows, width))
+    return _Table(path, names, _numbers(path, rows, width))
 
 
 def _numbers(path: Path, rows: list[tuple[int, str]], width: int) -> Floats:
@@ -161,7 +161,7 @@ def _row(path: Path, number: int, line: str, width: int) -> list[float]:
         raise LogLayout(f"{path.name}:{number}: '{bad}' is not a number", where=f"{path}:{number}") from None
 
 
-def _time(path: Path, position: Table, rate: float | None) -> tuple[Floats, Table]:
+def _time(path: Path, position: _Table, rate: float | None) -> tuple[Floats, _Table]:
     """Return the time and the position table without its time column."""
     if (path / "time.txt").is_file():
         time = _read_table(path / "time.txt")
@@ -185,18 +185,18 @@ def _positive(rate: float | None) -> float:
     return rate
 
 
-def _without_time(table: Table) -> Table:
+def _without_time(table: _Table) -> _Table:
     if table.names and table.names[0].lower() in TIME_NAMES:
-        return Table(table.path, table.names[1:], table.values[:, 1:])
+        return _Table(table.path, table.names[1:], table.values[:, 1:])
     return table
 
 
-def _check_rows(table: Table, rows: int) -> None:
+def _check_rows(table: _Table, rows: int) -> None:
     if len(table.values) != rows:
         raise LogLayout(f"{table.path.name} has {len(table.values)} rows, expected {rows}", where=str(table.path))
 
 
-def _in_order(table: Table, names: Sequence[str], width: int) -> Floats:
+def _in_order(table: _Table, names: Sequence[str], width: int) -> Floats:
     """Return the columns in the order of ``names``; a file without header has the order of the others."""
     if table.values.shape[1] != width:
         raise LogLayout(

@@ -1,15 +1,19 @@
-"""Bags are read without ROS, with the numbers, names and stamps that were written."""
+"""Bags are read and written without ROS, with the numbers, names and stamps that were written."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
-from dynid.errors import BagTruncated, LogNotFound
-from dynid.files.bag import clock, list_topics, read_topics
+from dynid.errors import BagTruncated, CannotWrite, LogNotFound
+from dynid.files.bag import list_topics, read_topics
+from dynid.files.bag import write_bag as write_log_as_bag
+from dynid.log import Log
 from makelogs import START, joint_state, shared_data, state_messages, write_bag
 
 NAMES = ("shoulder", "elbow", "wrist")
+LOG = Log(np.array([0.0, 0.01, 0.02]), np.arange(6.0).reshape(3, 2), np.ones((3, 2)), ("b", "a"))
 
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
@@ -17,14 +21,16 @@ NAMES = ("shoulder", "elbow", "wrist")
 def test_every_compression_and_chunk_size_gives_the_numbers_that_were_written(tmp_path, compression, chunk):
     path = write_bag(tmp_path / "log.bag", state_messages(500, NAMES), compression, chunk)
     groups, findings = read_topics(path, ["/joint_states"])
-    (series,) = groups["/joint_states"]
+    (log,) = groups["/joint_states"]
     row = np.arange(500)[:, None] + np.arange(3) / 100
-    assert series.names == NAMES
+    assert log.names == NAMES
     assert findings == ()
-    np.testing.assert_array_equal(series.position, row)
-    np.testing.assert_array_equal(series.velocity, 10 * row)
-    np.testing.assert_array_equal(series.effort, 100 * row)
-    np.testing.assert_array_equal(series.stamp, START + np.arange(500) * 10**7)
+    np.testing.assert_array_equal(log.q, row)
+    np.testing.assert_array_equal(log.qd, 10 * row)
+    np.testing.assert_array_equal(log.tau, 100 * row)
+    assert (log.extra["clock"], log.extra["absent"]) == ("header", ())
+    assert log.extra["arrival_ns"] == (START, START + 499 * 10**7)
+    np.testing.assert_allclose(log.t, 0.01 * np.arange(500), atol=1e-12)
 
 
 def test_messages_of_changing_layout_give_the_same_numbers_as_those_of_one_layout(tmp_path):
@@ -35,7 +41,7 @@ def test_messages_of_changing_layout_give_the_same_numbers_as_those_of_one_layou
     ]
     one, _ = read_topics(write_bag(tmp_path / "one.bag", plain), ["/joint_states"])
     two, _ = read_topics(write_bag(tmp_path / "two.bag", odd), ["/joint_states"])
-    for key in ("position", "velocity", "effort", "stamp", "arrival"):
+    for key in ("q", "qd", "tau", "t"):
         np.testing.assert_array_equal(getattr(one["/joint_states"][0], key), getattr(two["/joint_states"][0], key))
 
 
@@ -49,26 +55,26 @@ def test_columns_follow_their_names_when_the_order_changes_within_a_bag(tmp_path
             ("/joint_states", START + i * 10**7, joint_state(START + i * 10**7, names, row[order], [], row[order]))
         )
     groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
-    (series,) = groups["/joint_states"]
-    columns = [series.names.index(name) for name in NAMES]
-    np.testing.assert_array_equal(series.position[:, columns], np.arange(40)[:, None] + np.arange(3) / 100)
-    assert series.velocity.shape == (40, 0)
+    (log,) = groups["/joint_states"]
+    columns = [log.names.index(name) for name in NAMES]
+    np.testing.assert_array_equal(log.q[:, columns], np.arange(40)[:, None] + np.arange(3) / 100)
+    assert (log.qd, log.extra["absent"]) == (None, ("velocity",))
 
 
-def test_a_gripper_on_the_same_topic_becomes_a_series_of_its_own(tmp_path):
+def test_a_gripper_on_the_same_topic_becomes_a_log_of_its_own(tmp_path):
     arm = state_messages(30, NAMES)
     gripper = state_messages(10, ("finger",))
     messages = sorted(arm + gripper, key=lambda item: item[1])
     groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
-    assert [(series.names, len(series)) for series in groups["/joint_states"]] == [(NAMES, 30), (("finger",), 10)]
+    assert [(log.names, len(log)) for log in groups["/joint_states"]] == [(NAMES, 30), (("finger",), 10)]
 
 
 def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
     path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=lambda i: 5 * 10**9 + i * 11 * 10**6))
     groups, _ = read_topics(path, ["/joint_states"])
-    t, which = clock(groups["/joint_states"][0])
-    assert which == "header"
-    np.testing.assert_allclose(t, 0.011 * np.arange(50), atol=1e-12)
+    (log,) = groups["/joint_states"]
+    assert log.extra["clock"] == "header"
+    np.testing.assert_allclose(log.t, 0.011 * np.arange(50), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -77,9 +83,9 @@ def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
 def test_one_unset_or_frozen_header_stamp_puts_the_whole_topic_on_the_bags_clock(tmp_path, header):
     path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=header))
     groups, _ = read_topics(path, ["/joint_states"])
-    t, which = clock(groups["/joint_states"][0])
-    assert which == "arrival"
-    np.testing.assert_allclose(t, 0.01 * np.arange(50), atol=1e-12)
+    (log,) = groups["/joint_states"]
+    assert log.extra["clock"] == "arrival"
+    np.testing.assert_allclose(log.t, 0.01 * np.arange(50), atol=1e-12)
 
 
 def test_topics_are_listed_with_type_and_count(tmp_path):
@@ -99,16 +105,45 @@ def test_a_text_file_called_bag_is_no_bag(tmp_path):
         list_topics(tmp_path / "log.bag")
 
 
+def test_messages_come_back_as_they_were_written(tmp_path):
+    """Names, positions, torques and stamps; velocity is empty where the log has none."""
+    write_log_as_bag(LOG, tmp_path / "x.bag", "/arm/joint_states", start=7 * 10**9)
+    with AnyReader([tmp_path / "x.bag"]) as reader:
+        (channel,) = reader.connections
+        rows = [(stamp, reader.deserialize(raw, channel.msgtype)) for _, stamp, raw in reader.messages()]
+    assert (channel.topic, channel.msgtype) == ("/arm/joint_states", "sensor_msgs/msg/JointState")
+    assert [stamp for stamp, _ in rows] == [7_000_000_000, 7_010_000_000, 7_020_000_000]
+    message = rows[1][1]
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 10_000_000)
+    assert message.name == ["b", "a"]
+    np.testing.assert_array_equal(message.position, [2.0, 3.0])
+    np.testing.assert_array_equal(message.effort, [1.0, 1.0])
+    assert len(message.velocity) == 0
+
+
+def test_equal_logs_give_equal_bytes(tmp_path):
+    """Also over an existing file."""
+    for name in ("a", "b", "a"):
+        write_log_as_bag(LOG, tmp_path / name / "x.bag", "/t")
+    assert (tmp_path / "a/x.bag").read_bytes() == (tmp_path / "b/x.bag").read_bytes()
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["x.bag"]
+
+
+def test_a_folder_that_is_a_file_is_named(tmp_path):
+    """The message says which path could not be written."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CannotWrite, match=r"file/x\.bag"):
+        write_log_as_bag(LOG, tmp_path / "file" / "x.bag", "/t")
+
+
 @pytest.mark.data
 def test_values_of_a_real_bag_equal_those_of_rosbags_own_decoder():
-    from rosbags.highlevel import AnyReader
-
     path = shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag")
     topic = "/jaco_22_driver/out/joint_states"
     with AnyReader([path]) as reader:
         messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == topic]
-    (series,) = read_topics(path, [topic])[0][topic]
-    assert len(series) == len(messages) == 420
-    np.testing.assert_array_equal(series.position, [m.position for m in messages])
-    np.testing.assert_array_equal(series.velocity, [m.velocity for m in messages])
-    np.testing.assert_array_equal(series.effort, [m.effort for m in messages])
+    (log,) = read_topics(path, [topic])[0][topic]
+    assert len(log) == len(messages) == 420
+    np.testing.assert_array_equal(log.q, [m.position for m in messages])
+    np.testing.assert_array_equal(log.qd, [m.velocity for m in messages])
+    np.testing.assert_array_equal(log.tau, [m.effort for m in messages])

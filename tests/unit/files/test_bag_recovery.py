@@ -41,13 +41,13 @@ def test_a_whole_bag_scanned_without_index_gives_every_message(tmp_path, bags):
 def test_a_bag_cut_at_99_percent_gives_all_messages_before_the_cut(tmp_path, bags):
     path = tmp_path / "cut.bag"
     path.write_bytes(bags["none"][: int(0.99 * len(bags["none"]))])
-    series, (finding,) = read(path)
+    log, (finding,) = read(path)
     # The last 1 % holds at least the index of 10000 messages (12 bytes each), so nearly all messages are before it.
-    assert 9900 <= len(series) <= 10_000
-    np.testing.assert_array_equal(series.position[:, 0], np.arange(len(series)))
+    assert 9900 <= len(log) <= 10_000
+    np.testing.assert_array_equal(log.q[:, 0], np.arange(len(log)))
     assert finding.code == "W305"
-    assert f"{len(series)} messages" in finding.text
-    assert finding.evidence["seconds"] == pytest.approx((len(series) - 1) / 1000)
+    assert f"{len(log)} messages" in finding.text
+    assert finding.evidence["seconds"] == pytest.approx((len(log) - 1) / 1000)
 
 
 def test_a_bag_whose_index_is_destroyed_gives_every_message(tmp_path, bags):
@@ -55,8 +55,8 @@ def test_a_bag_whose_index_is_destroyed_gives_every_message(tmp_path, bags):
     index = int.from_bytes(content[content.index(b"index_pos=") + 10 :][:8], "little")
     content[index:] = b"\xff" * (len(content) - index)
     (tmp_path / "log.bag").write_bytes(content)
-    series, findings = read(tmp_path / "log.bag")
-    assert len(series) == 10_000
+    log, findings = read(tmp_path / "log.bag")
+    assert len(log) == 10_000
     assert [f.code for f in findings] == ["W305"]
 
 
@@ -68,15 +68,15 @@ def test_a_bag_cut_in_the_middle_gives_the_first_half(tmp_path, bags):
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])
 def test_a_compressed_bag_cut_in_the_middle_gives_its_whole_chunks(tmp_path, bags, compression):
     (tmp_path / "log.bag").write_bytes(bags[compression][: len(bags[compression]) // 2])
-    series, _ = read(tmp_path / "log.bag")
-    assert 2000 < len(series) <= 6500
-    np.testing.assert_array_equal(series.position[:, 0], np.arange(len(series)))
+    log, _ = read(tmp_path / "log.bag")
+    assert 2000 < len(log) <= 6500
+    np.testing.assert_array_equal(log.q[:, 0], np.arange(len(log)))
 
 
 def test_a_recorder_that_was_killed_before_closing_leaves_a_readable_bag(tmp_path):
     path = write_bag(tmp_path / "log.bag.active", state_messages(3000, NAMES), chunk=100_000, closing=False)
-    series, findings = read(path)
-    assert len(series) > 2500
+    log, findings = read(path)
+    assert len(log) > 2500
     assert findings[0].code == "W305"
 
 
@@ -86,9 +86,9 @@ def test_bytes_destroyed_in_one_compressed_chunk_cost_that_chunk_only(tmp_path, 
     middle = len(content) // 2
     content[middle : middle + 200] = bytes(200)
     (tmp_path / "log.bag").write_bytes(content)
-    series, _ = read(tmp_path / "log.bag")
-    assert 6000 < len(series) <= 10_000
-    assert set(np.unique(series.position[:, 1] - series.position[:, 0]).round(9)) == {0.01}
+    log, _ = read(tmp_path / "log.bag")
+    assert 6000 < len(log) <= 10_000
+    assert set(np.unique(log.q[:, 1] - log.q[:, 0]).round(9)) == {0.01}
 
 
 def test_topics_of_a_cut_bag_are_still_listed(tmp_path, bags):
