@@ -9,8 +9,9 @@ import pinocchio as pin
 import pytest
 from arms import pinocchio_model, pinocchio_torques, placements, random_bodies, random_robot, random_states
 
-from dynid.robot import Body, Joint, Limits, Robot
-from dynid.sim.urdf import after, roll_pitch_yaw, rotation_rpy, urdf_text, write_urdf
+from dynid.model.kinematics import fixed_poses
+from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
+from dynid.sim.urdf import urdf_text, write_urdf
 
 
 def configuration(robot, q):
@@ -45,7 +46,7 @@ def test_links_stand_where_the_dh_product_says(seed):
     data, q = model.createData(), rng.uniform(-3, 3, robot.n)
     pin.framesForwardKinematics(model, data, configuration(robot, q))
     for i, (joint, expected) in enumerate(zip(robot.joints, dh_product(robot, q), strict=True), start=1):
-        found = data.oMf[model.getFrameId(f"link_{i}")].homogeneous @ after(joint, robot.convention)
+        found = data.oMf[model.getFrameId(f"link_{i}")].homogeneous @ fixed_poses(joint, robot.convention)[1]
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 

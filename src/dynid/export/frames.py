@@ -5,18 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.prior import moved
 from dynid.robot import Body, Robot, rotation_rpy
-from dynid.sim.urdf import after, before
 
 Floats = NDArray[np.float64]
-
-
-def base_pose(robot: Robot) -> Floats:
-    """Return the pose of frame 0 in the world, (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
-    return pose
 
 
 def world_gravity(robot: Robot) -> Floats:
@@ -28,14 +21,16 @@ def joint_poses(robot: Robot) -> tuple[Floats, ...]:
     """Return each joint's pose at q = 0 in the frame of the joint before, in the world for the first, n of (4, 4)."""
     previous, poses = base_pose(robot), []
     for joint in robot.joints:
-        poses.append(previous @ before(joint, robot.convention))
-        previous = after(joint, robot.convention)
+        before, after = fixed_poses(joint, robot.convention)
+        poses.append(previous @ before)
+        previous = after
     return tuple(poses)
 
 
 def moving_bodies(robot: Robot, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
     """Return the bodies in the moving frames of their joints instead of the DH frames."""
-    return tuple(moved(body, after(joint, robot.convention)) for body, joint in zip(bodies, robot.joints, strict=True))
+    joints = zip(bodies, robot.joints, strict=True)
+    return tuple(moved(body, fixed_poses(joint, robot.convention)[1]) for body, joint in joints)
 
 
 def numbers(values: object) -> str:

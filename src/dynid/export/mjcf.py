@@ -14,9 +14,9 @@ from dynid.export.frames import joint_poses, moving_bodies, numbers, world_gravi
 from dynid.export.interface import Exporter, Source, Torques
 from dynid.export.torques import RIGID, ROTORS, VISCOUS, part
 from dynid.export.urdf import beyond_joints
+from dynid.model.kinematics import fixed_poses
 from dynid.model.prior import Cylinder, link_cylinders
 from dynid.robot import Body, Joint
-from dynid.sim.urdf import after
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class MjcfExporter(Exporter):
             parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **_place(poses[i])})
             _inertial(parent, body)
             _joint(parent, joint, armature=full.rotor_inertia[i], damping=float(fv[i]), frictionloss=float(fc[i]))
-            _shape(parent, shapes[i], after(joint, robot.convention))
+            _shape(parent, shapes[i], fixed_poses(joint, robot.convention)[1])
         ET.indent(root)
         return ET.tostring(root, encoding="unicode") + "\n"
 

@@ -19,9 +19,9 @@ from dynid.errors import NotPhysical, WrongUrdf
 from dynid.export.frames import numbers
 from dynid.export.full_model import smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
-from dynid.model.kinematics import frames
+from dynid.model.kinematics import link_frames
 from dynid.model.prior import body_of, moved
-from dynid.robot import Body, JointMap, Prior, Robot, rotation_rpy
+from dynid.robot import Body, JointMap, Prior, Robot
 
 if TYPE_CHECKING:
     from dynid.export.interface import Source
@@ -115,12 +115,10 @@ def _maps(robot: Robot) -> list[JointMap]:
 
 def _compared(chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap) -> tuple[tuple[Floats, ...], Floats]:
     """Return the DH frames in the links' frames, and by how much each moves there, which it must not, (n,)."""
-    base = np.eye(4)
-    base[:3, :3], base[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
     rng = np.random.default_rng(0)
     seen: list[list[Floats]] = [[] for _ in range(robot.n)]
     for q in [np.zeros(robot.n), *rng.uniform(-1.5, 1.5, (3, robot.n))]:
-        dh = base @ frames(robot, np.array(mapping.sign) * q + np.array(mapping.offset))
+        dh = link_frames(robot, np.array(mapping.sign) * q + np.array(mapping.offset), world=True).poses
         pose, j = np.eye(4), 0
         for joint in chain:
             pose = pose @ joint.transform(float(q[j]) if joint.moves else 0.0)

@@ -10,17 +10,76 @@ from __future__ import annotations
 from functools import reduce
 from typing import TYPE_CHECKING
 
-from dynid.model.kinematics import Recorder, Step, add, cross, dot, rotate, symbolic_step, transposed
+from dynid.model.kinematics import Step, symbolic_step
 from dynid.model.program import ADD, MUL, NEG, SUB, Builder, Program
 from dynid.robot import LINK_PARAMETERS, Robot
 
 if TYPE_CHECKING:
-    from sympy import Expr
+    from sympy import Expr, Symbol
 
     from dynid.model.kinematics import Matrix, Vector
 
 #: Rows and columns of the inertia tensor's six entries in the order of Table 5.
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+class Recorder:
+    """Gives a name to each intermediate SymPy expression and the same name to equal ones."""
+
+    def __init__(self) -> None:
+        self.assignments: list[tuple[Symbol, Expr]] = []
+        self._known: dict[Expr, Symbol] = {}
+
+    def let(self, expression: Expr) -> Expr:
+        """Return a symbol, or its negative, that stands for the expression."""
+        from sympy import Symbol
+
+        if expression.is_Atom or (-expression).is_Atom:
+            return expression
+        if expression in self._known:
+            return self._known[expression]
+        opposite = -expression
+        if opposite in self._known:
+            return -self._known[opposite]
+        # Why: the side with fewer minus signs is kept, since a sum of negative terms would cost one more operation.
+        terms = expression.args if expression.is_Add else (expression,)
+        flipped = 2 * sum(bool(term.as_coeff_Mul()[0].is_negative) for term in terms) > len(terms)
+        symbol, kept = Symbol(f"t{len(self.assignments)}"), opposite if flipped else expression
+        self._known[kept] = symbol
+        self.assignments.append((symbol, kept))
+        return -symbol if flipped else symbol
+
+    def vector(self, entries: Vector) -> Vector:
+        """Name the entries of a vector."""
+        return [self.let(entry) for entry in entries]
+
+
+def dot(a: Vector, b: Vector) -> Expr:
+    """Return a . b; most entries are zero, and leaving them out is most of the speed of the derivation."""
+    from sympy import Integer
+
+    return sum((x * y for x, y in zip(a, b, strict=True) if x and y), Integer(0))
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return [dot([a[i], -a[j]], [b[j], b[i]]) for i, j in pairs]
+
+
+def add(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return [x + y if x and y else x or y for x, y in zip(a, b, strict=True)]
+
+
+def rotate(R: Matrix, v: Vector) -> Vector:
+    """Return R v."""
+    return [dot(row, v) for row in R]
+
+
+def transposed(R: Matrix) -> Matrix:
+    """Return the transpose, which is the inverse of a rotation."""
+    return [list(column) for column in zip(*R, strict=True)]
 
 
 def derive(robot: Robot) -> tuple[Program, Recorder, dict[tuple[int, int], Expr]]:

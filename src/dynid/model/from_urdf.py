@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotfile import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
-from dynid.model.kinematics import frames
+from dynid.model.kinematics import link_frames
 from dynid.model.prior import body_of, moved
 from dynid.robot import Body, Joint, Prior, Robot, roll_pitch_yaw
 
@@ -121,9 +121,9 @@ def import_arm(
     gx, gy, gz = (_clean(value) for value in (R0.T @ [0.0, 0.0, -_GRAVITY]).tolist())
     x, y, z = frame0[:3, 3].tolist()
     robot = Robot(name or urdf.name, convention, joints, (gx, gy, gz), (x, y, z), roll_pitch_yaw(R0))
-    bodies, findings = _bodies(urdf, moving, frame0, frames(robot, np.zeros(robot.n)), poses)
+    bodies, findings = _bodies(urdf, moving, frame0, link_frames(robot, np.zeros(robot.n)).poses, poses)
     robot = replace(robot, prior=Prior(links=bodies)) if any(body.mass for body in bodies) else robot
-    tip_pose = np.linalg.inv(frame0 @ frames(robot, np.zeros(robot.n))[-1]) @ poses[end]
+    tip_pose = np.linalg.inv(frame0 @ link_frames(robot, np.zeros(robot.n)).poses[-1]) @ poses[end]
     own, written = (_largest_miss(source, robot, start, end, frame0, tip_pose) for source in (urdf, raw))
     if own > SAME_POSE:
         raise WrongUrdf(f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}", where=str(urdf.path))
@@ -278,5 +278,5 @@ def _largest_miss(urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats,
         values = iter(q.tolist())
         for joint in urdf.chain(base, tip):
             pose = pose @ joint.transform(next(values) if joint.moves else 0.0)
-        largest = max(largest, float(np.abs(frame0 @ frames(robot, q)[-1] @ tip_pose - pose).max()))
+        largest = max(largest, float(np.abs(frame0 @ link_frames(robot, q).poses[-1] @ tip_pose - pose).max()))
     return largest

@@ -1,14 +1,16 @@
-"""DH transforms and the motion of the link frames (Paper Eqs. 1-3 and 10-12 in their right form).
+"""The one home of forward kinematics: the DH transform of a joint, and where it puts the link frames.
 
-The symbolic part names every intermediate expression (``Recorder``), so that expressions never grow along the chain.
-The numeric part gives frame poses for checks and pictures.
+``dh_step`` is written once for every kind of number: floats and arrays of samples here, SymPy expressions in
+``model/dynamics.py``, residues of the prime field in ``model/regrouping.py``.
 """
 
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.robot import Joint, Robot, rotation_rpy
 
 if TYPE_CHECKING:
-    from sympy import Expr, Symbol
+    from sympy import Expr
 
     Vector = list[Expr]
     Matrix = list[list[Expr]]
@@ -24,63 +26,147 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class Recorder:
-    """Gives a name to each intermediate SymPy expression and the same name to equal ones."""
+def dh_step(
+    convention: str,
+    angle: tuple[Any, Any],
+    twist: tuple[Any, Any],
+    a: Any,  # noqa: ANN401 - any kind of number
+    d: Any,  # noqa: ANN401
+    *,
+    multiply: Callable[[Any, Any], Any] = operator.mul,
+    negative: Callable[[Any], Any] = operator.neg,
+) -> tuple[list[list[Any]], list[Any]]:
+    """Return the transform of one joint, from the link's frame to the previous one.
 
-    def __init__(self) -> None:
-        self.assignments: list[tuple[Symbol, Expr]] = []
-        self._known: dict[Expr, Symbol] = {}
+    Args:
+        convention: ``"standard"``, Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(twist), or ``"modified"``, Rot_x(twist)
+            Trans_x(a) Rot_z(theta) Trans_z(d).
+        angle: cosine and sine of theta.
+        twist: cosine and sine of the twist.
+        a: link length [m].
+        d: link offset [m].
+        multiply: product of two numbers of this kind.
+        negative: the negative of such a number.
 
-    def let(self, expression: Expr) -> Expr:
-        """Return a symbol, or its negative, that stands for the expression."""
-        from sympy import Symbol
+    Returns:
+        Rotation, 3 x 3, and the link's origin in the previous frame, 3 [m]; a plain 0 where an entry is always zero.
 
-        if expression.is_Atom or (-expression).is_Atom:
-            return expression
-        if expression in self._known:
-            return self._known[expression]
-        opposite = -expression
-        if opposite in self._known:
-            return -self._known[opposite]
-        # Why: the side with fewer minus signs is kept, since a sum of negative terms would cost one more operation.
-        terms = expression.args if expression.is_Add else (expression,)
-        flipped = 2 * sum(bool(term.as_coeff_Mul()[0].is_negative) for term in terms) > len(terms)
-        symbol, kept = Symbol(f"t{len(self.assignments)}"), opposite if flipped else expression
-        self._known[kept] = symbol
-        self.assignments.append((symbol, kept))
-        return -symbol if flipped else symbol
-
-    def vector(self, entries: Vector) -> Vector:
-        """Name the entries of a vector."""
-        return [self.let(entry) for entry in entries]
-
-
-def dot(a: Vector, b: Vector) -> Expr:
-    """Return a . b; most entries are zero, and leaving them out is most of the speed of the derivation."""
-    from sympy import Integer
-
-    return sum((x * y for x, y in zip(a, b, strict=True) if x and y), Integer(0))
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return [dot([a[i], -a[j]], [b[j], b[i]]) for i, j in pairs]
-
-
-def add(a: Vector, b: Vector) -> Vector:
-    """Return a + b."""
-    return [x + y if x and y else x or y for x, y in zip(a, b, strict=True)]
+    Source: Paper Eqs. 10-12; the 1 in the first row of the printed Eq. 11 must be a 0.
+    """
+    (ct, st), (ca, sa) = angle, twist
+    if convention == "standard":
+        rows = [
+            [ct, multiply(negative(ca), st), multiply(sa, st)],
+            [st, multiply(ca, ct), multiply(negative(sa), ct)],
+            [0, sa, ca],
+        ]
+        return rows, [multiply(a, ct), multiply(a, st), d]
+    rows = [
+        [ct, negative(st), 0],
+        [multiply(ca, st), multiply(ca, ct), negative(sa)],
+        [multiply(sa, st), multiply(sa, ct), ca],
+    ]
+    return rows, [a, multiply(negative(d), sa), multiply(d, ca)]
 
 
-def rotate(R: Matrix, v: Vector) -> Vector:
-    """Return R v."""
-    return [dot(row, v) for row in R]
+@dataclass(frozen=True)
+class LinkFrames:
+    """Where the links are.
+
+    Attributes:
+        R: rotation of each link's DH frame, (..., n, 3, 3).
+        p: its origin, (..., n, 3) [m].
+        axis: direction of each joint, (..., n, 3).
+        point: a point on it, (..., n, 3) [m].
+    """
+
+    R: Floats
+    p: Floats
+    axis: Floats
+    point: Floats
+
+    @property
+    def poses(self) -> Floats:
+        """Homogeneous transforms of the link frames, (..., n, 4, 4)."""
+        found = np.zeros((*self.p.shape[:-1], 4, 4))
+        found[..., :3, :3], found[..., :3, 3], found[..., 3, 3] = self.R, self.p, 1.0
+        return found
 
 
-def transposed(R: Matrix) -> Matrix:
-    """Return the transpose, which is the inverse of a rotation."""
-    return [list(column) for column in zip(*R, strict=True)]
+def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
+    """Return the poses of all link frames.
+
+    Args:
+        robot: the arm.
+        q: joint positions, (..., n) [rad or m].
+        world: whether the poses are wanted in the world instead of frame 0.
+    """
+    batch, q = q.shape[:-1], np.reshape(q, (-1, robot.n))
+    count, n = q.shape
+    base = base_pose(robot) if world else np.eye(4)
+    R, p = np.broadcast_to(base[:3, :3], (count, 3, 3)), np.broadcast_to(base[:3, 3], (count, 3))
+    rotations, (origins, axes, points) = np.empty((count, n, 3, 3)), np.empty((3, count, n, 3))
+    step, shift = np.empty((3, 3, count)), np.empty((3, count))
+    for i, joint in enumerate(robot.joints):
+        theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(count))
+        d = joint.d + (np.zeros(count) if joint.revolute else q[:, i])
+        angle, twist = (np.cos(theta), np.sin(theta)), (math.cos(joint.twist), math.sin(joint.twist))
+        rows, along = dh_step(robot.convention, angle, twist, joint.a, d)
+        for j in range(3):
+            shift[j] = along[j]
+            for k in range(3):
+                step[j, k] = rows[j][k]
+        if robot.convention == "standard":
+            axes[:, i], points[:, i] = R[:, :, 2], p
+        p = p + np.einsum("nij,jn->ni", R, shift)
+        R = np.einsum("nij,jkn->nik", R, step)
+        if robot.convention == "modified":
+            axes[:, i], points[:, i] = R[:, :, 2], p
+        rotations[:, i], origins[:, i] = R, p
+    parts = (x.reshape(*batch, *x.shape[1:]) for x in (rotations, origins, axes, points))
+    return LinkFrames(*parts)
+
+
+def tip_jacobian(robot: Robot, where: LinkFrames) -> Floats:
+    """Return the velocity of the last frame's origin per unit of each joint's velocity, (..., n, 3) [m or 1]."""
+    revolute = np.array([joint.revolute for joint in robot.joints])[:, None]
+    return np.where(revolute, np.cross(where.axis, where.p[..., -1:, :] - where.point), where.axis)
+
+
+def base_pose(robot: Robot) -> Floats:
+    """Return the pose of frame 0 in the world, (4, 4)."""
+    return _pose(rotation_rpy(robot.base_rpy), robot.base_xyz)
+
+
+def tool_pose(robot: Robot, q: Floats) -> Floats:
+    """Return the pose of the last frame in the world at joint positions (..., n) [rad or m], (..., 4, 4)."""
+    pose: Floats = link_frames(robot, q, world=True).poses[..., -1, :, :]
+    return pose
+
+
+def fixed_poses(joint: Joint, convention: str) -> tuple[Floats, Floats]:
+    """Return what does not move in a joint's transform: the parts before and after its own motion about or along z.
+
+    Returns:
+        Pose at q = 0 of the joint's moving frame in the previous DH frame, (4, 4); pose of the DH frame in the joint's
+        moving frame, (4, 4).
+    """
+    d_before, d_after = (0.0, joint.d) if joint.revolute else (joint.d, 0.0)
+    turned, still = (math.cos(joint.theta_offset), math.sin(joint.theta_offset)), (1.0, 0.0)
+    twist = (math.cos(joint.twist), math.sin(joint.twist))
+    if convention == "standard":
+        return _pose(*dh_step(convention, turned, still, 0.0, d_before)), _pose(
+            *dh_step(convention, still, twist, joint.a, d_after)
+        )
+    return _pose(*dh_step(convention, turned, twist, joint.a, d_before)), _pose(
+        *dh_step(convention, still, still, 0.0, d_after)
+    )
+
+
+def _pose(R: Floats | list[list[float]], p: Sequence[float]) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, p
+    return pose
 
 
 @dataclass(frozen=True)
@@ -108,11 +194,8 @@ def _right_angle(angle: float) -> tuple[int, int] | None:
 
 
 def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
-    """Return the transform of joint ``number`` (1-based) in SymPy; geometry that is zero by design stays zero.
-
-    Source: Paper Eqs. 10-12; the 1 in the first row of the printed Eq. 11 must be a 0.
-    """
-    from sympy import Integer, Symbol
+    """Return the transform of joint ``number`` (1-based) in SymPy; geometry that is zero by design stays zero."""
+    from sympy import Integer, Symbol, sympify
 
     zero, one = Integer(0), Integer(1)
 
@@ -128,44 +211,8 @@ def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
     d = Symbol(f"d{number}") if joint.d else zero
     if not joint.revolute:
         d = d + Symbol(f"q{number}")
+    rows, along = dh_step(convention, (ct, st), (ca, sa), a, d)
+    R = [[sympify(entry) for entry in row] for row in rows]
     if convention == "standard":
-        R = [[ct, -ca * st, sa * st], [st, ca * ct, -sa * ct], [zero, sa, ca]]
         return Step(R, [a, d * sa, d * ca], [zero, sa, ca])
-    R = [[ct, -st, zero], [ca * st, ca * ct, -sa], [sa * st, sa * ct, ca]]
-    return Step(R, [a, -d * sa, d * ca], [zero, zero, one])
-
-
-def numeric_step(joint: Joint, q: float, convention: str) -> Floats:
-    """Return the homogeneous transform of one joint at ``q``, (4, 4)."""
-    theta = joint.theta_offset + (q if joint.revolute else 0.0)
-    d = joint.d + (0.0 if joint.revolute else q)
-    (ct, st), (ca, sa) = ((math.cos(x), math.sin(x)) for x in (theta, joint.twist))
-    if convention == "standard":
-        rows = [[ct, -ca * st, sa * st, joint.a * ct], [st, ca * ct, -sa * ct, joint.a * st], [0, sa, ca, d]]
-    else:
-        rows = [[ct, -st, 0, joint.a], [ca * st, ca * ct, -sa, -d * sa], [sa * st, sa * ct, ca, d * ca]]
-    return np.array([*rows, [0, 0, 0, 1]], dtype=float)
-
-
-def frames(robot: Robot, q: Floats) -> Floats:
-    """Return the poses of all link frames in frame 0 at one configuration, (n, 4, 4).
-
-    Args:
-        robot: the arm.
-        q: joint positions, (n,) [rad or m].
-    """
-    pose = np.eye(4)
-    poses = np.empty((robot.n, 4, 4))
-    for i, joint in enumerate(robot.joints):
-        pose = pose @ numeric_step(joint, float(q[i]), robot.convention)
-        poses[i] = pose
-    return poses
-
-
-def tool_pose(robot: Robot, q: Floats) -> Floats:
-    """Return the pose of the last frame in the world at one configuration, (4, 4)."""
-    base = np.eye(4)
-    base[:3, :3] = rotation_rpy(robot.base_rpy)
-    base[:3, 3] = robot.base_xyz
-    pose: Floats = base @ frames(robot, q)[-1]
-    return pose
+    return Step(R, along, [zero, zero, one])

@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
-from dynid.model.statics import frames, holding_torque
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
@@ -47,14 +48,14 @@ class ModelTorques:
         values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
         links = values.reshape(robot.n, 11)
         size = float(np.linalg.norm(robot.gravity))
-        return holding_torque(robot, frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
+        return holding_torque(robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
 
     def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
         robot = self._model.robot
         mass = np.eye(robot.n)[-1]
-        return holding_torque(robot, frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
+        return holding_torque(robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n)."""
@@ -78,3 +79,29 @@ def prior_torques(model: Model) -> ModelTorques:
         link, p = divmod(int(column), 11)
         values[k] = links[link, p] if p < 10 else 0.0
     return ModelTorques(model, values)
+
+
+def holding_torque(robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats) -> Floats:
+    """Return the torques that hold the links under a gravity, (N, n) [N m or N].
+
+    The regressor's program leaves out components of gravity that are zero, so a tilted base or a force on the tool is
+    computed here from the frames.
+
+    Args:
+        robot: the arm.
+        where: its poses over a motion of N samples.
+        mass: of each link, (n,) [kg].
+        moment: first moment of each link in its DH frame, (n, 3) [kg m].
+        gravity: in frame 0, (3,) [m/s^2].
+    """
+    centres = mass[:, None] * where.p + np.einsum("mkij,kj->mki", where.R, moment)
+    # What a joint carries is everything from its own link outwards.
+    carried, weight = np.cumsum(centres[:, ::-1], axis=1)[:, ::-1], np.cumsum(mass[::-1])[::-1]
+    tau = np.empty(where.p.shape[:2])
+    for j, joint in enumerate(robot.joints):
+        if joint.revolute:
+            lever = carried[:, j] - weight[j] * where.point[:, j]
+            tau[:, j] = -np.einsum("mi,mi->m", where.axis[:, j], np.cross(lever, gravity))
+        else:
+            tau[:, j] = -weight[j] * where.axis[:, j] @ gravity
+    return tau

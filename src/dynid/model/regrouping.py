@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynid.model.kinematics import dh_step
 from dynid.model.prime_field import PRIME, Residues, echelon, product
 from dynid.robot import Joint
 
@@ -65,29 +66,35 @@ def _transform(joint: Joint, number: int, convention: str, geometry: dict[str, R
     def take(name: str, otherwise: int) -> Residues:
         return np.broadcast_to(geometry.get(name, np.array([otherwise % PRIME], dtype=np.uint64)), (count,))
 
-    def turn(c: Residues, s: Residues, first: int) -> Residues:
-        R = np.tile(np.eye(4, dtype=np.uint64), (count, 1, 1))
-        second = first + 1
-        R[:, first, first], R[:, second, second] = c, c
-        R[:, second, first], R[:, first, second] = s, (_P - s) % _P
-        return R
-
-    def shift(r: Residues, axis: int) -> Residues:
-        S = np.tile(np.eye(4, dtype=np.uint64), (count, 1, 1))
-        S[:, axis, 3] = r
-        return S
-
     angle = 0.0 if joint.revolute else joint.theta_offset
-    about_z = turn(take(f"c{number}", round(np.cos(angle))), take(f"s{number}", round(np.sin(angle))), 0)
+    turned = (take(f"c{number}", round(np.cos(angle))), take(f"s{number}", round(np.sin(angle))))
     if joint.revolute:
-        about_z = np.tile(np.eye(4, dtype=np.uint64), (count, 1, 1))
-    twist = turn(take(f"ca{number}", round(np.cos(joint.twist))), take(f"sa{number}", round(np.sin(joint.twist))), 1)
-    along_z, along_x = shift(take(f"d{number}", 0), 2), shift(take(f"a{number}", 0), 0)
-    chain = (about_z, along_z, along_x, twist) if convention == "standard" else (twist, along_x, about_z, along_z)
-    T = chain[0]
-    for factor in chain[1:]:
-        T = product(T, factor)
+        turned = (take("", 1), take("", 0))
+    twist = (take(f"ca{number}", round(np.cos(joint.twist))), take(f"sa{number}", round(np.sin(joint.twist))))
+    R, p = dh_step(
+        convention,
+        turned,
+        twist,
+        take(f"a{number}", 0),
+        take(f"d{number}", 0),
+        multiply=_multiplied,
+        negative=_negative,
+    )
+    T = np.zeros((count, 4, 4), dtype=np.uint64)
+    for i in range(3):
+        for j in range(3):
+            T[:, i, j] = R[i][j]
+        T[:, i, 3] = p[i]
+    T[:, 3, 3] = 1
     return T
+
+
+def _multiplied(x: Residues, y: Residues) -> Residues:
+    return x * y % _P
+
+
+def _negative(x: Residues) -> Residues:
+    return (_P - x) % _P
 
 
 def _inverse(T: Residues) -> Residues:

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.kinematics import frames
+from dynid.model.kinematics import link_frames
 from dynid.model.prior import link_cylinders
-from dynid.robot import Robot, roll_pitch_yaw, rotation_rpy
+from dynid.robot import Robot, roll_pitch_yaw
 from dynid.sim.urdf import urdf_text
 
 Floats = NDArray[np.float64]
@@ -81,12 +81,10 @@ def portrait(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: str) -> st
 
 
 def _job(robot: Robot, q: Floats, bodies: list[Ellipsoid]) -> dict[str, object]:
-    base = np.eye(4)
-    base[:3, :3], base[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
-    poses = base @ frames(robot, q)
+    poses = link_frames(robot, q, world=True).poses
     shapes = zip(poses, link_cylinders(robot), strict=True)
     ends = [pose[:3, :3] @ end + pose[:3, 3] for pose, shape in shapes for end in (shape.start, shape.end)]
-    points = np.vstack([base[:3, 3], *ends])
+    points = np.vstack([robot.base_xyz, *ends])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     rows = []
     for body in bodies:

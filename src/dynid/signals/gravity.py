@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
+from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, moving, per_joint, rests
 
@@ -54,46 +55,21 @@ def expected_torque(q: Floats, robot: Robot) -> Floats:
 
 def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats]) -> Floats:
     """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3)."""
-    rotations, origins = _frames(q, robot)
+    frames = link_frames(robot, q)
     masses, offsets = _masses(robot)
-    before = np.concatenate([np.zeros((len(q), 1, 3)), origins[:, :-1]], axis=1)
-    points = 0.5 * (before + origins)
+    before = np.concatenate([np.zeros((len(q), 1, 3)), frames.p[:, :-1]], axis=1)
+    points = 0.5 * (before + frames.p)
     for k, offset in enumerate(offsets):
         if offset is not None:
-            points[:, k] = origins[:, k] + rotations[:, k] @ offset
-    base = (np.broadcast_to(np.eye(3), (len(q), 1, 3, 3)), np.zeros((len(q), 1, 3)))
-    standard = robot.convention == "standard"
-    axes = np.concatenate([base[0], rotations[:, :-1]], axis=1)[..., 2] if standard else rotations[..., 2]
-    anchors = np.concatenate([base[1], origins[:, :-1]], axis=1) if standard else origins
+            points[:, k] = frames.p[:, k] + frames.R[:, k] @ offset
     pushed = accelerations(points)
     torque = np.zeros(q.shape)
     for i, joint in enumerate(robot.joints):
         for k in range(i, robot.n):
-            way = np.cross(axes[:, i], points[:, k] - anchors[:, i]) if joint.revolute else axes[:, i]
-            torque[:, i] += masses[k] * np.sum(way * pushed[:, k], axis=1)
+            axis, lever = frames.axis[:, i], points[:, k] - frames.point[:, i]
+            velocity = np.cross(axis, lever) if joint.revolute else axis
+            torque[:, i] += masses[k] * np.sum(velocity * pushed[:, k], axis=1)
     return torque
-
-
-def _frames(q: Floats, robot: Robot) -> tuple[Floats, Floats]:
-    """Return rotations (N, n, 3, 3) and origins (N, n, 3) of all DH frames in frame 0."""
-    rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
-    rotations, origins = [], []
-    for j, joint in enumerate(robot.joints):
-        theta = q[:, j] + joint.theta_offset if joint.revolute else np.full(len(q), joint.theta_offset)
-        d = np.full(len(q), joint.d) if joint.revolute else q[:, j] + joint.d
-        ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(joint.twist), np.sin(joint.twist)
-        zero, one = np.zeros(len(q)), np.ones(len(q))
-        if robot.convention == "standard":
-            turn = [[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [zero, sa * one, ca * one]]
-            move = [joint.a * ct, joint.a * st, d]
-        else:
-            turn = [[ct, -st, zero], [st * ca, ct * ca, -sa * one], [st * sa, ct * sa, ca * one]]
-            move = [joint.a * one, -sa * d, ca * d]
-        origin = origin + np.einsum("nij,nj->ni", rotation, np.stack(move, axis=-1))
-        rotation = rotation @ np.moveaxis(np.array(turn), -1, 0)
-        rotations.append(rotation)
-        origins.append(origin)
-    return np.stack(rotations, axis=1), np.stack(origins, axis=1)
 
 
 def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken
+from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
-from dynid.robot import Joint, Robot, rotation_rpy
-from dynid.sim.urdf import after, before
+from dynid.robot import Joint, Robot
 
 Floats = NDArray[np.float64]
 
@@ -102,17 +102,5 @@ def _fitted(joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec) 
 
 def lowest_point(robot: Robot, q: Floats) -> float:
     """Return the smallest height in the world of any link's origin but the first over a motion, (N, n) -> [m]."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
-    poses, heights = np.broadcast_to(pose, (len(q), 4, 4)), []
-    for i, joint in enumerate(robot.joints):
-        moved = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
-        if joint.revolute:
-            c, s = np.cos(q[:, i]), np.sin(q[:, i])
-            moved[:, 0, 0], moved[:, 0, 1], moved[:, 1, 0], moved[:, 1, 1] = c, -s, s, c
-        else:
-            moved[:, 2, 3] = q[:, i]
-        poses = poses @ before(joint, robot.convention) @ moved @ after(joint, robot.convention)
-        if i:
-            heights.append(float(poses[:, 2, 3].min()))
-    return min(heights, default=math.inf)
+    heights = link_frames(robot, q, world=True).p[:, 1:, 2]
+    return float(heights.min(initial=math.inf))

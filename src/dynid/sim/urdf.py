@@ -1,6 +1,6 @@
 """A URDF from the DH table and one body a link, for PyBullet and for pictures.
 
-A URDF link's frame is its joint's frame, so link i of the URDF is DH frame i moved by a constant (``after``); the
+A URDF link's frame is its joint's frame, so link i of the URDF is DH frame i moved by a constant (``fixed_poses``); the
 joint variable of the URDF is q of the robot file. Reads a ``Robot`` and bodies; writes one file.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files.artifact import write_text
+from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Robot, roll_pitch_yaw, rotation_rpy
 
@@ -22,26 +23,6 @@ Floats = NDArray[np.float64]
 
 #: Stand-ins for limits that the robot file leaves out; the URDF format demands numbers.
 _NO_TRAVEL, _NO_LIMIT = 10.0, 1e3
-
-
-def _pose(x: float = 0.0, z: float = 0.0, turn_x: float = 0.0, turn_z: float = 0.0) -> Floats:
-    """Return a shift along x and z together with a turn about x or z, (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_rpy((turn_x, 0.0, turn_z))
-    pose[:3, 3] = x, 0.0, z
-    return pose
-
-
-def before(joint: Joint, convention: str) -> Floats:
-    """Return the pose of the joint's frame at q = 0 in the previous DH frame, (4, 4)."""
-    own = _pose(turn_z=joint.theta_offset) @ _pose(z=0.0 if joint.revolute else joint.d)
-    return own if convention == "standard" else _pose(x=joint.a, turn_x=joint.twist) @ own
-
-
-def after(joint: Joint, convention: str) -> Floats:
-    """Return the pose of the DH frame in the joint's moving frame, (4, 4)."""
-    slide = _pose(z=joint.d if joint.revolute else 0.0)
-    return slide @ _pose(x=joint.a, turn_x=joint.twist) if convention == "standard" else slide
 
 
 def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
@@ -61,17 +42,16 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
     base = ET.SubElement(root, "link", name="base")
     # Why: Bullet complains on standard output about a link without mass, which would break --json.
     _inertial(base, Body(1.0, inertia_com=(1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), np.eye(4))
-    previous = np.eye(4)
-    previous[:3, :3], previous[:3, 3] = rotation_rpy(robot.base_rpy), robot.base_xyz
+    previous = base_pose(robot)
     shapes = link_cylinders(robot)
     for i, body in enumerate(prior_bodies(robot) if bodies is None else bodies):
         joint = robot.joints[i]
-        to_dh = after(joint, robot.convention)
+        before, to_dh = fixed_poses(joint, robot.convention)
         link = ET.SubElement(root, "link", name=f"link_{i + 1}")
         _inertial(link, body, to_dh)
         for tag in ("visual", "collision"):
             _shape(ET.SubElement(link, tag), shapes[i], to_dh)
-        _joint(root, joint, i, previous @ before(joint, robot.convention))
+        _joint(root, joint, i, previous @ before)
         previous = to_dh
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.prior import link_cylinders
-from dynid.robot import Robot, rotation_rpy
+from dynid.robot import Robot
 from dynid.trajectory.feasible import CONTINUOUS
 
 Floats = NDArray[np.float64]
@@ -83,44 +84,16 @@ def scene_from(facts: Mapping[str, Any]) -> Scene:
     )
 
 
-def link_poses(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
-    """Return rotations (N, n, 3, 3) and origins (N, n, 3) of all link frames in the world for positions (N, n)."""
-    R = np.broadcast_to(rotation_rpy(robot.base_rpy), (len(q), 3, 3))
-    p = np.broadcast_to(np.array(robot.base_xyz), (len(q), 3))
-    rotations, origins = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
-    for i, joint in enumerate(robot.joints):
-        theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(len(q)))
-        d = joint.d + (0.0 if joint.revolute else q[:, i])
-        (ct, st), (ca, sa) = (np.cos(theta), np.sin(theta)), (math.cos(joint.twist), math.sin(joint.twist))
-        zero, one = np.zeros(len(q)), np.ones(len(q))
-        if robot.convention == "standard":
-            step = [[ct, -ca * st, sa * st], [st, ca * ct, -sa * ct], [zero, sa * one, ca * one]]
-            shift = [joint.a * ct, joint.a * st, d * one]
-        else:
-            step = [[ct, -st, zero], [ca * st, ca * ct, -sa * one], [sa * st, sa * ct, ca * one]]
-            shift = [joint.a * one, -d * sa * one, d * ca * one]
-        p = p + np.einsum("nij,jn->ni", R, np.array(shift))
-        R = np.einsum("nij,jkn->nik", R, np.array(step))
-        rotations[:, i], origins[:, i] = R, p
-    return rotations, origins
-
-
-def joint_axes(robot: Robot, rotations: Floats, origins: Floats) -> tuple[Floats, Floats]:
-    """Return direction and a point of every joint's axis in the world, (N, n, 3) each."""
-    if robot.convention == "modified":
-        return rotations[..., 2], origins
-    base = np.broadcast_to(rotation_rpy(robot.base_rpy)[:, 2], (len(rotations), 1, 3))
-    foot = np.broadcast_to(np.array(robot.base_xyz), (len(rotations), 1, 3))
-    return np.concatenate([base, rotations[:, :-1, :, 2]], axis=1), np.concatenate([foot, origins[:, :-1]], axis=1)
-
-
 def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
-    """Return the speed of the last frame's origin, (N,) [m/s]."""
-    rotations, origins = link_poses(robot, q)
-    axes, points = joint_axes(robot, rotations, origins)
-    turning = np.array([joint.revolute for joint in robot.joints])[None, :, None]
-    columns = np.where(turning, np.cross(axes, origins[:, -1:] - points), axes)
-    speed: Floats = np.linalg.norm(np.sum(columns * qd[:, :, None], axis=1), axis=1)
+    """Return the speed of the last frame's origin, (N,) [m/s].
+
+    Args:
+        robot: the arm.
+        q: joint positions, (N, n) [rad or m].
+        qd: joint velocities, (N, n) [rad/s or m/s].
+    """
+    jacobian = tip_jacobian(robot, link_frames(robot, q))
+    speed: Floats = np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1)
     return speed
 
 
@@ -191,14 +164,11 @@ class Spheres:
         lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in self.robot.joints]).T
         return np.random.default_rng(0).uniform(lower, upper, (POSES, self.robot.n))
 
-    def points(self, q: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return centres of all spheres (N, S, 3) and rotations and origins of the links."""
-        rotations, origins = link_poses(self.robot, q)
-        return (
-            np.einsum("nsij,sj->nsi", rotations[:, self.links], self._centres) + origins[:, self.links],
-            rotations,
-            origins,
-        )
+    def points(self, q: Floats) -> tuple[Floats, LinkFrames]:
+        """Return centres of all spheres in the world, (N, S, 3) [m], and the frames of the links there."""
+        frames = link_frames(self.robot, q, world=True)
+        turned = np.einsum("nsij,sj->nsi", frames.R[:, self.links], self._centres)
+        return turned + frames.p[:, self.links], frames
 
     def _pair_distance(self, points: Floats, first: Ints, second: Ints) -> tuple[Floats, Floats]:
         """Return distances of pairs, (N, pairs), and the vectors between their centres."""
@@ -225,7 +195,7 @@ class Spheres:
 
     def value(self, q: Floats) -> tuple[float, Floats]:
         """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
-        points, rotations, origins = self.points(q)
+        points, frames = self.points(q)
         scene = self.scene
         pull, tool_pull = np.zeros_like(points), np.zeros((len(q), 3))
         distance, apart = self._pair_distance(points, self._first, self._second)
@@ -245,31 +215,30 @@ class Spheres:
             extra, slope = _charge(distance, scene.distance)
             total, pull = total + extra, pull + slope[:, :, None] * direction
         if scene.workspace is not None:
-            tool = origins[:, -1]
+            tool = frames.p[:, -1]
             for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
                 extra, slope = _charge(sign * (tool - edge), 0.0)
                 total, tool_pull = total + extra, tool_pull + sign * slope
-        return total, self._to_joints(points, rotations, origins, pull, tool_pull)
+        return total, self._to_joints(points, frames, pull, tool_pull)
 
-    def _to_joints(self, points: Floats, rotations: Floats, origins: Floats, pull: Floats, tool_pull: Floats) -> Floats:
+    def _to_joints(self, points: Floats, frames: LinkFrames, pull: Floats, tool_pull: Floats) -> Floats:
         """Turn forces on spheres and tool into joint efforts: every joint carries the links after it."""
         n = self.robot.n
-        axes, feet = joint_axes(self.robot, rotations, origins)
         force, moment = np.zeros((2, len(points), n, 3))
         turned = np.cross(points, pull)
         for i in range(n):
             here = self.links == i
             force[:, i], moment[:, i] = pull[:, here].sum(axis=1), turned[:, here].sum(axis=1)
         force[:, -1] += tool_pull
-        moment[:, -1] += np.cross(origins[:, -1], tool_pull)
+        moment[:, -1] += np.cross(frames.p[:, -1], tool_pull)
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
-        effort: Floats = np.sum(axes * np.where(turning, moment - np.cross(feet, force), force), axis=2)
+        effort: Floats = np.sum(frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2)
         return effort
 
     def contacts(self, q: Floats) -> list[Contact]:
         """Return the least clearance between links, to the floor, to each obstacle and of the tool to its workspace."""
-        points, _, origins = self.points(q)
+        points, frames = self.points(q)
         found = []
         distance = self._pair_distance(points, self._first, self._second)[0]
         if distance.size:
@@ -287,7 +256,7 @@ class Spheres:
             what = f"link {self.links[s] + 1} - obstacle {number}"
             found.append(Contact(what, float(distance[k, s]), int(k), self.scene.distance))
         if self.scene.workspace is not None:
-            tool, workspace = origins[:, -1], self.scene.workspace
+            tool, workspace = frames.p[:, -1], self.scene.workspace
             room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
             found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin()), 0.0))
         return found

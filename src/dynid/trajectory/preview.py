@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
+from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
-from dynid.trajectory.clearance import Scene, Spheres, joint_axes, link_poses
+from dynid.trajectory.clearance import Scene, Spheres
 from dynid.trajectory.feasible import CONTINUOUS
 from dynid.trajectory.plan import Trajectory
 
@@ -219,14 +220,15 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: 
     with tempfile.TemporaryDirectory() as folder:
         job = Path(folder) / "job.json"
         job.write_text(json.dumps(facts), encoding="utf-8")
-        axes = np.concatenate(joint_axes(robot, *link_poses(robot, random[:COMPARED])), axis=2)
+        frames = link_frames(robot, random[:COMPARED], world=True)
+        axes = np.concatenate([frames.axis, frames.point], axis=2)
         np.savez(job.with_suffix(".npz"), t=t, q=q, random=random, axes=axes)
         yield job
 
 
 def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
     """Return what the camera looks at and from how far, so that the arm fills the picture and never leaves it."""
-    origins = link_poses(robot, q[:: max(1, len(q) // SEEN)])[1].reshape(-1, 3)
+    origins = link_frames(robot, q[:: max(1, len(q) // SEEN)], world=True).p.reshape(-1, 3)
     points = np.vstack([origins, [robot.base_xyz]])
     yaw, pitch = np.radians([YAW, PITCH])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])

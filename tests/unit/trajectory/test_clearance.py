@@ -4,42 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.model.kinematics import tool_pose
-from dynid.robot import Joint, Robot
-from dynid.trajectory.clearance import Box, Scene, Spheres, joint_axes, link_poses
-
-
-def scara():
-    joints = (
-        Joint("a", a=0.3, twist=0.2),
-        Joint("b", a=0.25, twist=np.pi, theta_offset=0.4),
-        Joint("c", type="prismatic", twist=0.3, theta_offset=0.7),
-    )
-    return Robot("scara", "modified", joints, base_xyz=(0.1, 0.2, 0.9), base_rpy=(0.1, 0.2, 0.3))
-
-
-@pytest.mark.parametrize("robot", ["lwr", "gen2", "scara"])
-def test_last_frame_is_where_the_model_of_one_pose_puts_it(robot, request):
-    robot = scara() if robot == "scara" else request.getfixturevalue(robot).robot
-    q = np.random.default_rng(1).uniform(-1, 1, (20, robot.n))
-    rotations, origins = link_poses(robot, q)
-    for k, pose in enumerate(q):
-        expected = tool_pose(robot, pose)
-        assert np.allclose(origins[k, -1], expected[:3, 3])
-        assert np.allclose(rotations[k, -1], expected[:3, :3])
-
-
-@pytest.mark.parametrize("robot", ["lwr", "scara"])
-def test_axes_give_the_velocity_of_the_tool(robot, request):
-    robot = scara() if robot == "scara" else request.getfixturevalue(robot).robot
-    rng = np.random.default_rng(2)
-    q, direction = rng.uniform(-1, 1, (2, robot.n))
-    rotations, origins = link_poses(robot, q[None])
-    axes, feet = joint_axes(robot, rotations, origins)
-    turning = np.array([joint.revolute for joint in robot.joints])[:, None]
-    jacobian = np.where(turning, np.cross(axes[0], origins[0, -1] - feet[0]), axes[0])
-    h = 1e-6
-    up, down = (tool_pose(robot, q + s * h * direction)[:3, 3] for s in (1, -1))
-    assert np.allclose(direction @ jacobian, (up - down) / (2 * h), atol=1e-8)
+from dynid.trajectory.clearance import Box, Scene, Spheres
 
 
 @pytest.mark.parametrize(

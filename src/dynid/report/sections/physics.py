@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.kinematics import frames
+from dynid.model.kinematics import link_frames
 from dynid.report.evidence import Evidence
 from dynid.report.figures import ESTIMATED, RESIDUAL
 from dynid.report.inertia_ellipsoids import Ellipsoid, portrait
@@ -85,7 +85,7 @@ def outlines(robot: Robot, links: list[dict[str, Any]], label: str) -> str:
     """Draw the same without PyBullet: the outlines of the ellipsoids in two planes of frame 0."""
     from matplotlib.figure import Figure
 
-    poses = frames(robot, pose(robot))
+    poses = link_frames(robot, pose(robot)).poses
     points = np.vstack([np.zeros(3), poses[:, :3, 3]])
     with page_style("ellipsoids"):
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")

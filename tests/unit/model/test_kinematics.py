@@ -1,0 +1,74 @@
+"""Link frames against products of elementary transforms and differences of positions."""
+
+import numpy as np
+import pytest
+
+from dynid.files.robotfile import load_robot
+from dynid.model.kinematics import base_pose, fixed_poses, link_frames, tip_jacobian, tool_pose
+from dynid.robot import Joint, Robot, rotation_rpy
+
+
+def scara(convention="modified"):
+    joints = (
+        Joint("a", a=0.3, twist=0.2, d=0.11),
+        Joint("b", a=0.25, twist=np.pi, theta_offset=0.4),
+        Joint("c", type="prismatic", twist=0.3, theta_offset=0.7, d=0.05),
+    )
+    return Robot("scara", convention, joints, base_xyz=(0.1, 0.2, 0.9), base_rpy=(0.1, 0.2, 0.3))
+
+
+def pose(R, p):
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = R, p
+    return found
+
+
+def textbook(robot, q):
+    """Return the poses of the links in the world as products of turns and shifts along one axis each."""
+    here, found = pose(rotation_rpy(robot.base_rpy), robot.base_xyz), []
+    for joint, value in zip(robot.joints, q, strict=True):
+        theta = joint.theta_offset + (value if joint.revolute else 0.0)
+        d = joint.d + (0.0 if joint.revolute else value)
+        about_z = pose(rotation_rpy((0, 0, theta)), (0, 0, d))
+        about_x = pose(rotation_rpy((joint.twist, 0, 0)), (joint.a, 0, 0))
+        here = here @ (about_z @ about_x if robot.convention == "standard" else about_x @ about_z)
+        found.append(here)
+    return np.array(found)
+
+
+ARMS = {
+    "lwr": load_robot("kuka_lwr4plus"),
+    "panda": load_robot("franka_panda"),
+    "scara": scara(),
+    "standard": scara("standard"),
+}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_frames_are_the_product_of_turns_and_shifts(name):
+    robot = ARMS[name]
+    q = np.random.default_rng(1).uniform(-2, 2, (20, robot.n))
+    expected = np.array([textbook(robot, one) for one in q])
+    np.testing.assert_allclose(link_frames(robot, q, world=True).poses, expected, atol=1e-14)
+    np.testing.assert_allclose(base_pose(robot) @ link_frames(robot, q).poses, expected, atol=1e-14)
+    np.testing.assert_allclose(tool_pose(robot, q[3]), expected[3, -1], atol=1e-14)
+    assert link_frames(robot, q.reshape(4, 5, -1)).axis.shape == (4, 5, robot.n, 3)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_fixed_poses_and_the_motion_about_z_between_them_are_the_transform(name):
+    robot, here, q = ARMS[name], np.eye(4), np.linspace(0.3, -0.8, ARMS[name].n)
+    for joint, value in zip(robot.joints, q, strict=True):
+        before, after = fixed_poses(joint, robot.convention)
+        turn, shift = ((0, 0, value), (0, 0, 0)) if joint.revolute else ((0, 0, 0), (0, 0, value))
+        here = here @ before @ pose(rotation_rpy(turn), shift) @ after
+    np.testing.assert_allclose(here, link_frames(robot, q).poses[-1], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_jacobian_is_the_slope_of_the_tool_position(name):
+    robot, rng, h = ARMS[name], np.random.default_rng(2), 1e-6
+    q, direction = rng.uniform(-1, 1, (2, robot.n))
+    jacobian = tip_jacobian(robot, link_frames(robot, q, world=True))
+    up, down = (tool_pose(robot, q + s * h * direction)[:3, 3] for s in (1, -1))
+    np.testing.assert_allclose(direction @ jacobian, (up - down) / (2 * h), atol=1e-8)
