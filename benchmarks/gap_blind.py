@@ -21,12 +21,11 @@ from dynid.estimation.estimate import estimate
 from dynid.estimation.sources import Reading, conditioned_source
 from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
-from dynid.gap.forward_simulation import forward
-from dynid.gap.investigate import investigate, on_one_clock
-from dynid.gap.problem import kept, make_setting
-from dynid.gap.refit import fit_picks, shrink
-from dynid.gap.search import Search
-from dynid.gap.stepwise_selection import Options
+from dynid.gap.analysis import analyse_gap, on_one_clock, simulation_errors
+from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.refit import held_out_improvement, refit
+from dynid.gap.search import EffectSearch
+from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -110,7 +109,7 @@ def known_of(base, arm, seed):
     """Identify the arm from an earlier session without the change."""
     case = hidden.Case(arm, "torque_offset", 2, 0.0, seed + 77)
     sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.model)
-    return kept(estimate(stack_base(sources, base), base, method="wls", holdout=None))
+    return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None))
 
 
 def truth_of(cases, n):
@@ -135,22 +134,22 @@ def run(set_name, k, seed=0):
     logs, cases = logs_of(effects, size, arm, number, extra)
     start = time.process_time()
     sources = sources_of(logs, base.model)
-    seen = investigate(sources, base, known, Options(), simulate=False)
+    seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False)
     seconds = time.process_time() - start
-    visible = np.sqrt(np.maximum(seen.found.before - 1, 0))
+    visible = np.sqrt(np.maximum(seen.search.before - 1, 0))
     joint = int(np.argmax(visible))
     size_seen = visible.max() if len(cases) == 1 else min(visible_alone(base, e, size, arm, number) for e in effects)
     row = {
         "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
         "truth": truth_of(cases, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
-        "verdict": seen.verdict.word, "named": [[f.pick.effect.name, list(f.pick.place)] for f in seen.verdict.named],
-        "closest": [[f.pick.effect.name, list(f.pick.place), why] for f, why in seen.verdict.closest],
+        "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
+        "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
-        "equals": [[[name, list(place)] for name, place in f.pick.equals] for f in seen.verdict.named],
+        "equals": [[[name, list(place)] for name, place in f.selected.rivals] for f in seen.verdict.named],
         "visible": float(size_seen), "joint": joint, "seconds": seconds,
-        "unrepeatable": [seen.found.setting.noise.burst.tolist(), seen.found.setting.noise.wander.tolist()],
-        "held": [x.tolist() for x in (seen.proof.before, seen.proof.after, seen.proof.floor)],
-        "chi": [seen.found.before.round(2).tolist(), seen.found.after.round(2).tolist(), seen.found.calm.round(2).tolist()],
+        "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.wander.tolist()],
+        "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
+        "chi": [seen.search.before.round(2).tolist(), seen.search.after.round(2).tolist(), seen.search.between_reversals.round(2).tolist()],
     }  # fmt: skip
     if row["truth"] and outcome(row) == "exact":
         row["oracle"] = oracle_of(effects, size, arm, number, extra, known).tolist()
@@ -162,7 +161,8 @@ def run(set_name, k, seed=0):
 def visible_alone(base, effect, size, arm, seed):
     """Return the visible size of one of two effects, without the other."""
     logs, _ = logs_of([effect], size, arm, seed)
-    chi = make_setting(on_one_clock(sources_of(logs, base.model)), base, None).board().chi()
+    problem = make_problem(on_one_clock(sources_of(logs, base.model)), base, None)
+    chi = problem.regression().reduced_chi_square()
     return float(np.sqrt(np.maximum(chi - 1, 0)).max())
 
 
@@ -171,23 +171,20 @@ def oracle_of(effects, size, arm, number, extra, known):
     name, joint = effects[0]
     bare = hidden.Case(arm, "torque_offset" if name in LACKING else name, joint, size, number, extra)
     base = model_of(arm)
-    first = make_setting(on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.model)), base, known)
-    return shrink(first, search_nothing(first), []).before
+    first = make_problem(on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.model)), base, known)
+    return held_out_improvement(first, search_nothing(first), []).before
 
 
-def search_nothing(setting):
+def search_nothing(problem):
     """Return a search that found nothing."""
-    chi = setting.board().chi()
-    return Search(setting, [], 0.0, None, chi, chi, chi)
+    chi = problem.regression().reduced_chi_square()
+    return EffectSearch(problem, [], 0.0, None, chi, chi, chi, {})
 
 
 def simulated(seen):
     """Return the position error of the replay in PyBullet before and after, at the joint of the gap [rad]."""
-    _, board = fit_picks(seen.found)
-    picks = [f.pick for f in seen.fitted if f.pick.effect.name != "torque_delay"]
-    before = forward(seen.first, seen.first.board(nuisance=False), [])
-    after = forward(seen.found.setting, board, picks)
-    return None if before is None or after is None else [before.rms.tolist(), after.rms.tolist()]
+    errors = simulation_errors(seen.problem, seen.search, seen.effects, refit(seen.search)[1])
+    return None if errors is None else [rms.tolist() for rms in errors]
 
 
 def outcome(row):

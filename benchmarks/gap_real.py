@@ -24,9 +24,9 @@ from dynid.estimation.sources import Reading, conditioned_source
 from dynid.estimation.stack import stack_base
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.gap.investigate import investigate
-from dynid.gap.problem import kept, make_setting
-from dynid.gap.stepwise_selection import Options
+from dynid.gap.analysis import analyse_gap
+from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
@@ -167,7 +167,7 @@ def known_of(arm, data, cache):
         found = identified([source], base)
         log = read(data / second, robot)
         bare = look([log], base, found, source)
-        alone = make_setting([source_of(log, model)], base, kept(found)).stretches
+        alone = make_problem([source_of(log, model)], base, kept_model(found)).segments
         left = np.concatenate([np.where(s.use, s.tau - s.W @ found.plain, np.nan) for s in alone])
         residual = np.sqrt(np.nanmean(left**2, axis=0))
 
@@ -186,21 +186,21 @@ def one(arm, name, joint, sign, data, cache):
     seen = look([altered], base, found, source)
     seconds = time.process_time() - start
     place = [] if name in hidden.WHOLE_ARM else [joint]
-    named = [[f.pick.effect.name, list(f.pick.place)] for f in seen.verdict.named]
-    before = {(f.pick.effect.name, f.pick.place) for f in bare.verdict.named}
+    named = [[f.name, list(f.joints)] for f in seen.verdict.named]
+    before = {(f.name, f.joints) for f in bare.verdict.named}
     return {
         "arm": arm, "effect": name, "joint": joint, "size": size, "named": named, "found": [name, place] in named,
-        "among": any((name, tuple(place)) in f.pick.equals for f in seen.verdict.named),
+        "among": any((name, tuple(place)) in f.selected.rivals for f in seen.verdict.named),
         "others": [n for n in named if n != [name, place] and (n[0], tuple(n[1])) not in before],
-        "values": [f.values for f in seen.verdict.named if f.pick.effect.name == name],
-        "closest": [[f.pick.effect.name, list(f.pick.place), why] for f, why in seen.verdict.closest], "seconds": seconds,
+        "values": [f.values for f in seen.verdict.named if f.name == name],
+        "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest], "seconds": seconds,
     }  # fmt: skip
 
 
 def look(logs, base, found, earlier=None):
     sources = [source_of(log, base.model) for log in logs]
-    known = None if found is None else kept(found)
-    return investigate(sources, base, known, Options(), simulate=False, earlier=[earlier] if earlier else ())
+    kept = None if found is None else kept_model(found)
+    return analyse_gap(sources, base, kept, SelectionOptions(), simulate=False, earlier=[earlier] if earlier else ())
 
 
 def as_they_are(data):
@@ -212,15 +212,15 @@ def as_they_are(data):
         model = build_model(replace(robot, coupling=None) if "left out" in title else robot)
         base = BaseModel(model, reduce(model))
         seen = look([read(data / log, robot) for log in logs], base, None)
-        ratio = seen.proof.after / np.maximum(seen.proof.before, 1e-12)
+        ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
         for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:
-            j = f.pick.proof.joint
-            interval = seen.proof.ratio[j]
+            j = f.selected.test.joint
+            interval = seen.improvement.ratio[j]
             rows.append(
-                [title, seen.verdict.word, f.pick.effect.name, "-".join(str(k + 1) for k in f.pick.place) or "arm",
+                [title, seen.verdict.word, f.name, "-".join(str(k + 1) for k in f.joints) or "arm",
                  f"{100 * (ratio[j] - 1):+.0f} % ({100 * (interval[0] - 1):+.0f} to {100 * (interval[1] - 1):+.0f})", why]
             )  # fmt: skip
-        if not seen.fitted:
+        if not seen.effects:
             rows.append([title, seen.verdict.word, "-", "-", "-", "-"])
     return rows
 

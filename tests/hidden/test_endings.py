@@ -8,10 +8,10 @@ import gap_blind
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
+from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import identify_again, specs_of
-from dynid.gap.investigate import investigate, on_one_clock
-from dynid.gap.problem import kept
-from dynid.gap.stepwise_selection import Options
+from dynid.gap.problem import kept_model
+from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import labels
 
 ARM = "lwr4plus"
@@ -24,17 +24,17 @@ def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):
     base = gap_blind.model_of(ARM)
     logs, cases = gap_blind.logs_of(effects, size, ARM, seed, seconds=seconds, **options)
     sources = gap_blind.sources_of(logs, base.model)
-    return base, sources, investigate(sources, base, known, Options(effects=only), simulate=False), cases
+    return base, sources, analyse_gap(sources, base, known, SelectionOptions(effects=only), simulate=False), cases
 
 
 def named(seen):
-    return {(f.pick.effect.name, f.pick.place) for f in seen.verdict.named}
+    return {(f.name, f.joints) for f in seen.verdict.named}
 
 
 def test_nothing_hidden_is_called_nothing_missing():
     _, _, seen, _ = look([("torque_offset", 2)], 0.0, 21)
     assert seen.verdict.word == "nothing_missing"
-    assert seen.fitted == ()
+    assert seen.effects == ()
     assert "as good as the noise" in seen.verdict.advice
 
 
@@ -42,14 +42,14 @@ def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
     base, sources, seen, _ = look([("load_friction", 3)], 3.0, 22)
     assert seen.verdict.word == "named"
     assert named(seen) == {("load_friction", (3,))}
-    assert seen.proof.ratio[3, 1] < 0.9
+    assert seen.improvement.ratio[3, 1] < 0.9
     specs = specs_of(seen.verdict.named, base.robot)
-    again, found = identify_again(on_one_clock(sources), seen.first, base, specs)
+    again, found = identify_again(on_one_clock(sources), seen.problem, base, specs)
     column = found.names.index("load_friction4_a")
     assert found.theta[column] == pytest.approx(seen.verdict.named[0].values["a"], rel=0.1)
-    assert found.joints[3].heldout_rms == pytest.approx(seen.proof.after[3], rel=0.1)
+    assert found.joints[3].heldout_rms == pytest.approx(seen.improvement.after[3], rel=0.1)
     assert again.robot.effects == tuple(specs)
-    after = investigate(sources, again, None, Options(), simulate=False)
+    after = analyse_gap(sources, again, None, SelectionOptions(), simulate=False)
     assert after.verdict.word == "nothing_missing", "with the effect in the model, nothing else is missing"
     assert named(after) == set()
 
@@ -75,7 +75,7 @@ def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_no_name():
 def test_contacts_that_do_not_repeat_are_called_so():
     _, _, seen, _ = look([("contacts", 2)], 4.0, 26)
     assert seen.verdict.word == "unexplained"
-    assert seen.found.setting.noise.unrepeatable == [2]
+    assert seen.search.problem.noise.unrepeatable == [2]
     assert "does not repeat" in seen.verdict.advice
 
 
@@ -93,12 +93,12 @@ def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
     lacking, changed = [("position_friction", 3)], [("position_friction", 3), ("coulomb_change", 1)]
     before, now = (gap_blind.logs_of(e, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0] for e in (lacking, changed))
     earlier, new = (gap_blind.sources_of(logs, base.model) for logs in (before[::2], now[1::2]))
-    known = kept(estimate(stack_base(earlier, base), base, method="wls", holdout=None))
-    seen = investigate(new, base, known, Options(), simulate=False, earlier=earlier)
-    assert seen.first.matched == pytest.approx(1.0, rel=0.05)
+    known = kept_model(estimate(stack_base(earlier, base), base, method="wls", holdout=None))
+    seen = analyse_gap(new, base, known, SelectionOptions(), simulate=False, earlier=earlier)
+    assert seen.problem.matched == pytest.approx(1.0, rel=0.05)
     assert named(seen) == {("coulomb_change", (1,))}
-    same = investigate(
-        gap_blind.sources_of(before[1::2], base.model), base, known, Options(), simulate=False, earlier=earlier
+    same = analyse_gap(
+        gap_blind.sources_of(before[1::2], base.model), base, known, SelectionOptions(), simulate=False, earlier=earlier
     )
     assert named(same) == set()
 
@@ -118,16 +118,16 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
     base, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
-    pick = seen.verdict.named[0].pick
-    assert {pick.place, *(place for _, place in pick.equals)} == {(2, 1), (2, 3)}
+    one = seen.verdict.named[0].selected
+    assert {one.joints, *(joints for _, joints in one.rivals)} == {(2, 1), (2, 3)}
     assert seen.verdict.advice == (
-        f"To tell {' and '.join(labels(pick, base.robot.joint_names))} apart: move the two joints one after the other."
+        f"To tell {' and '.join(labels(one, base.robot.joint_names))} apart: move the two joints one after the other."
     )
 
 
 def test_without_repeats_the_floor_is_a_bound_and_clean_logs_still_get_no_name():
     _, _, seen, _ = look([("torque_offset", 2)], 0.0, 29, repeats=1)
-    assert seen.first.noise.repeats == 0
+    assert seen.problem.noise.repeats == 0
     assert named(seen) == set()
     assert "lower bound" in seen.verdict.advice
 

@@ -18,9 +18,9 @@ from dynid.errors import ExitStatus, WrongUsage
 if TYPE_CHECKING:
     from dynid.estimation.result import StoredResult
     from dynid.estimation.stack import Source
-    from dynid.gap.investigate import Investigation
-    from dynid.gap.refit import Fitted
-    from dynid.gap.stepwise_selection import Options
+    from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.refit import FittedEffect
+    from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
@@ -101,8 +101,8 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     """
     from dynid.cli.validate import base_model_of
     from dynid.estimation import result
-    from dynid.gap.investigate import investigate
-    from dynid.gap.problem import kept
+    from dynid.gap.analysis import analyse_gap
+    from dynid.gap.problem import kept_model
     from dynid.report.gap_record import save
 
     options = DEFAULTS | given
@@ -110,11 +110,11 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     wanted = options_of(stored.robot, options)
     base = base_model_of(common, stored)
     sources = conditioned(common, base, logs, options, stored)
-    known = kept(stored.identification) if options["mode"] == "frozen" else None
-    earlier = earlier_logs(common, base, stored, logs, options) if known else []
+    kept = kept_model(stored.identification) if options["mode"] == "frozen" else None
+    earlier = earlier_logs(common, base, stored, logs, options) if kept else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")
-        seen = investigate(sources, base, known, wanted, progress, earlier=earlier)
+        seen = analyse_gap(sources, base, kept, wanted, progress, earlier=earlier)
     wrote = write_pictures(common, parameters.parent / "gap", base.robot, seen) if options["plot"] else []
     show(common, base.robot, seen)
     chosen = chosen_effects(seen, options["apply_"], base.robot)
@@ -122,14 +122,14 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
         wrote += add(common, base, sources, seen, chosen, stored, logs, options)
     stored_gap = parameters.parent / "gap.npz"
     answer = answer_of(base.robot, seen, options["mode"], [*wrote, stored_gap])
-    save(stored_gap, answer, logs, seen.where, seen.proof)
+    save(stored_gap, answer, logs, seen.joints, seen.improvement)
     return answer
 
 
-def options_of(robot: Robot, options: dict[str, Any]) -> Options:
+def options_of(robot: Robot, options: dict[str, Any]) -> SelectionOptions:
     """Return what is searched, every name checked."""
     from dynid.files.yamlfile import closest
-    from dynid.gap.stepwise_selection import Options
+    from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.effects.catalogue import CATALOGUE
 
     effects: tuple[str, ...] = ()
@@ -141,7 +141,7 @@ def options_of(robot: Robot, options: dict[str, Any]) -> Options:
                 f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}"
             )
     joints = joints_of(robot, options["joints"], "--joints")
-    return Options(effects, joints, percent(options["false_alarm"], "--false-alarm"), options["max_effects"])
+    return SelectionOptions(effects, joints, percent(options["false_alarm"], "--false-alarm"), options["max_effects"])
 
 
 def joints_of(robot: Robot, text: str | None, option: str) -> tuple[int, ...]:
@@ -200,30 +200,23 @@ def earlier_logs(
 
 
 # ---------------------------------------------------------------- adding
-def chosen_effects(seen: Investigation, apply_: str | None, robot: Robot) -> list[Fitted]:
+def chosen_effects(seen: GapAnalysis, apply_: str | None, robot: Robot) -> list[FittedEffect]:
     """Return the effects to add: those named, or the one that --apply asks for."""
     if apply_ in (None, "best"):
         return list(seen.verdict.named)
     name, _, where = str(apply_).partition("@")
     joints = joints_of(robot, where, "--apply")
-    found = [
-        f
-        for f in seen.fitted
-        if f.pick.effect.name == name and (not joints or f.pick.place[:1] in [(j,) for j in joints])
-    ]
+    found = [f for f in seen.effects if f.name == name and (not joints or f.joints[:1] in [(j,) for j in joints])]
     if not found:
-        there = (
-            ", ".join(f"{f.pick.effect.name}@{','.join(str(j + 1) for j in f.pick.place[:1])}" for f in seen.fitted)
-            or "nothing"
-        )
+        there = ", ".join(f"{f.name}@{','.join(str(j + 1) for j in f.joints[:1])}" for f in seen.effects) or "nothing"
         raise WrongUsage(f"--apply {apply_}: this was not found", why=f"found: {there}")
     return found
 
 
-def agreed(common: Common, chosen: list[Fitted], options: dict[str, Any]) -> bool:
+def agreed(common: Common, chosen: list[FittedEffect], options: dict[str, Any]) -> bool:
     """Return whether the effects are to be added."""
     given = False if options["no_apply"] else True if options["apply_"] else None
-    names = " and ".join(f.pick.effect.name for f in chosen)
+    names = " and ".join(f.name for f in chosen)
     return ask(common, "P7", given=given, effect=names) is Answer.YES
 
 
@@ -231,8 +224,8 @@ def add(
     common: Common,
     base: BaseModel,
     sources: list[Source],
-    seen: Investigation,
-    chosen: list[Fitted],
+    seen: GapAnalysis,
+    chosen: list[FittedEffect],
     stored: StoredResult,
     logs: tuple[Path, ...],
     options: dict[str, Any],
@@ -240,8 +233,8 @@ def add(
     """Write the copy of the robot file and the arm identified again with the effects."""
     from dynid.estimation import result
     from dynid.files.artifact import sha256
+    from dynid.gap.analysis import on_one_clock
     from dynid.gap.apply import identify_again, new_name, specs_of, write_robot
-    from dynid.gap.investigate import on_one_clock
 
     robot = base.robot
     specs = specs_of(chosen, robot)
@@ -250,7 +243,7 @@ def add(
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     write_robot(robot, specs, copy)
-    again, found = identify_again(on_one_clock(sources), seen.first, base, specs)
+    again, found = identify_again(on_one_clock(sources), seen.problem, base, specs)
     again = replace(again, model=replace(again.model, robot=replace(again.robot, path=copy)))
     folder = common.out or Path("out") / copy.stem
     inputs = {f"log {k + 1}": sha256(log) for k, log in enumerate(logs)}
@@ -293,13 +286,16 @@ def ask_to_overwrite(common: Common, path: Path) -> None:
         raise Declined(f"{path} is left as it was", fix="use --force, or another name with --new-name")
 
 
-def write_pictures(common: Common, folder: Path, robot: Robot, seen: Investigation) -> list[Path]:
+def write_pictures(common: Common, folder: Path, robot: Robot, seen: GapAnalysis) -> list[Path]:
     """Draw where the gap is and how far it shrank."""
-    from dynid.report.gap_figures import shrink_figure, where_figure, write
+    from dynid.report.gap_figures import improvement_figure, where_figure, write
 
     units = [joint.torque_unit for joint in robot.joints]
     with common.terminal.progress() as progress:
         progress.stage("draw", "")
-        first = write(where_figure(seen.where, robot.joint_names, robot.name), folder / "where.png")
-        title = f"{robot.name}: the gap on unseen data ({seen.first.held_text})"
-        return [first, write(shrink_figure(seen.proof, robot.joint_names, units, title), folder / "shrink.png")]
+        first = write(where_figure(seen.joints, robot.joint_names, robot.name), folder / "where.png")
+        title = f"{robot.name}: the gap on unseen data ({seen.problem.held_text})"
+        return [
+            first,
+            write(improvement_figure(seen.improvement, robot.joint_names, units, title), folder / "shrink.png"),
+        ]

@@ -8,7 +8,7 @@ from dynid.cli.options import Common
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.gap.self_test import Case
+    from dynid.gap.self_test import SelfTestCase
 
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 
@@ -22,7 +22,7 @@ def run_self_test(common: Common) -> ExitStatus:
     from dynid.sim.plant import read_plant
 
     robot = load_robot(ROBOT)
-    cases: list[Case] = []
+    cases: list[SelfTestCase] = []
     with common.terminal.progress() as progress:
         progress.stage("self-test", "")
         model, _ = obtain_model(robot, common.folder(robot.slug))
@@ -53,7 +53,7 @@ def run_self_test(common: Common) -> ExitStatus:
     return ExitStatus.LIMIT_NOT_MET if false_names else ExitStatus.DONE
 
 
-def case_answer(case: Case) -> dict[str, Any]:
+def case_answer(case: SelfTestCase) -> dict[str, Any]:
     """Return one case for the JSON answer."""
     return {
         "hidden": case.hidden.name,
@@ -65,7 +65,7 @@ def case_answer(case: Case) -> dict[str, Any]:
     }
 
 
-def said(case: Case) -> str:
+def said(case: SelfTestCase) -> str:
     """Return what was named, in words."""
     return (
         ", ".join(f"{name} on {'joint ' + str(place[0] + 1) if place else 'the arm'}" for name, place in case.named)

@@ -16,8 +16,8 @@ from dynid.estimation.least_squares import weighted
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Source, stack_base
 from dynid.files.artifact import write_text
-from dynid.gap.problem import Setting
-from dynid.gap.refit import Fitted
+from dynid.gap.problem import GapProblem
+from dynid.gap.refit import FittedEffect
 from dynid.gap.segments import Mask
 from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
@@ -42,7 +42,7 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     return BaseModel(model, with_added(plain, model))
 
 
-def specs_of(fitted: Sequence[Fitted], robot: Robot) -> list[EffectSpec]:
+def specs_of(fitted: Sequence[FittedEffect], robot: Robot) -> list[EffectSpec]:
     """Return the robot file's entries, numbers rounded to what their errors leave."""
     found = []
     for one in fitted:
@@ -54,13 +54,13 @@ def specs_of(fitted: Sequence[Fitted], robot: Robot) -> list[EffectSpec]:
 
 
 def identify_again(
-    sources: Sequence[Source], setting: Setting, base: BaseModel, specs: Sequence[EffectSpec]
+    sources: Sequence[Source], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
 ) -> tuple[BaseModel, Identification]:
     """Identify the arm with effects on the training rows alone; the held-out rows judge it.
 
     Args:
         sources: conditioned logs, as read without the effects.
-        setting: which rows are held out.
+        problem: which rows are held out.
         base: model without the effects.
         specs: the effects.
 
@@ -70,20 +70,20 @@ def identify_again(
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
     late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
-    first = model_torques(base.model, base.reduction, setting.theta)
-    made = settled(only([with_effects(s, added.model, first) for s in late], setting, setting.train), added)
+    first = model_torques(base.model, base.reduction, problem.theta)
+    made = settled(only([with_effects(s, added.model, first) for s in late], problem, problem.train), added)
     train = stack_base(made, added)
-    held = stack_base(scaled(only(late, setting, setting.held), added, weighted(*train.whole).theta), added)
+    held = stack_base(scaled(only(late, problem, problem.held), added, weighted(*train.whole).theta), added)
     blocks, judged = np.ones(train.blocks, dtype=bool), held.rows.sum(axis=1) > 0
-    holdout = HoldOut(blocks, held, judged, setting.held_text)
+    holdout = HoldOut(blocks, held, judged, problem.held_text)
     return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 
-def only(sources: Sequence[Source], setting: Setting, chosen: Sequence[Mask]) -> list[Source]:
-    """Return logs of which only the chosen rows count, one mask a stretch."""
+def only(sources: Sequence[Source], problem: GapProblem, chosen: Sequence[Mask]) -> list[Source]:
+    """Return logs of which only the chosen rows count, one mask per segment."""
     spans = {
         (s.log, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])
-        for s, rows in zip(setting.stretches, chosen, strict=True)
+        for s, rows in zip(problem.segments, chosen, strict=True)
         if rows.any()
     }
     return [

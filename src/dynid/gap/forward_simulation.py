@@ -13,9 +13,9 @@ import numpy as np
 from dynid.estimation.consistent import fit_pooled
 from dynid.estimation.effect_columns import arm_motion
 from dynid.estimation.physical_parameters import physics_of
-from dynid.gap.problem import Setting, information_root
-from dynid.gap.selected_effects import Pick
-from dynid.gap.whitened_regression import Board
+from dynid.gap.problem import GapProblem, information_root
+from dynid.gap.selected_effects import SelectedEffect, effect_torque
+from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.reference import model_torques
 from dynid.model.store import BaseModel
@@ -28,59 +28,49 @@ LEAST_INERTIA = 2e-3
 CHECKED = 200
 
 
-def forward(setting: Setting, board: Board, picks: Sequence[Pick]) -> Replay | None:
-    """Replay the longest held-out stretch through a model.
+def simulate_held_out(
+    problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+) -> Replay | None:
+    """Replay the longest held-out segment through a model.
 
     Args:
-        setting: the search's setting.
-        board: the fitted model, with the effects beside it.
-        picks: these effects.
+        problem: the problem.
+        regression: the fitted model, with the effects beside it.
+        selected: these effects.
 
     Returns:
         The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
-    held = [(int(rows.sum()), k) for k, rows in enumerate(setting.held)]
-    count, k = max(held)
-    if count < 2 * setting.stretches[k].rate:
+    count, k = max((int(rows.sum()), k) for k, rows in enumerate(problem.held))
+    rows, base = problem.segments[k], problem.base
+    if count < 2 * rows.rate:
         return None
-    theta, amplitudes = possible(setting.base, board), board.theta[board.size :]
-    stretch = setting.stretches[k]
-    segment = stretch.source.segments[0]
-    first, last = stretch.t[setting.held[k]][[0, -1]]
+    p = base.reduction.rank
+    theta = nearest_possible(base, regression.fit.theta[:p], regression.fit.inverse[:p, :p])
+    segment = rows.source.segments[0]
+    first, last = rows.t[problem.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
-    whole = arm_motion(
-        segment,
-        stretch.source.chosen,
-        setting.base.model,
-        model_torques(setting.base.model, setting.base.reduction, theta),
-    )
-    steady = own_effects(setting.base, theta, whole)
-    at = 0
-    for pick in picks:
-        # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
-        columns = pick.effect.columns(whole, pick.place, pick.shape)
-        steady[:, list(pick.effect.rows(pick.place, whole.n))] += np.tensordot(
-            amplitudes[at : at + len(columns)], columns, axes=1
-        ).T
-        at += len(columns)
-    tau = segment.tau[part] - steady[part]
+    motion = arm_motion(segment, rows.source.chosen, base.model, model_torques(base.model, base.reduction, theta))
+    # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
+    extra = own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
+    tau = segment.tau[part] - extra[part]
     some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
-    if least_inertia(setting.base, theta, segment.q[some]) < LEAST_INERTIA:
+    if least_inertia(base, theta, segment.q[some]) < LEAST_INERTIA:
         return None
-    model = acceleration_of(setting.base, theta)
-    return replay(setting.base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
+    model = acceleration_of(base, theta)
+    return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
 
 
-def possible(base: BaseModel, board: Board) -> Floats:
+def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:
     """Return the base parameters of the physically possible arm next to fitted ones, (p,).
 
     Args:
         base: model and base parameters.
-        board: the fitted model.
+        theta: fitted base parameters, (p,).
+        covariance: of them, (p, p).
     """
-    p, K = base.reduction.rank, base.reduction.K
-    R = information_root(board.inverse[:p, :p])
-    return np.asarray(K @ fit_pooled(R @ K, R @ board.theta[:p], physics_of(base))[0].x)
+    R, K = information_root(covariance), base.reduction.K
+    return np.asarray(K @ fit_pooled(R @ K, R @ theta, physics_of(base))[0].x)
 
 
 def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.whitened_regression import Board
+from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import Floats
 
-#: Mean square of the whitened residual from which a joint is above its noise floor.
-ABOVE = 1.1
-#: A region stands out when its mean square is so many times that of its joint's other rows.
+#: Share of the noise's power that may be left: a joint with more is above its noise floor.
+NEGLIGIBLE = 0.10
+#: A region stands out when what it has above the noise is so many times that of its joint's next one.
 STANDS_OUT = 1.6
 #: Fewest rows of a region that is judged.
 FEWEST = 60
@@ -21,8 +21,8 @@ REVERSAL = 0.15
 
 
 @dataclass(frozen=True)
-class Region:
-    """One part of one joint's rows.
+class ResidualRegion:
+    """The residual in one part of one joint's rows.
 
     Attributes:
         kind: what it is cut by: speed, position, load, time, direction, reversal.
@@ -52,36 +52,34 @@ class JointGap:
     joint: int
     chi: float
     share: float
-    regions: tuple[Region, ...]
+    regions: tuple[ResidualRegion, ...]
     text: str
 
 
-def where(board: Board) -> list[JointGap]:
+def localise_residual(regression: WhitenedRegression) -> list[JointGap]:
     """Return the disagreement of every joint."""
-    chi = board.chi()
-    energy = np.array(
-        [max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, board.e, board.noise.sigma, strict=True)]
-    )
+    chi, sigma = regression.reduced_chi_square(), regression.noise.sigma
+    energy = np.array([max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, regression.fit.e, sigma, strict=True)])
     total = energy.sum()
     found = []
     for j in range(len(chi)):
-        regions = regions_of(board, j)
-        text = _words(regions, float(chi[j])) if chi[j] > ABOVE else "at the noise floor"
+        regions = regions_of(regression, j)
+        text = _words(regions, float(chi[j])) if chi[j] > 1 + NEGLIGIBLE else "at the noise floor"
         found.append(JointGap(j, float(chi[j]), float(energy[j] / total) if total > 0 else 0.0, tuple(regions), text))
     return found
 
 
-def regions_of(board: Board, joint: int) -> list[Region]:
+def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegion]:
     """Cut one joint's whitened residual by what the arm did."""
-    rows, e = board.joints[joint], board.e[joint] * board.noise.count[joint] ** 0.5
+    rows, e = regression.joints[joint], regression.fit.e[joint] * regression.noise.count[joint] ** 0.5
     if len(e) < 3 * FEWEST:
         return []
     signals = {
-        key: np.concatenate([getattr(s, key)[:, joint] for s in board.stretches])[rows.place]
+        key: np.concatenate([getattr(s, key)[:, joint] for s in regression.segments])[rows.index]
         for key in ("q", "qd", "tau")
     }
-    t = np.concatenate([s.t + 1e6 * s.log for s in board.stretches])[rows.place]
-    turning = np.concatenate([_near_reversal(s.qd[:, joint], s.rate) for s in board.stretches])[rows.place]
+    t = np.concatenate([s.t + 1e6 * s.log for s in regression.segments])[rows.index]
+    reversing = np.concatenate([near_reversal(s.qd[:, joint], s.rate) for s in regression.segments])[rows.index]
     speed = np.abs(signals["qd"])
     parts: list[tuple[str, str, NDArray[np.bool_]]] = []
     for kind, signal, names in (
@@ -94,30 +92,34 @@ def regions_of(board: Board, joint: int) -> list[Region]:
         third = np.searchsorted(edges, signal)
         parts += [(kind, name, third == k) for k, name in enumerate(names)]
     parts += [("direction", "forward", signals["qd"] > 0), ("direction", "backward", signals["qd"] <= 0)]
-    parts += [("reversal", "at reversals", turning), ("reversal", "between reversals", ~turning)]
-    return [Region(kind, name, float(np.mean(e[m] ** 2)), int(m.sum())) for kind, name, m in parts if m.sum() >= FEWEST]
+    parts += [("reversal", "at reversals", reversing), ("reversal", "between reversals", ~reversing)]
+    return [
+        ResidualRegion(kind, name, float(np.mean(e[mask] ** 2)), int(mask.sum()))
+        for kind, name, mask in parts
+        if mask.sum() >= FEWEST
+    ]
 
 
-def _near_reversal(qd: Floats, rate: float) -> Floats:
-    turns = np.flatnonzero(np.diff(np.sign(qd)) != 0)
+def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
+    """Return which rows are at a reversal of a joint, (M,)."""
     near = np.zeros(len(qd), dtype=bool)
     width = max(1, round(REVERSAL * rate))
-    for k in turns:
+    for k in np.flatnonzero(np.diff(np.sign(qd)) != 0):
         near[max(0, k - width // 2) : k + width] = True
     return near
 
 
-def between_reversals(board: Board) -> Floats:
-    """Return the mean square of each whitened residual away from reversals, (n,); 1 where there is too little."""
-    chi = np.ones(len(board.e))
-    for j, (rows, e) in enumerate(zip(board.joints, board.e, strict=True)):
-        near = np.concatenate([_near_reversal(s.qd[:, j], s.rate) for s in board.stretches])[rows.place]
+def chi_square_between_reversals(regression: WhitenedRegression) -> Floats:
+    """Return the mean square of each whitened residual between reversals, (n,); 1 where there is too little."""
+    chi = np.ones(len(regression.joints))
+    for j, (rows, e) in enumerate(zip(regression.joints, regression.fit.e, strict=True)):
+        near = np.concatenate([near_reversal(s.qd[:, j], s.rate) for s in regression.segments])[rows.index]
         if (~near).sum() >= FEWEST:
-            chi[j] = board.noise.count[j] * float(np.mean(e[~near] ** 2))
+            chi[j] = regression.noise.count[j] * float(np.mean(e[~near] ** 2))
     return chi
 
 
-def _words(regions: list[Region], chi: float) -> str:
+def _words(regions: list[ResidualRegion], chi: float) -> str:
     """Return the strongest contrasts in words."""
     strong = []
     for kind in dict.fromkeys(r.kind for r in regions):
@@ -131,7 +133,7 @@ def _words(regions: list[Region], chi: float) -> str:
     return ", ".join(text for _, text in sorted(strong, reverse=True)[:2])
 
 
-def _phrase(region: Region) -> str:
+def _phrase(region: ResidualRegion) -> str:
     endings = {
         "speed": f"when {region.name}",
         "position": f"at the {region.name} of its travel",

@@ -8,42 +8,42 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.gap.noise import lag_of, shifted
-from dynid.gap.segments import Stretch
+from dynid.gap.segments import SegmentRows
 from dynid.model.effects.interface import Floats
 
-#: Share of the rows that must have been driven before, so that the rest can be done without.
+#: Share of the rows that must have been driven before, so that the others can be left out.
 MOST = 0.8
 
 
-def against(
-    stretches: Sequence[Stretch], earlier: Sequence[Stretch], theta: Floats
-) -> tuple[list[Stretch], float] | None:
+def subtract_matched_motion(
+    segments: Sequence[SegmentRows], earlier: Sequence[SegmentRows], theta: Floats
+) -> tuple[list[SegmentRows], float] | None:
     """Take from torques what the kept model left of the same motion in earlier logs.
 
     Args:
-        stretches: rows of the new logs.
+        segments: rows of the new logs.
         earlier: rows of the logs that the model was identified from.
         theta: base parameters of the kept model, (p,).
 
     Returns:
-        The stretches with the rest of the torques, rows that were not driven before not counting, and how many earlier
+        The segments with the rest of the torques, rows that were not driven before not counting, and how many earlier
         rows each is compared with; None where the motion is another one.
     """
     left = [s.tau - s.W @ theta for s in earlier]
     found, rows, count = [], 0, 0
-    for s in stretches:
+    for s in segments:
         total, matched = np.zeros(s.tau.shape), np.zeros(s.tau.shape)
         for then, r in zip(earlier, left, strict=True):
             _add(s, then, r, total, matched)
         use = s.use & (matched > 0)
         found.append(replace(s, tau=s.tau - total / np.maximum(matched, 1.0), use=use))
         rows, count = rows + int(use.sum()), count + int(matched[use].sum())
-    if rows < MOST * sum(int(s.use.sum()) for s in stretches):
+    if rows < MOST * sum(int(s.use.sum()) for s in segments):
         return None
     return found, count / max(rows, 1)
 
 
-def _add(now: Stretch, then: Stretch, left: Floats, total: Floats, matched: Floats) -> None:
+def _add(now: SegmentRows, then: SegmentRows, left: Floats, total: Floats, matched: Floats) -> None:
     """Add what was left then to the rows of the same motion now; row k now is row k + lag then."""
     lag = lag_of(now, then, 0.0)
     if lag is None:

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.segments import Mask, Stretch
+from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
 from dynid.signals.conditioning import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4
-#: Two stretches are repeats when their positions differ by less than this share of their spread.
+#: Two segments are repeats when their positions differ by less than this share of their spread.
 ALIKE = 0.03
-#: Shortest overlap of repeats [s], and shortest period within a log [s].
-OVERLAP, PERIOD = 4.0, 4.0
+#: Shortest overlap of two segments, and shortest period within one, that counts as a repeat [s].
+SHORTEST_REPEAT = 4.0
 #: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
 SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
@@ -31,7 +31,7 @@ MORE_THAN_NOISE = 1.2
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseModel:
     """The noise of every joint after the parallel filter.
 
     Attributes:
@@ -41,8 +41,9 @@ class Noise:
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
         burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
         wander: power at low over high frequency, (n,); 0 without repeats.
-        kept: joints whose floor is what a kept model left unexplained when it was identified, which is more than noise.
-        count: how often rows count the same information, because what is not whitened goes on in time, (n,).
+        misfit: joints whose floor is what a kept model left unexplained when it was identified, which is more than
+            noise.
+        count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
     """
 
     ar: Floats
@@ -51,7 +52,7 @@ class Noise:
     repeats: float
     burst: Floats
     wander: Floats
-    kept: tuple[int, ...]
+    misfit: tuple[int, ...]
     count: Floats
 
     @property
@@ -61,26 +62,26 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two stretches of the same motion: row k of the first is row k + lag of the second."""
+class RepeatPair:
+    """Two segments of the same motion: row k of the first is row k + lag of the second."""
 
     first: int
     second: int
     lag: float
 
 
-def find_repeats(stretches: Sequence[Stretch]) -> list[Pair]:
-    """Find stretches, and periods within a stretch, that hold the same motion."""
+def find_repeats(segments: Sequence[SegmentRows]) -> list[RepeatPair]:
+    """Find segments, and periods within a segment, that hold the same motion."""
     pairs = []
-    for a, one in enumerate(stretches):
-        for b in range(a, len(stretches)):
-            lag = lag_of(one, stretches[b], PERIOD if a == b else 0.0)
+    for a, one in enumerate(segments):
+        for b in range(a, len(segments)):
+            lag = lag_of(one, segments[b], SHORTEST_REPEAT if a == b else 0.0)
             if lag is not None:
-                pairs.append(Pair(a, b, lag))
+                pairs.append(RepeatPair(a, b, lag))
     return pairs
 
 
-def lag_of(one: Stretch, other: Stretch, least: float) -> float | None:
+def lag_of(one: SegmentRows, other: SegmentRows, least: float) -> float | None:
     """Return the lag at which two motions agree, in rows; None when they do not."""
     scale = one.q.std(axis=0)
     moves = scale > 1e-3
@@ -97,7 +98,7 @@ def lag_of(one: Stretch, other: Stretch, least: float) -> float | None:
     start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
     overlap = end - start
     difference = (px[end] - px[start]) + (py[end + lags] - py[start + lags]) - 2 * product
-    wrong = (overlap < OVERLAP * one.rate) | (lags < least * one.rate if least else False)
+    wrong = (overlap < SHORTEST_REPEAT * one.rate) | (lags < least * one.rate if least else False)
     mean = np.where(wrong, np.inf, difference / np.maximum(overlap, 1) / moves.sum())
     best = int(np.argmin(mean))
     if mean[best] > ALIKE**2 or not 0 < best < len(lags) - 1:
@@ -108,28 +109,28 @@ def lag_of(one: Stretch, other: Stretch, least: float) -> float | None:
     return float(lags[best] + (fraction if abs(fraction) > SAME_GRID else 0.0))
 
 
-def noise_of(
-    stretches: Sequence[Stretch], residuals: Sequence[Floats], pairs: Sequence[Pair], train: Sequence[Mask]
-) -> Noise:
+def measure_noise(
+    segments: Sequence[SegmentRows], residuals: Sequence[Floats], pairs: Sequence[RepeatPair], train: Sequence[Mask]
+) -> NoiseModel:
     """Measure the noise.
 
     Args:
-        stretches: rows.
-        residuals: what the baseline model leaves, one (M, n) a stretch.
+        segments: rows.
+        residuals: what the baseline model leaves, one (M, n) per segment.
         pairs: repeats among them.
-        train: rows that the baseline model was fitted to, one mask a stretch; without repeats, others say nothing.
+        train: rows that the baseline model was fitted to, one mask per segment; without repeats, others say nothing.
     """
-    parts = [_difference(stretches, residuals, pair) for pair in pairs]
-    seconds = sum(len(e) for e, _ in parts) / stretches[0].rate
-    if seconds >= OVERLAP:
-        return _from_repeats(parts, stretches[0].rate, seconds)
-    parts = [(r[rows], s.use[rows]) for s, r, rows in zip(stretches, residuals, train, strict=True) if rows.any()]
-    return _from_spectrum(stretches[0].source.chosen, parts)
+    parts = [_difference(segments, residuals, pair) for pair in pairs]
+    seconds = sum(len(e) for e, _ in parts) / segments[0].rate
+    if seconds >= SHORTEST_REPEAT:
+        return _from_repeats(parts, segments[0].rate, seconds)
+    parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True) if rows.any()]
+    return _from_spectrum(segments[0].source.chosen, parts)
 
 
-def _difference(stretches: Sequence[Stretch], residuals: Sequence[Floats], pair: Pair) -> tuple[Floats, Mask]:
+def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair) -> tuple[Floats, Mask]:
     """Return what differs between two repeats, trends and friction changes taken off, and the rows that count."""
-    one, other = stretches[pair.first], stretches[pair.second]
+    one, other = segments[pair.first], segments[pair.second]
     whole = int(np.floor(pair.lag))
     start, end = max(0, -whole), min(len(one), len(other) - whole - 1)
     part = slice(start, end)
@@ -155,7 +156,7 @@ def shifted(x: Floats, fraction: float) -> Floats:
     return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
 
 
-def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> Noise:
+def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
     n = parts[0][0].shape[1]
     ar, sigma, floor, burst, wander = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
     for j in range(n):
@@ -170,7 +171,7 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         floor[j] = np.sqrt(covariance[0] / max(1, sum(int(use[:, j].sum()) for _, use in parts)))
         burst[j] = _burst([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
         wander[j] = _wander([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
-    return Noise(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander, (), np.ones(n))
+    return NoiseModel(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander, (), np.ones(n))
 
 
 def _burst(parts: Sequence[Floats], rate: float) -> float:
@@ -192,7 +193,7 @@ def _wander(parts: Sequence[Floats], rate: float) -> float:
     return low / high if high else 0.0
 
 
-def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Noise:
+def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> NoiseModel:
     """Take the noise as white before the filter, its level from the upper part of the pass band of the residual."""
     kernel, step = chosen.second_kernel[0], chosen.second_step
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
@@ -219,37 +220,44 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
     nothing = np.zeros(n)
     sigma = np.maximum(level, 1e-9)
     floor = np.maximum(np.minimum(sigma * scale, left), 1e-9)
-    return Noise(np.tile(ar, (n, 1)), sigma, floor, 0.0, nothing, nothing, (), np.ones(n))
+    return NoiseModel(np.tile(ar, (n, 1)), sigma, floor, 0.0, nothing, nothing, (), np.ones(n))
 
 
-def with_misfit(noise: Noise, stretches: Sequence[Stretch], residuals: Sequence[Floats], level: Floats) -> Noise:
+def with_misfit(
+    noise: NoiseModel, segments: Sequence[SegmentRows], residuals: Sequence[Floats], level: Floats
+) -> NoiseModel:
     """Return the noise where what a kept model could not explain when it was identified is larger than the floor.
 
     What was unexplained then and is unexplained now has not changed. It is not whitened: it follows the motion, and
-    what whitens it takes away the slow part of a change, by which one is told from another. Rows count less instead.
+    what whitens it takes away the slow part of a change, by which one is told from another. Each row counts
+    less instead.
 
     Args:
         noise: the floor.
-        stretches: rows.
-        residuals: what a refitted model leaves of them, one (M, n) a stretch: how long it goes on.
+        segments: rows.
+        residuals: what a refitted model leaves of them, one (M, n) per segment: how long it goes on.
         level: rms of what the kept model left, (n,) [N m].
     """
     more = level > MORE_THAN_NOISE * noise.floor
     count = np.ones(len(level))
     for j in np.flatnonzero(more).tolist():
-        count[j] = going_on([np.where(s.use[:, j], r[:, j], 0.0) for s, r in zip(stretches, residuals, strict=True)])
+        count[j] = autocorrelation_time(
+            [np.where(s.use[:, j], r[:, j], 0.0) for s, r in zip(segments, residuals, strict=True)]
+        )
     return replace(
         noise,
         ar=np.where(more[:, None], 0.0, noise.ar),
         sigma=np.where(more, level, noise.sigma),
         floor=np.where(more, level, noise.floor),
-        kept=tuple(np.flatnonzero(more).tolist()),
+        misfit=tuple(np.flatnonzero(more).tolist()),
         count=count,
     )
 
 
-def going_on(parts: Sequence[Floats]) -> float:
-    """Return how many rows in a row tell the same: the integrated autocorrelation up to its first zero.
+def autocorrelation_time(parts: Sequence[Floats]) -> float:
+    """Return the integrated autocorrelation time in rows: how many rows tell as much as one independent one.
+
+    The sum of autocorrelations ends at their first zero.
 
     Source: Geyer 1992, "Practical Markov chain Monte Carlo", for where to stop.
     """

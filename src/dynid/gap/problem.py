@@ -1,4 +1,4 @@
-"""The scene of one search: what is searched, what is held out, the noise, and the baseline."""
+"""One search: which rows are searched, which are held out, the noise, and the baseline."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from dynid.estimation.effect_columns import fitted, scale_with_model, settled, with_effects
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Source
-from dynid.gap.matched_motion import against
-from dynid.gap.noise import ALIKE, Noise, Pair, find_repeats, noise_of, with_misfit
-from dynid.gap.segments import Mask, Stretch, cut, stretches_of, with_reference
-from dynid.gap.whitened_regression import Board, build_board
+from dynid.gap.matched_motion import subtract_matched_motion
+from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
+from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
+from dynid.gap.whitened_regression import WEAK, WhitenedRegression, whitened_regression
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
 from dynid.model.store import BaseModel
 
 #: Share of each log that is held out where there are fewer than three motions.
 HELD_OUT = 0.2
-#: The same when a model is kept: little is fitted then, and slow disturbances make short parts no proof.
+#: The same when a model is kept: little is fitted then, and what is slow makes short parts no proof.
 HELD_OUT_KEPT = 0.4
 #: Rows between training and held-out part that belong to neither [s].
 BETWEEN = 1.0
@@ -35,94 +35,32 @@ TRUST = 1.5
 
 
 @dataclass(frozen=True)
-class Known:
+class KeptModel:
     """A model that is kept: what an earlier identification found.
 
     Attributes:
         theta: base parameters that the data gave, without a prior, (p,).
         covariance: of them, (p, p); no spread along directions that the data left open.
-        left: rms of what the model left of the torques when it was identified, of held-out ones if that is more,
-            (n,) [N m].
+        unexplained: rms of what the model left of the torques when it was identified, of held-out ones if that is
+            more, (n,) [N m or N].
     """
 
     theta: Floats
     covariance: Floats
-    left: Floats
+    unexplained: Floats
+
+    @property
+    def prior_rows(self) -> Floats:
+        """Rows [L^T, L^T theta] that hold parameters where they were, at most p of them, (r, p + 1)."""
+        root = information_root(self.covariance) / TRUST
+        return np.column_stack([root, root @ self.theta])
 
 
-def kept(found: Identification) -> Known:
+def kept_model(found: Identification) -> KeptModel:
     """Return what an identification found as a model that is kept."""
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
-    left = [max(joint.rms, joint.heldout_rms or 0.0) for joint in found.joints]
-    return Known(found.plain, found.covariance, np.array(left))
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One search.
-
-    Attributes:
-        base: model and base parameters.
-        known: the kept model; None when the baseline is refitted.
-        stretches: all rows.
-        train: rows that are searched, one mask a stretch.
-        held: rows that prove, one mask a stretch.
-        held_text: what is held out, for people.
-        pairs: repeats.
-        noise: the noise floor.
-        theta: base parameters that effects are scaled with, (p,).
-        left: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m]; None where it
-            cancels, and when the baseline is refitted.
-        matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
-            compared with the model alone.
-    """
-
-    base: BaseModel
-    known: Known | None
-    stretches: list[Stretch]
-    train: list[Mask]
-    held: list[Mask]
-    held_text: str
-    pairs: list[Pair]
-    noise: Noise
-    theta: Floats
-    left: Floats | None = None
-    matched: float = 0.0
-
-    def board(self, theta: Floats | None = None, *, nuisance: bool = True, held: bool = False) -> Board:
-        """Return the whitened training rows, effects scaled with given base parameters.
-
-        Args:
-            theta: base parameters, those of the setting when None.
-            nuisance: whether shapes of reversals are left unjudged.
-            held: the held-out rows instead.
-        """
-        reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
-        stretches = cut(with_reference(self.stretches, reference), self.held if held else self.train)
-        columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
-        return build_board(stretches, self.noise, columns, prior_rows(self.known))
-
-
-def nuisance_columns(stretch: Stretch, *, judged: bool = False) -> list[Floats]:
-    """Return the columns that are not judged, (2, M) a joint; none, (0, M), when all is judged."""
-    motion = stretch.motion
-    if judged:
-        return [np.zeros((0, len(stretch)))] * motion.n
-    found = []
-    for j in range(motion.n):
-        shape = motion.robot.coulomb_shape
-        qd, sign = motion.qd[:, j], sign_of(motion, j)
-        wide = max(WIDE, WIDER * shape.velocity[j])
-        found.append(stretch.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
-    return found
-
-
-def prior_rows(known: Known | None) -> Floats | None:
-    """Return rows [L^T, L^T theta0] that hold parameters where they were, at most p of them, (r, p + 1)."""
-    if known is None:
-        return None
-    root = information_root(known.covariance) / TRUST
-    return np.column_stack([root, root @ known.theta])
+    unexplained = [max(joint.rms, joint.heldout_rms or 0.0) for joint in found.joints]
+    return KeptModel(found.plain, found.covariance, np.array(unexplained))
 
 
 def information_root(covariance: Floats) -> Floats:
@@ -134,38 +72,97 @@ def information_root(covariance: Floats) -> Floats:
     return root
 
 
-def make_setting(
-    sources: Sequence[Source], base: BaseModel, known: Known | None, earlier: Sequence[Source] = ()
-) -> Setting:
+@dataclass(frozen=True)
+class GapProblem:
+    """One search.
+
+    Attributes:
+        base: model and base parameters.
+        kept: the kept model; None when the baseline is refitted.
+        segments: all rows.
+        train: rows that are searched, one mask (M,) per segment.
+        held: held-out rows, one mask (M,) per segment.
+        held_text: what is held out, in words.
+        repeats: segments of the same motion.
+        noise: the noise floor.
+        theta: base parameters that effects are scaled with, (p,).
+        unexplained: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m or N]; None
+            where it cancels, and when the baseline is refitted.
+        matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
+            compared with the model alone.
+    """
+
+    base: BaseModel
+    kept: KeptModel | None
+    segments: list[SegmentRows]
+    train: list[Mask]
+    held: list[Mask]
+    held_text: str
+    repeats: list[RepeatPair]
+    noise: NoiseModel
+    theta: Floats
+    unexplained: Floats | None = None
+    matched: float = 0.0
+
+    def regression(self, theta: Floats | None = None, *, nuisance: bool = True) -> WhitenedRegression:
+        """Return the whitened training rows, effects scaled with given base parameters.
+
+        Args:
+            theta: base parameters, those of the problem when None, (p,).
+            nuisance: whether shapes of reversals are left unjudged.
+        """
+        reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
+        segments = cut(with_reference(self.segments, reference), self.train)
+        columns = [nuisance_columns(s, nuisance) for s in segments]
+        return whitened_regression(segments, self.noise, columns, None if self.kept is None else self.kept.prior_rows)
+
+
+def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats]:
+    """Return the columns that are not judged, (2, M) per joint; none, (0, M), where there shall be none."""
+    motion = segment.motion
+    if not nuisance:
+        return [np.zeros((0, len(segment)))] * motion.n
+    found = []
+    for j in range(motion.n):
+        qd, sign = motion.qd[:, j], sign_of(motion, j)
+        wide = max(WIDE, WIDER * motion.robot.coulomb_shape.velocity[j])
+        found.append(segment.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
+    return found
+
+
+def make_problem(
+    sources: Sequence[Source], base: BaseModel, kept: KeptModel | None, earlier: Sequence[Source] = ()
+) -> GapProblem:
     """Arrange a search over conditioned logs.
 
     Args:
         sources: conditioned logs, all with the same filter.
         base: model and base parameters.
-        known: the model that is kept, None to refit it.
+        kept: the model that is kept, None to refit it.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
-    start = first_guess(sources, base) if known is None else known.theta
+    start = first_guess(sources, base) if kept is None else kept.theta
     reference = model_torques(base.model, base.reduction, start)
-    stretches, matched = stretches_of(sources, base, reference), 0.0
-    if known is not None and earlier:
-        compared = against(stretches, stretches_of(earlier, base, reference), known.theta)
+    segments, matched = segments_of(sources, base, reference), 0.0
+    if kept is not None and earlier:
+        compared = subtract_matched_motion(segments, segments_of(earlier, base, reference), kept.theta)
         if compared is not None:
-            stretches, matched = compared
+            segments, matched = compared
             # Why: what its parameters are off by is in both, but for what the motions differ.
-            known = replace(known, covariance=ALIKE**2 * known.covariance)
-    pairs = find_repeats(stretches)
-    train, held, text = split(stretches, pairs, HELD_OUT if known is None else HELD_OUT_KEPT)
-    theta, residuals = plain_fit(stretches, train, known)
-    left = None
-    if known is not None:
-        residuals = plain_fit(stretches, train, None)[1]
-    if known is not None and not matched:
-        whole = plain_fit(stretches, train, None, nuisance=False)[1]
-        # Why: the earlier identification knew no columns that are not judged; they take what it left at reversals.
-        left = known.left * np.minimum(1.0, _rms(stretches, residuals, train) / _rms(stretches, whole, train))
-    noise = noise_of(stretches, residuals, pairs, train)
-    found = Setting(base, known, stretches, train, held, text, pairs, noise, theta, left, matched)
+            kept = replace(kept, covariance=ALIKE**2 * kept.covariance)
+    repeats = find_repeats(segments)
+    train, held, text = split(segments, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
+    theta, residuals = unwhitened_fit(segments, train, kept)
+    unexplained = None
+    if kept is not None:
+        residuals = unwhitened_fit(segments, train, None)[1]
+    if kept is not None and not matched:
+        whole = unwhitened_fit(segments, train, None, nuisance=False)[1]
+        # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
+        share = _rms(segments, residuals, train) / _rms(segments, whole, train)
+        unexplained = kept.unexplained * np.minimum(1.0, share)
+    noise = measure_noise(segments, residuals, repeats, train)
+    found = GapProblem(base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched)
     return with_noise(found, noise, residuals)
 
 
@@ -176,99 +173,110 @@ def first_guess(sources: Sequence[Source], base: BaseModel) -> Floats:
     return fitted(settled([with_effects(s, base.model) for s in sources], base), base)
 
 
-def with_noise(setting: Setting, noise: Noise, residuals: Sequence[Floats]) -> Setting:
-    """Return the setting with its noise measured, and what a kept model lacks beside it.
+def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:
+    """Return the problem with its noise, and with what a kept model lacks beside it.
 
     Args:
-        setting: rows, and what a kept model left when it was identified.
+        problem: rows, and what a kept model left unexplained when it was identified.
         noise: measured from repeats or high frequencies.
-        residuals: what a model leaves of the rows, one (M, n) a stretch.
+        residuals: what a model leaves of the rows, one (M, n) per segment.
     """
-    if setting.known is None:
-        return replace(setting, noise=noise)
-    if setting.matched and noise.repeats:
+    if problem.kept is None:
+        return replace(problem, noise=noise)
+    if problem.matched and noise.repeats:
         # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
-        more = np.sqrt(1.0 + 1.0 / setting.matched)
-        return replace(setting, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
-    left = setting.left if setting.left is not None else _rms(setting.stretches, residuals, setting.train)
-    return replace(setting, noise=with_misfit(noise, setting.stretches, residuals, left))
+        more = np.sqrt(1.0 + 1.0 / problem.matched)
+        return replace(problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
+    level = _rms(problem.segments, residuals, problem.train) if problem.unexplained is None else problem.unexplained
+    return replace(problem, noise=with_misfit(noise, problem.segments, residuals, level))
 
 
-def _rms(stretches: Sequence[Stretch], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
+def _rms(segments: Sequence[SegmentRows], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
     """Return the root mean square of residuals over rows that count, (n,)."""
-    power, count = np.zeros(stretches[0].motion.n), np.zeros(stretches[0].motion.n)
-    for s, r, rows in zip(stretches, residuals, train, strict=True):
+    power, count = np.zeros(segments[0].motion.n), np.zeros(segments[0].motion.n)
+    for s, r, rows in zip(segments, residuals, train, strict=True):
         use = s.use & rows[:, None]
         power, count = power + np.sum(np.where(use, r, 0.0) ** 2, axis=0), count + use.sum(axis=0)
     return np.sqrt(np.maximum(power, 1e-30) / np.maximum(count, 1))
 
 
-def split(stretches: Sequence[Stretch], pairs: Sequence[Pair], share: float) -> tuple[list[Mask], list[Mask], str]:
+def split(
+    segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], share: float
+) -> tuple[list[Mask], list[Mask], str]:
     """Hold out the last of three or more motions with its repeats, or else the last share of each log."""
-    motion = list(range(len(stretches)))
-    for pair in pairs:
+    motion = list(range(len(segments)))
+    for pair in repeats:
         motion[pair.second] = min(motion[pair.second], motion[pair.first])
-    logs = {s.log: motion[k] for k, s in reversed(list(enumerate(stretches)))}
+    logs = {s.log: motion[k] for k, s in reversed(list(enumerate(segments)))}
     kinds = list(dict.fromkeys(logs[log] for log in sorted(logs)))
     if len(kinds) >= 3:
-        out = [logs[s.log] == kinds[-1] for s in stretches]
-        masks = [np.full(len(s), value) for s, value in zip(stretches, out, strict=True)]
-        names = {s.source.name for s, value in zip(stretches, out, strict=True) if value}
+        out = [logs[s.log] == kinds[-1] for s in segments]
+        masks = [np.full(len(s), value) for s, value in zip(segments, out, strict=True)]
+        names = {s.source.name for s, value in zip(segments, out, strict=True) if value}
         return [~m for m in masks], masks, ", ".join(sorted(names))
-    border = {log: _border([s for s in stretches if s.log == log], share) for log in logs}
-    train = [s.t < border[s.log] - BETWEEN for s in stretches]
-    held = [s.t >= border[s.log] for s in stretches]
+    border = {log: _border([s for s in segments if s.log == log], share) for log in logs}
+    train = [s.t < border[s.log] - BETWEEN for s in segments]
+    held = [s.t >= border[s.log] for s in segments]
     return train, held, f"last {100 * share:.0f} % of each log's motion"
 
 
-def _border(stretches: Sequence[Stretch], share: float) -> float:
+def _border(segments: Sequence[SegmentRows], share: float) -> float:
     """Return the time from which the last share of a log's rows that count begins [s]; rest proves nothing."""
-    t = np.concatenate([s.t[s.use.any(axis=1)] for s in stretches])
-    return float(np.quantile(t, 1 - share)) if len(t) else float(stretches[0].t[0])
+    t = np.concatenate([s.t[s.use.any(axis=1)] for s in segments])
+    return float(np.quantile(t, 1 - share)) if len(t) else float(segments[0].t[0])
 
 
-def plain_fit(
-    stretches: Sequence[Stretch], train: Sequence[Mask], known: Known | None, *, nuisance: bool = True
+def unwhitened_fit(
+    segments: Sequence[SegmentRows], train: Sequence[Mask], kept: KeptModel | None, *, nuisance: bool = True
 ) -> tuple[Floats, list[Floats]]:
-    """Fit the baseline without whitening, weighted by joint; returns base parameters and residuals (M, n) a stretch."""
-    n, p = stretches[0].W.shape[1:]
-    columns = [nuisance_columns(s, judged=not nuisance) for s in stretches]
+    """Fit the baseline without whitening, weighted by joint.
+
+    Args:
+        segments: rows.
+        train: rows that are fitted, one mask (M,) per segment.
+        kept: the model that holds the parameters; None for none.
+        nuisance: whether shapes of reversals are left unjudged.
+
+    Returns:
+        Base parameters, (p,), and residuals of all rows, one (M, n) per segment.
+    """
+    n, p = segments[0].W.shape[1:]
+    columns = [nuisance_columns(s, nuisance) for s in segments]
+    joints = [_joint_rows(segments, columns, train, j) for j in range(n)]
     weights, extra = np.ones(n), len(columns[0][0])
     theta, gamma = np.zeros(p), np.zeros((n, extra))
     for _ in range(2):
-        board = [
-            _rows(stretches, columns, [s.use[:, j] & rows for s, rows in zip(stretches, train, strict=True)], j, n)
-            for j in range(n)
-        ]
-        gram = np.asarray(sum(w * A.T @ A for w, (A, _) in zip(weights, board, strict=True)))
-        right = np.asarray(sum(w * A.T @ y for w, (A, y) in zip(weights, board, strict=True)))
-        if known is not None:
-            rows = prior_rows(known)
-            assert rows is not None
+        gram = np.asarray(sum(w * A.T @ A for w, (A, _) in zip(weights, joints, strict=True)))
+        right = np.asarray(sum(w * A.T @ y for w, (A, y) in zip(weights, joints, strict=True)))
+        if kept is not None:
+            rows = kept.prior_rows
             gram[:p, :p] += rows[:, :-1].T @ rows[:, :-1]
             right[:p] += rows[:, :-1].T @ rows[:, -1]
         solution = solve_gram(gram, right)
         theta, gamma = solution[:p], solution[p:].reshape(n, extra)
         weights = np.array(
-            [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in board]
+            [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in joints]
         )
     residuals = [
         s.tau - s.W @ theta - np.stack([gamma[j] @ c[j] for j in range(n)], axis=1)
-        for s, c in zip(stretches, columns, strict=True)
+        for s, c in zip(segments, columns, strict=True)
     ]
     return theta, residuals
 
 
-def _rows(
-    stretches: Sequence[Stretch], columns: Sequence[Sequence[Floats]], use: Sequence[Mask], joint: int, n: int
+def _joint_rows(
+    segments: Sequence[SegmentRows], columns: Sequence[Sequence[Floats]], train: Sequence[Mask], joint: int
 ) -> tuple[Floats, Floats]:
-    parts = []
-    for s, c, rows in zip(stretches, columns, use, strict=True):
+    """Return baseline columns, (M_j, p + c), and torques, (M_j,), of one joint's rows that count."""
+    parts, torques = [], []
+    for s, c, rows in zip(segments, columns, train, strict=True):
+        use = s.use[:, joint] & rows
         extra = len(c[joint])
-        wide = np.zeros((int(rows.sum()), extra * n))
-        wide[:, extra * joint : extra * (joint + 1)] = c[joint][:, rows].T
-        parts.append(np.hstack([s.W[rows, joint], wide]))
-    return np.concatenate(parts), np.concatenate([s.tau[rows, joint] for s, rows in zip(stretches, use, strict=True)])
+        wide = np.zeros((int(use.sum()), extra * s.motion.n))
+        wide[:, extra * joint : extra * (joint + 1)] = c[joint][:, use].T
+        parts.append(np.hstack([s.W[use, joint], wide]))
+        torques.append(s.tau[use, joint])
+    return np.concatenate(parts), np.concatenate(torques)
 
 
 def solve_gram(gram: Floats, right: Floats) -> Floats:
@@ -276,5 +284,5 @@ def solve_gram(gram: Floats, right: Floats) -> Floats:
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0, size, 1.0)
     values, V = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > 1e-9 * values[-1]
+    kept = values > WEAK * values[-1]
     return np.asarray(V[:, kept] @ ((V[:, kept].T @ (right / size)) / values[kept]) / size)

@@ -1,4 +1,4 @@
-"""From picks to numbers: shapes and amplitudes fitted together, errors from left-out blocks, proof on held-out rows.
+"""From selected effects to numbers: shapes and amplitudes fitted together, errors from left-out blocks, held-out rows.
 
 The columns that the search did not judge are gone here: with them the height of a Stribeck hump comes out wrong by
 tens of percent while its name is right.
@@ -13,54 +13,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.gap.noise import ORDER
-from dynid.gap.problem import Setting
-from dynid.gap.search import Search
-from dynid.gap.segments import blocks_of, cut
-from dynid.gap.selected_effects import Pick, effect_torque, moved, with_picks
-from dynid.gap.significance import columns_of, prove
-from dynid.gap.whitened_regression import Board
-from dynid.model.effects.interface import Floats
+from dynid.gap.problem import GapProblem
+from dynid.gap.search import EffectSearch
+from dynid.gap.segments import cut, jackknife_blocks
+from dynid.gap.selected_effects import SelectedEffect, effect_torque, stepped, with_selected
+from dynid.gap.significance import significance_test, whitened_columns
+from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Effect, Floats, Place
 from dynid.robot import EffectSpec
 
 #: Rounds of refining all shapes together, each with a smaller step.
 STEPS = (0.5, 0.25, 0.12, 0.06)
 #: Relative step of a shape parameter for its error.
 STEP = 1e-3
-#: Draws of the block bootstrap.
+#: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
 DRAWS = 400
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedEffect:
     """One effect with its numbers.
 
     Attributes:
-        pick: the accepted effect, its shape refined.
+        selected: the selected effect, its shape refined.
         values: amplitudes and shape parameters by name.
         errors: standard errors by name.
         units: units by name.
     """
 
-    pick: Pick
+    selected: SelectedEffect
     values: dict[str, float]
     errors: dict[str, float]
     units: dict[str, str]
 
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+        return self.selected.effect
+
+    @property
+    def name(self) -> str:
+        """Its identifier."""
+        return self.selected.effect.name
+
+    @property
+    def joints(self) -> Place:
+        """Where it sits; () for the whole arm."""
+        return self.selected.joints
+
     def spec(self, joints: Sequence[str]) -> EffectSpec:
         """Return the entry of the robot file."""
-        place = self.pick.place or tuple(range(len(joints)))
-        return EffectSpec(self.pick.effect.name, tuple(joints[j] for j in place), dict(self.values), dict(self.errors))
+        names = tuple(joints[j] for j in self.joints or range(len(joints)))
+        return EffectSpec(self.name, names, dict(self.values), dict(self.errors))
 
 
 @dataclass(frozen=True)
-class Shrink:
+class HeldOutImprovement:
     """The gap before and after, on held-out rows; (n,) each.
 
     Attributes:
-        before: rms without the effects [N m].
-        after: rms with them [N m].
+        before: rms without the effects [N m or N].
+        after: rms with them [N m or N].
         ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
-        floor: the noise [N m].
+        floor: the noise [N m or N].
     """
 
     before: Floats
@@ -68,140 +84,113 @@ class Shrink:
     ratio: Floats
     floor: Floats
 
-    @property
-    def closed(self) -> Floats:
-        """Share of what noise does not explain that is gone, (n,)."""
-        open_ = np.maximum(self.before**2 - self.floor**2, 1e-30)
-        return (self.before**2 - self.after**2) / open_
+
+def with_columns(fitted: Sequence[FittedEffect]) -> list[SelectedEffect]:
+    """Return the effects that have columns: all but a delay, which is taken out of the logs."""
+    return [one.selected for one in fitted if one.name != "torque_delay"]
 
 
-def fit_picks(found: Search) -> tuple[list[Fitted], Board]:
-    """Fit accepted effects and the model together, without unjudged columns."""
-    board = found.setting.board(nuisance=False)
-    theta = board.theta
-    picks = list(found.picks)
+def refit(search: EffectSearch) -> tuple[list[FittedEffect], WhitenedRegression]:
+    """Fit selected effects and the model together, without nuisance columns."""
+    problem, selected = search.problem, list(search.selected)
+    regression = problem.regression(nuisance=False)
     for _ in range(2):
-        board = with_picks(found.setting.board(theta[: found.setting.base.reduction.rank], nuisance=False), picks)
-        theta = board.theta
-    for share in STEPS if any(p.effect.steps for p in picks) else ():
-        picks = _refined(board, picks, share)
-    board = with_picks(board, picks)
-    fitted = [_numbers(board, picks, k) for k in range(len(picks))]
-    if found.delay_proof is not None:
-        fitted.append(_delay(found))
-    return fitted, board
+        theta = regression.fit.theta[: problem.base.reduction.rank]
+        regression = with_selected(problem.regression(theta, nuisance=False), selected)
+    for share in STEPS if any(one.effect.steps for one in selected) else ():
+        selected = _refined(regression, selected, share)
+    regression = with_selected(regression, selected)
+    fitted = [_numbers(regression, selected, k) for k in range(len(selected))]
+    if search.delay_test is not None:
+        test = search.delay_test
+        delay = SelectedEffect(CATALOGUE["torque_delay"], (), {}, test, float(test.visible_rms))
+        error = float(np.sqrt(test.covariance[0, 0]))
+        fitted.append(FittedEffect(delay, {"delay": search.delay}, {"delay": error}, {"delay": "s"}))
+    return fitted, regression
 
 
-def _refined(board: Board, picks: list[Pick], share: float) -> list[Pick]:
-    best = misfit(with_picks(board, picks))
-    for k, pick in enumerate(picks):
-        for name, (kind, size) in pick.effect.steps.items():
+def _refined(regression: WhitenedRegression, selected: list[SelectedEffect], share: float) -> list[SelectedEffect]:
+    """Return the effects with each shape parameter a step further where that leaves less."""
+    least = with_selected(regression, selected).squares
+    for k, one in enumerate(selected):
+        for name, (kind, size) in one.effect.steps.items():
             for sign in (-1.0, 1.0):
-                shape = picks[k].shape
-                tried = [
-                    *picks[:k],
-                    replace(picks[k], shape=shape | {name: moved(shape[name], kind, size, sign * share)}),
-                    *picks[k + 1 :],
-                ]
-                now = misfit(with_picks(board, tried))
-                if now < best:
-                    best, picks = now, tried
-    return picks
+                shape = selected[k].shape
+                moved = replace(one, shape=shape | {name: stepped(shape[name], kind, size, sign * share)})
+                tried = [*selected[:k], moved, *selected[k + 1 :]]
+                squares = with_selected(regression, tried).squares
+                if squares < least:
+                    least, selected = squares, tried
+    return selected
 
 
-def misfit(board: Board) -> float:
-    """Return the whitened sum of squares that is left, the prior's included."""
-    total = sum(float(e @ e) for e in board.e)
-    if board.prior is not None:
-        rest = board.prior[:, -1] - board.prior[:, :-1] @ board.theta[: board.size]
-        total += float(rest @ rest)
-    return total
-
-
-def _numbers(board: Board, picks: Sequence[Pick], k: int) -> Fitted:
+def _numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> FittedEffect:
     """Return amplitudes and shape of one effect; its slopes join its columns, so that errors know of each other."""
-    pick = picks[k]
-    others = with_picks(board, [p for p in picks if p is not pick])
-    base = {j: C[0] for j, C in columns_of(board, pick.effect, pick.place, [pick.shape]).items()}
-    units = pick.effect.amplitudes(pick.shape)
-    start = board.size + sum(len(p.effect.amplitudes(p.shape)) for p in picks[:k])
-    beta = board.theta[start : start + len(units)]
-    values = dict(zip(units, beta.tolist(), strict=True)) | dict(pick.shape)
-    slopes = list(pick.effect.steps)
+    one = selected[k]
+    others = with_selected(regression, [other for other in selected if other is not one])
+    base = {j: C[0] for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()}
+    units = one.effect.amplitudes(one.shape)
+    start = sum(len(other.effect.amplitudes(other.shape)) for other in selected[:k])
+    beta = regression.amplitudes[start : start + len(units)]
     columns = dict(base)
-    for name in slopes:
-        step = STEP * max(abs(pick.shape[name]), 1e-3)
-        near = columns_of(board, pick.effect, pick.place, [pick.shape | {name: pick.shape[name] + step}])
+    for name in one.effect.steps:
+        step = STEP * max(abs(one.shape[name]), 1e-3)
+        shape = one.shape | {name: one.shape[name] + step}
+        near = whitened_columns(regression, one.effect, one.joints, [shape])
         for j in base:
             columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
-    covariance = prove(others, columns).covariance
-    sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    errors = dict(zip([*units, *slopes], sizes.tolist(), strict=True))
-    return Fitted(
-        replace(pick, proof=replace(prove(others, base), beta=beta)),
-        values,
-        errors,
-        units | dict(pick.effect.shape_units),
+    sizes = np.sqrt(np.maximum(np.diag(significance_test(others, columns).covariance), 0.0))
+    return FittedEffect(
+        replace(one, test=replace(significance_test(others, base), amplitudes=beta)),
+        dict(zip(units, beta.tolist(), strict=True)) | dict(one.shape),
+        dict(zip([*units, *one.effect.steps], sizes.tolist(), strict=True)),
+        units | dict(one.effect.shape_units),
     )
 
 
-def _delay(found: Search) -> Fitted:
-    from dynid.model.effects.catalogue import CATALOGUE
-
-    assert found.delay_proof is not None
-    proof = found.delay_proof
-    pick = Pick(CATALOGUE["torque_delay"], (), {}, proof, float(proof.visible_rms))
-    return Fitted(pick, {"delay": found.delay}, {"delay": float(np.sqrt(proof.covariance[0, 0]))}, {"delay": "s"})
-
-
-def shrink(first: Setting, found: Search, fitted: Sequence[Fitted]) -> Shrink:
+def held_out_improvement(first: GapProblem, search: EffectSearch, fitted: Sequence[FittedEffect]) -> HeldOutImprovement:
     """Return the gap on held-out rows before and after; both models are fitted to the training rows alone.
 
     Args:
-        first: the setting before any delay was taken out.
-        found: the search.
+        first: the problem before any delay was taken out.
+        search: the search.
         fitted: what it found.
     """
-    before = _held_residual(first, [])
-    after = _held_residual(found.setting, [f.pick for f in fitted if f.pick.effect.name != "torque_delay"])
-    n = len(before)
-    rms = np.array([[_rms(x[j][0]) for j in range(n)] for x in (before, after)])
-    ratio = np.array([_ratio(before[j], after[j], j) for j in range(n)])
-    return Shrink(rms[0], rms[1], ratio, found.setting.noise.floor)
+    before = _held_residuals(first, [])
+    after = _held_residuals(search.problem, with_columns(fitted))
+    rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
+    ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
+    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
 
 
-def _held_residual(setting: Setting, picks: Sequence[Pick]) -> list[tuple[Floats, NDArray[np.intp]]]:
+def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}."""
-    board = with_picks(setting.board(nuisance=False), picks)
-    if picks:
-        board = with_picks(setting.board(board.theta[: setting.base.reduction.rank], nuisance=False), picks)
-    p = setting.base.reduction.rank
-    theta, amplitudes = board.theta[:p], board.theta[board.size :]
+    p = problem.base.reduction.rank
+    regression = with_selected(problem.regression(nuisance=False), selected)
+    if selected:
+        regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
+    theta = regression.fit.theta[:p]
+    held = cut(problem.segments, problem.held)
+    torques = [s.filtered(effect_torque(s.motion, selected, regression.amplitudes)) for s in regression.segments]
+    times = jackknife_blocks(held)
     found = []
-    held = cut(setting.stretches, setting.held)
-    torques = [effect_torque(s.motion, s.filtered, picks, amplitudes) for s in board.stretches]
-    times = blocks_of(held)
-    for j in range(setting.stretches[0].motion.n):
+    for j in range(held[0].motion.n):
         parts, blocks = [], []
-        for s, extra, time in zip(held, torques, times, strict=True):
+        for s, torque, time in zip(held, torques, times, strict=True):
             use = s.use[:, j].copy()
             use[:ORDER] = False
-            parts.append((s.tau[:, j] - s.W[:, j] @ theta - extra[j])[use])
+            parts.append((s.tau[:, j] - s.W[:, j] @ theta - torque[j])[use])
             blocks.append(time[use])
         found.append((np.concatenate(parts), np.concatenate(blocks)))
     return found
 
 
-def _rms(x: Floats) -> float:
-    return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
-
-
-def _ratio(before: tuple[Floats, NDArray[np.intp]], after: tuple[Floats, NDArray[np.intp]], seed: int) -> Floats:
+def _ratio(before: tuple[Floats, NDArray[np.int64]], after: tuple[Floats, NDArray[np.int64]], seed: int) -> Floats:
     """Return the 95 % interval of the ratio of rms values over blocks of time drawn with replacement, (2,)."""
-    names, place = np.unique(before[1], return_inverse=True)
+    names, block = np.unique(before[1], return_inverse=True)
     if len(names) < 3 or len(before[0]) != len(after[0]):
         return np.array([0.0, np.inf])
-    sums = np.array([np.bincount(place, x[0] ** 2, len(names)) for x in (before, after)])
+    sums = np.array([np.bincount(block, x[0] ** 2, len(names)) for x in (before, after)])
     counts = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1 / len(names)), DRAWS)
     b, a = counts @ sums[0], counts @ sums[1]
     interval: Floats = np.quantile(np.sqrt(a / np.maximum(b, 1e-30)), [0.025, 0.975])

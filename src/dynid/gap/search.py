@@ -1,145 +1,151 @@
-"""The search over settings: delays are taken out of the logs, and the noise is measured beside what was found."""
+"""The search: delays are taken out of the logs, and the noise is measured beside what was found."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynid.estimation.effect_columns import on_time
 from dynid.estimation.stack import Source
-from dynid.gap.localisation import between_reversals
-from dynid.gap.noise import noise_of
-from dynid.gap.problem import Known, Setting, make_setting, nuisance_columns, with_noise
-from dynid.gap.selected_effects import Pick, effect_torque, with_picks
-from dynid.gap.significance import Proof, make_candidate, score
-from dynid.gap.stepwise_selection import Finder, Options, wanted_effects
-from dynid.gap.whitened_regression import Board
-from dynid.model.effects.interface import Floats, Place
+from dynid.gap.localisation import chi_square_between_reversals
+from dynid.gap.noise import measure_noise
+from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
+from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
+from dynid.gap.significance import SignificanceTest, candidates_at, score_candidate
+from dynid.gap.stepwise_selection import Key, SelectionOptions, StepwiseSelection, wanted_effects
+from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.effects.interface import Floats
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 
-#: Times a delay is refined: each shift makes the next one exact to second order.
-DELAYS = 3
+#: Most selections: three for a delay, because each shift makes the next one exact to second order, one with the noise
+#: of the first selection, and one more.
+MOST_SELECTIONS = 5
 #: When the noise measured beside what was found differs by more than this from what it was before, the search starts
 #: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
+#: A delay that is longer is no delay [s], and is not looked for again.
+LONGEST_DELAY = 0.5
 
 
-@dataclass
-class Search:
+@dataclass(frozen=True)
+class EffectSearch:
     """A finished search.
 
     Attributes:
-        setting: what was searched, delays taken out.
-        picks: accepted effects.
+        problem: what was searched, delays taken out.
+        selected: selected effects.
         delay: how late the torques were found to be [s].
-        before: chi of each joint without the effects, (n,).
+        delay_test: how sure that is; None without a delay.
+        before: reduced chi-square of each joint without the effects, (n,).
         after: and with them, (n,).
-        calm: the same away from reversals, where that is less: below 1 cm/s the velocity is not known well enough to
-            say whether friction turns as the model says, (n,).
-        refused: candidates that came close and why they were not accepted.
+        between_reversals: the same between reversals, where that is less: below 1 cm/s the velocity is not known well
+            enough to say whether friction turns as the model says, (n,).
         visibility: largest visible share of each candidate.
     """
 
-    setting: Setting
-    picks: list[Pick]
+    problem: GapProblem
+    selected: list[SelectedEffect]
     delay: float
-    delay_proof: Proof | None
+    delay_test: SignificanceTest | None
     before: Floats
     after: Floats
-    calm: Floats
-    refused: list[tuple[str, Place, str]] = field(default_factory=list)
-    visibility: dict[tuple[str, Place], float] = field(default_factory=dict)
+    between_reversals: Floats
+    visibility: dict[Key, float]
 
 
-def search(
+def search_effects(
     sources: Sequence[Source],
     base: BaseModel,
-    known: Known | None,
-    options: Options,
+    kept: KeptModel | None,
+    options: SelectionOptions,
     progress: Progress = SILENT,
     *,
-    first: Setting | None = None,
+    first: GapProblem | None = None,
     earlier: Sequence[Source] = (),
-) -> Search:
+) -> EffectSearch:
     """Search logs for what the model lacks.
 
     Args:
         sources: conditioned logs, all with the same filter.
         base: model and base parameters.
-        known: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
+        kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
         progress: told how far the work is.
-        first: the setting of these logs, when it is there already.
+        first: the problem of these logs, when it is there already.
         earlier: conditioned logs that a kept model was identified from: what a candidate explains there was missing
             already, and is no evidence for a change.
     """
-    delay, proof = 0.0, None
-    first = setting = first or make_setting(sources, base, known, earlier)
-    old: dict[tuple[str, Place], float] = {}
-    if earlier and not setting.matched:
-        then = make_setting(earlier, base, known)
-        old = explained(then, options, sum(int(rows.sum()) for rows in setting.train))
-    for _ in range(DELAYS + 2):
-        finder = Finder(setting, options, progress, old, delay_allowed=abs(delay) < 0.5)
-        late = finder.run()
+    delay, delay_test = 0.0, None
+    first = problem = first or make_problem(sources, base, kept, earlier)
+    before: dict[Key, float] = {}
+    if earlier and not problem.matched:
+        then = make_problem(earlier, base, kept)
+        before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
+    for _ in range(MOST_SELECTIONS):
+        stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY)
+        late = stepwise.run()
         if late is not None:
-            delay += float(late.beta[0])
-            proof = proof or late
+            delay += float(late.amplitudes[0])
+            delay_test = delay_test or late
             shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
-            setting = make_setting(shifted, base, known, earlier)
+            problem = make_problem(shifted, base, kept, earlier)
             continue
-        floor, setting = setting.noise.floor, quieter(setting, finder.board, finder.picks)
-        change = setting.noise.floor / floor
+        floor = problem.noise.floor
+        problem = with_noise_beside(problem, stepwise.regression, stepwise.selected)
+        change = problem.noise.floor / floor
         if np.all((change > SAME_NOISE) & (change < 1 / SAME_NOISE)):
             break
-    bare = setting.board(finder.board.theta[: base.reduction.rank])
-    before = first.board().chi() if delay else bare.chi()
-    after, calm = remains(with_picks(bare, finder.picks))
-    return Search(setting, finder.picks, delay, proof, before, after, calm, finder.refused, finder.visibility)
+    bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
+    chi_before = (first.regression() if delay else bare).reduced_chi_square()
+    after, between = chi_squares(with_selected(bare, stepwise.selected))
+    return EffectSearch(problem, stepwise.selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
 
 
-def remains(board: Board) -> tuple[Floats, Floats]:
-    """Return chi of each joint, and the same away from reversals where that is less, (n,) each."""
-    chi = board.chi()
-    return chi, np.minimum(chi, between_reversals(board))
+def chi_squares(regression: WhitenedRegression) -> tuple[Floats, Floats]:
+    """Return the reduced chi-square of each joint, and the one between reversals where that is less, (n,) each."""
+    chi = regression.reduced_chi_square()
+    return chi, np.minimum(chi, chi_square_between_reversals(regression))
 
 
-def explained(earlier: Setting, options: Options, rows: int) -> dict[tuple[str, Place], float]:
-    """Return what each candidate explains of the logs that a kept model was identified from, as if of so many rows."""
-    board = earlier.board()
+def explained_gains(earlier: GapProblem, options: SelectionOptions, rows: int) -> dict[Key, float]:
+    """Return the gain of each candidate in the logs that a kept model was identified from, as if of so many rows."""
+    regression = earlier.regression()
     share = rows / max(1, sum(int(one.sum()) for one in earlier.train))
-    found: dict[tuple[str, Place], float] = {}
-    for effect, place in wanted_effects(earlier, options):
-        for candidate in make_candidate(board, effect, place):
-            gain = share * score(board, candidate).gain
+    found: dict[Key, float] = {}
+    for effect, joints in wanted_effects(earlier, options):
+        for candidate in candidates_at(regression, effect, joints):
+            gain = share * score_candidate(regression, candidate).gain
             found[candidate.key] = max(gain, found.get(candidate.key, 0.0))
     return found
 
 
-def without(found: Search, pick: Pick) -> Search:
+def without(search: EffectSearch, dropped: SelectedEffect) -> EffectSearch:
     """Return a search without one of its effects."""
-    picks = [p for p in found.picks if p.key != pick.key]
-    after, calm = remains(with_picks(found.setting.board(), picks))
-    return replace(found, picks=picks, after=after, calm=calm)
+    selected = [one for one in search.selected if one.key != dropped.key]
+    after, between = chi_squares(with_selected(search.problem.regression(), selected))
+    return replace(search, selected=selected, after=after, between_reversals=between)
 
 
-def quieter(setting: Setting, board: Board, picks: Sequence[Pick]) -> Setting:
-    """Return the setting with the noise measured again, after what was found is taken out of the residual.
+def with_noise_beside(
+    problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+) -> GapProblem:
+    """Return the problem with the noise measured again, after what was found is taken out of the residual.
 
     Why: a large effect does not repeat exactly when the motion does not, and would pass for noise. And rows that are
     compared with the same motion before have no other measure of it; the first guess, which lets all parameters go, is
     too small.
     """
-    if not setting.matched and not (setting.noise.repeats and picks):
-        return setting
+    if not problem.matched and not (problem.noise.repeats and selected):
+        return problem
     residuals = []
-    for s, b in zip(setting.stretches, board.stretches, strict=True):
+    for s, scaled in zip(problem.segments, regression.segments, strict=True):
         columns = nuisance_columns(s)
         p = s.W.shape[2]
-        extra = board.theta[p : board.size].reshape(s.motion.n, -1)
-        model = s.W @ board.theta[:p] + np.stack([extra[j] @ columns[j] for j in range(s.motion.n)], axis=1)
-        residuals.append(s.tau - model - effect_torque(b.motion, s.filtered, picks, board.theta[board.size :]).T)
-    return with_noise(setting, noise_of(setting.stretches, residuals, setting.pairs, setting.train), residuals)
+        extra = regression.fit.theta[p : regression.size].reshape(s.motion.n, -1)
+        model = s.W @ regression.fit.theta[:p] + np.stack([c @ x for c, x in zip(extra, columns, strict=True)], axis=1)
+        torque = s.filtered(effect_torque(scaled.motion, selected, regression.amplitudes))
+        residuals.append(s.tau - model - torque.T)
+    return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)

@@ -1,10 +1,9 @@
-"""Conditioned logs as the search wants them: filtered rows beside the motion that candidate columns are made from."""
+"""Observation rows of conditioned logs, segment by segment, beside the motion that candidate columns are made from."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +19,17 @@ Mask = NDArray[np.bool_]
 #: Below this speed for longer than ``DWELL_SECONDS`` a joint rests; its friction is then undetermined, and the rows
 #: are left out with ``DWELL_SECONDS`` around them [rad/s, s].
 REST_SPEED, DWELL_SECONDS = 0.012, 0.25
-#: Blocks of time that errors are taken from by leaving one out: longer than the memory of whitened residuals [s], and
-#: so many of them if the rows last long enough.
+#: Blocks of time that errors are taken from by leaving one out (jackknife): longer than the memory of whitened
+#: residuals [s], and so many of them if the rows last long enough.
 SHORTEST_BLOCK, LONGEST_BLOCK, BLOCKS = 0.25, 1.0, 40
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A stretch of a log without gaps.
+class SegmentRows:
+    """The observation rows of one segment of a log, beside the motion that candidate columns are made from.
 
     Attributes:
-        source: the conditioned log, this stretch alone.
+        source: the conditioned log, this segment alone.
         motion: its motion, at the rate that columns are evaluated at.
         log: number of the log.
         t: time of the rows, since the log began, (M,) [s].
@@ -66,14 +65,9 @@ class Stretch:
         kept: Floats = decimate(np.ascontiguousarray(signals), kernel, step)[0]
         return kept
 
-    @cached_property
-    def acceleration(self) -> Floats:
-        """Accelerations of the rows, (M, n)."""
-        return self.filtered(self.motion.qdd.T).T
 
-
-def stretches_of(sources: Sequence[Source], base: BaseModel, reference: ReferenceTorques) -> list[Stretch]:
-    """Return the stretches of conditioned logs.
+def segments_of(sources: Sequence[Source], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
+    """Return the rows of conditioned logs, segment by segment.
 
     Args:
         sources: conditioned logs.
@@ -91,22 +85,22 @@ def stretches_of(sources: Sequence[Source], base: BaseModel, reference: Referenc
             motion = arm_motion(segment, source.chosen, base.model, reference)
             W, tau = np.concatenate([r.W for r in rows]), np.concatenate([r.tau for r in rows])
             t = np.concatenate([r.t for r in rows]) - segment.t[0] + segment.elapsed[0]
-            empty = Stretch(alone, motion, number, t, W, tau, tau, tau, np.concatenate([r.usable for r in rows]))
+            empty = SegmentRows(alone, motion, number, t, W, tau, tau, tau, np.concatenate([r.mask for r in rows]))
             q, qd = empty.filtered(motion.q.T).T, empty.filtered(motion.qd.T).T
             found.append(replace(empty, q=q, qd=qd, use=empty.use & moving(qd, empty.rate)))
     return found
 
 
-def blocks_of(stretches: Sequence[Stretch]) -> list[NDArray[np.int64]]:
-    """Return the number of the block of time of each row, one (M,) a stretch; blocks of different stretches differ."""
-    seconds = sum(float(s.use.any(axis=1).sum()) / s.rate for s in stretches)
+def jackknife_blocks(segments: Sequence[SegmentRows]) -> list[NDArray[np.int64]]:
+    """Return the number of the block of time of each row, one (M,) per segment; blocks of different segments differ."""
+    seconds = sum(float(s.use.any(axis=1).sum()) / s.rate for s in segments)
     length = min(LONGEST_BLOCK, max(SHORTEST_BLOCK, seconds / BLOCKS))
-    return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(stretches)]
+    return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(segments)]
 
 
-def with_reference(stretches: Sequence[Stretch], reference: ReferenceTorques) -> list[Stretch]:
-    """Return the stretches with another current model."""
-    return [replace(s, motion=replace(s.motion, reference=reference)) for s in stretches]
+def with_reference(segments: Sequence[SegmentRows], reference: ReferenceTorques) -> list[SegmentRows]:
+    """Return the segments with another current model."""
+    return [replace(s, motion=replace(s.motion, reference=reference)) for s in segments]
 
 
 def moving(qd: Floats, rate: float) -> Mask:
@@ -122,6 +116,6 @@ def moving(qd: Floats, rate: float) -> Mask:
     return mask
 
 
-def cut(stretches: Sequence[Stretch], chosen: Sequence[Mask]) -> list[Stretch]:
-    """Return the stretches with only the chosen rows counting."""
-    return [replace(s, use=s.use & rows[:, None]) for s, rows in zip(stretches, chosen, strict=True)]
+def cut(segments: Sequence[SegmentRows], chosen: Sequence[Mask]) -> list[SegmentRows]:
+    """Return the segments with only the chosen rows counting."""
+    return [replace(s, use=s.use & rows[:, None]) for s, rows in zip(segments, chosen, strict=True)]

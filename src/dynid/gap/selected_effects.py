@@ -1,74 +1,72 @@
-"""Accepted effects: what they are, and their columns and torques beside the model."""
+"""Selected effects: what they are, and their columns and torques beside the model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.gap.significance import Proof, columns_of
-from dynid.gap.whitened_regression import Board
+from dynid.gap.significance import SignificanceTest, whitened_columns
+from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
 
 
 @dataclass(frozen=True)
-class Pick:
-    """An accepted effect.
+class SelectedEffect:
+    """An effect that the search has taken.
 
     Attributes:
         effect: the effect.
-        place: where.
+        joints: the joint that it acts on, with the one that it follows for a pair; () for the whole arm.
         shape: its non-linear parameters.
-        proof: how sure it is.
-        net: its evidence after the price, the other accepted effects in place.
-        equals: other effects and places that explain as much.
+        test: how sure it is.
+        score: its gain less its penalty, the other selected effects in place.
+        rivals: other effects and joints that explain as much.
     """
 
     effect: Effect
-    place: Place
+    joints: Place
     shape: dict[str, float]
-    proof: Proof
-    net: float
-    equals: tuple[tuple[str, Place], ...] = ()
+    test: SignificanceTest
+    score: float
+    rivals: tuple[tuple[str, Place], ...] = ()
 
     @property
     def key(self) -> tuple[str, Place]:
-        """Identifier and place."""
-        return self.effect.name, self.place
+        """Identifier and joints."""
+        return self.effect.name, self.joints
 
     @property
     def freedom(self) -> int:
         """Number of parameters that are fitted."""
-        return len(self.proof.beta) + len(self.effect.steps)
+        return len(self.test.amplitudes) + len(self.effect.steps)
 
 
-def moved(value: float, kind: str, size: float, share: float) -> float:
-    """Return a shape parameter moved by a share of its first step."""
+def stepped(value: float, kind: str, size: float, share: float) -> float:
+    """Return a shape parameter after a share of its first step."""
     return value + size * share if kind == "plus" else value * size**share
 
 
-def with_picks(board: Board, picks: Sequence[Pick]) -> Board:
-    """Return the board with effects accepted."""
-    added = []
-    for pick in picks:
-        columns = columns_of(board, pick.effect, pick.place, [pick.shape])
-        added.append({j: C[0] for j, C in columns.items()})
-    board = replace(board, added=added)
-    board.solve()
-    return board
+def with_selected(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
+    """Return the regression with selected effects."""
+    columns = [whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected]
+    return regression.with_effects([{j: C[0] for j, C in found.items()} for found in columns])
 
 
-def effect_torque(
-    motion: ArmMotion, filtered: Callable[[Floats], Floats], picks: Sequence[Pick], amplitudes: Floats
-) -> Floats:
-    """Return the filtered torque of effects with given amplitudes, (n, M)."""
-    total = np.zeros((motion.n, len(motion)))
+def effect_torque(motion: ArmMotion, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
+    """Return the torque of effects along a motion, (n, N) [N m or N].
+
+    Args:
+        motion: the motion.
+        selected: the effects.
+        amplitudes: of all their columns, one after the other.
+    """
+    torque = np.zeros((motion.n, len(motion)))
     at = 0
-    for pick in picks:
-        columns = pick.effect.columns(motion, pick.place, pick.shape)
-        total[list(pick.effect.rows(pick.place, motion.n))] += np.tensordot(
-            amplitudes[at : at + len(columns)], columns, axes=1
-        )
+    for one in selected:
+        columns = one.effect.columns(motion, one.joints, one.shape)
+        rows = list(one.effect.rows(one.joints, motion.n))
+        torque[rows] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1)
         at += len(columns)
-    return np.asarray(filtered(total))
+    return torque

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynid.estimation.sources import Reading, conditioned_source
 from dynid.estimation.stack import Source
-from dynid.gap.investigate import investigate
-from dynid.gap.stepwise_selection import Options
+from dynid.gap.analysis import analyse_gap
+from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model
@@ -23,7 +23,7 @@ CUTOFF = 10.0
 
 
 @dataclass(frozen=True)
-class Case:
+class SelfTestCase:
     """One case and what was said.
 
     Attributes:
@@ -39,7 +39,7 @@ class Case:
     right: bool
 
 
-def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] = CASES) -> Iterator[Case]:
+def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] = CASES) -> Iterator[SelfTestCase]:
     """Yield one case after the other.
 
     Args:
@@ -51,9 +51,9 @@ def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] =
     base = BaseModel(model, reduce(model))
     for k, hidden in enumerate(cases):
         logs = hidden_logs(model.robot, plant, hidden, np.random.default_rng([seed, k]))
-        seen = investigate(sources_of(logs, model), base, None, Options(), simulate=False)
-        named = tuple((f.pick.effect.name, f.pick.place) for f in seen.verdict.named)
-        yield Case(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
+        seen = analyse_gap(sources_of(logs, model), base, None, SelectionOptions(), simulate=False)
+        named = tuple((f.name, f.joints) for f in seen.verdict.named)
+        yield SelfTestCase(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
 
 
 def sources_of(logs: list[Log], model: Model) -> list[Source]:

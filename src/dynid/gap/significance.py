@@ -1,7 +1,7 @@
-"""Evidence for a candidate: what it explains beyond the model, at what price, and how sure that is.
+"""Evidence for a candidate: what it explains beyond the model, at what penalty, and how sure that is.
 
-Gains are drops of the whitened sum of squares after projection. Tests take their covariance from leaving out one second
-at a time, because what an incomplete model leaves is anything but independent.
+Gains are drops of the whitened sum of squares after projection. Tests take their covariance from leaving out one block
+of time after the other, because what an incomplete model leaves is anything but independent.
 """
 
 from __future__ import annotations
@@ -11,110 +11,114 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.gap.whitened_regression import Board, Ints
+from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect, Floats, Place, Shape
 
-#: Share of a candidate's power that the model must leave; below, these logs cannot show it.
-VISIBLE = 1e-5
-#: Directions of a candidate's own columns weaker than this share count as absorbed.
+#: Share of a candidate's power, and of that of its own columns, below which the model absorbs it: these logs cannot
+#: show it.
 ABSORBED = 1e-5
 
 
-@dataclass
-class Candidate:
-    """One effect at one place with all its shapes, whitened.
+@dataclass(frozen=True)
+class EffectCandidate:
+    """One effect on one joint, pair of joints or arm with all its shapes, whitened.
 
     Attributes:
         effect: the effect.
-        place: where.
+        joints: where it sits.
         shapes: those that are tried, G of them.
         columns: for each joint that it acts on, (G, k, M_j).
         gram: of the columns before projection, (G, k, k).
     """
 
     effect: Effect
-    place: Place
+    joints: Place
     shapes: list[dict[str, float]]
     columns: dict[int, Floats]
     gram: Floats
 
     @property
     def key(self) -> tuple[str, Place]:
-        """Identifier and place."""
-        return self.effect.name, self.place
+        """Identifier and joints."""
+        return self.effect.name, self.joints
 
 
 @dataclass(frozen=True)
-class Score:
+class CandidateScore:
     """How much one candidate explains at its best shape.
 
     Attributes:
         gain: drop of the whitened sum of squares.
-        price: what its freedom costs.
+        penalty: what its freedom costs (BIC), and the number of shapes that were tried.
         index: of the best shape.
         visibility: share of its power that the model cannot absorb.
     """
 
     gain: float
-    price: float
+    penalty: float
     index: int
     visibility: float
 
     @property
-    def net(self) -> float:
-        """Gain after the price."""
-        return self.gain - self.price
+    def score(self) -> float:
+        """Gain less penalty."""
+        return self.gain - self.penalty
 
 
-def columns_of(board: Board, effect: Effect, place: Place, shapes: Sequence[Shape]) -> dict[int, Floats]:
+def whitened_columns(
+    regression: WhitenedRegression, effect: Effect, joints: Place, shapes: Sequence[Shape]
+) -> dict[int, Floats]:
     """Return whitened columns of an effect for several shapes, {joint: (G, k, M_j)}."""
-    n = board.stretches[0].motion.n
-    rows = effect.rows(place, n)
+    rows = effect.rows(joints, regression.segments[0].motion.n)
     parts = []
-    for stretch in board.stretches:
-        raw = effect.tried(stretch.motion, place, shapes)
-        size = [len(x) for x in raw]
-        signals = np.concatenate([x.reshape(-1, len(stretch.motion)) for x in raw])
-        parts.append(stretch.filtered(signals).reshape(len(shapes), size[0], len(rows), -1))
-    return {joint: board.whiten(joint, [part[:, :, r] for part in parts]) for r, joint in enumerate(rows)}
+    for segment in regression.segments:
+        raw = effect.tried(segment.motion, joints, shapes)
+        signals = np.concatenate([x.reshape(-1, len(segment.motion)) for x in raw])
+        parts.append(segment.filtered(signals).reshape(len(shapes), len(raw[0]), len(rows), -1))
+    return {joint: regression.whiten(joint, [part[:, :, r] for part in parts]) for r, joint in enumerate(rows)}
 
 
-def make_candidate(board: Board, effect: Effect, place: Place) -> list[Candidate]:
-    """Return the candidates of an effect at a place: one for each number of columns that its shapes have."""
-    shapes = effect.grid(joined_motion([s.motion for s in board.stretches]), place)
+def candidate_of(
+    regression: WhitenedRegression, effect: Effect, joints: Place, shapes: list[dict[str, float]]
+) -> EffectCandidate:
+    """Return a candidate with shapes that have the same number of columns."""
+    columns = whitened_columns(regression, effect, joints, shapes)
+    gram = sum(np.einsum("gkm,glm->gkl", C, C) for C in columns.values())
+    return EffectCandidate(effect, joints, shapes, columns, np.asarray(gram))
+
+
+def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Place) -> list[EffectCandidate]:
+    """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
+    shapes = effect.grid(joined_motion([s.motion for s in regression.segments]), joints)
     groups: dict[int, list[dict[str, float]]] = {}
     for shape in shapes:
         groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)
-    made = []
-    for group in groups.values():
-        columns = columns_of(board, effect, place, group)
-        gram = sum(np.einsum("gkm,glm->gkl", C, C) for C in columns.values())
-        made.append(Candidate(effect, place, group, columns, np.asarray(gram)))
-    return made
+    return [candidate_of(regression, effect, joints, group) for group in groups.values()]
 
 
-def score(board: Board, candidate: Candidate) -> Score:
-    """Return the best of a candidate's shapes."""
-    G, b = projected(board, candidate.columns, candidate.gram)
+def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) -> CandidateScore:
+    """Return how much the best of a candidate's shapes explains."""
+    G, b = _projected(regression, candidate)
     gains, ranks, shares = _gains(G, b, candidate.gram, candidate.effect.positive)
     best = int(np.argmax(gains))
-    samples = max(sum(len(board.e[j]) for j in candidate.columns), 2)
-    price = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(len(candidate.shapes))
-    return Score(float(gains[best]), float(price), best, float(shares[best]))
+    samples = max(sum(len(regression.fit.e[j]) for j in candidate.columns), 2)
+    penalty = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(len(candidate.shapes))
+    return CandidateScore(float(gains[best]), float(penalty), best, float(shares[best]))
 
 
-def projected(board: Board, columns: dict[int, Floats], gram: Floats) -> tuple[Floats, Floats]:
+def _projected(regression: WhitenedRegression, candidate: EffectCandidate) -> tuple[Floats, Floats]:
     """Return Gram matrices after projection, (G, k, k), and products with the residual, (G, k)."""
-    count, k = gram.shape[:2]
-    P = np.zeros((count * k, board.Q[0].shape[1]))
+    fit = regression.fit
+    count, k = candidate.gram.shape[:2]
+    P = np.zeros((count * k, fit.Q[0].shape[1]))
     b = np.zeros(count * k)
-    for joint, C in columns.items():
+    for joint, C in candidate.columns.items():
         flat = C.reshape(count * k, -1)
-        P += flat @ board.Q[joint]
-        b += flat @ board.e[joint]
+        P += flat @ fit.Q[joint]
+        b += flat @ fit.e[joint]
     P = P.reshape(count, k, -1)
-    return gram - np.einsum("gkp,glp->gkl", P, P), b.reshape(count, k)
+    return candidate.gram - np.einsum("gkp,glp->gkl", P, P), b.reshape(count, k)
 
 
 def _gains(G: Floats, b: Floats, raw: Floats, positive: bool) -> tuple[Floats, Floats, Floats]:
@@ -127,86 +131,93 @@ def _gains(G: Floats, b: Floats, raw: Floats, positive: bool) -> tuple[Floats, F
     parts = np.einsum("gkv,gk->gv", V, b / size)
     gains = np.sum(np.where(kept, parts**2 / np.where(kept, values, 1.0), 0.0), axis=1)
     shares = np.where(there, np.maximum(values[:, -1], 0.0), 0.0)
-    hopeless = (shares < VISIBLE) | ((b[:, 0] <= 0) if positive else False)
+    hopeless = (shares < ABSORBED) | ((b[:, 0] <= 0) if positive else False)
     return np.where(hopeless, 0.0, gains), np.maximum(kept.sum(axis=1), 1), shares
 
 
 @dataclass(frozen=True)
-class Proof:
+class SignificanceTest:
     """How sure a candidate is.
 
     Attributes:
-        beta: its amplitudes, (k,).
-        covariance: of them, from leaving out blocks, (k, k).
-        p_value: chance of such amplitudes when there is no effect.
-        agreement: chance of such differences between halves of logs when the effect is the same in all.
+        amplitudes: of its columns, (k,).
+        covariance: of them, from leaving out blocks of time (jackknife), (k, k).
+        p_value: chance of such amplitudes when there is no effect (Wald test with that covariance).
+        chow_p_value: chance of such differences between halves of logs when the effect is the same in all.
         visible_rms: root mean square of what it explains on the joint that shows it most, in units of the noise.
         joint: that joint.
         gains: its gain in each block of time, (B,).
     """
 
-    beta: Floats
+    amplitudes: Floats
     covariance: Floats
     p_value: float
-    agreement: float
+    chow_p_value: float
     visible_rms: float
     joint: int
     gains: Floats
 
     @property
-    def chance(self) -> float:
+    def gain_p_value(self) -> float:
         """Chance of such a gain when there is no effect and the rows are as noisy as they are taken for."""
         from scipy import special
 
-        return float(special.chdtrc(len(self.beta), max(float(self.gains.sum()), 0.0)))
+        return float(special.chdtrc(len(self.amplitudes), max(float(self.gains.sum()), 0.0)))
 
 
-def prove(board: Board, columns: dict[int, Floats]) -> Proof:
+def significance_test(regression: WhitenedRegression, columns: EffectColumns) -> SignificanceTest:
     """Test one candidate.
 
     Args:
-        board: the rows.
+        regression: the rows.
         columns: of one shape, {joint: (k, M_j)}.
     """
     from scipy import special
 
+    fit = regression.fit
     k = len(next(iter(columns.values())))
-    P = sum(C @ board.Q[j] for j, C in columns.items())
+    P = np.asarray(sum(C @ fit.Q[j] for j, C in columns.items()))
     blocks: dict[int, list[Floats]] = {}
-    logs: dict[int, list[Floats]] = {}
-    shares = {}
-    pieces = {}
-    for j, rows in enumerate(board.joints):
-        C = columns.get(j, np.zeros((k, len(rows.y)))) - (board.Q[j] @ np.asarray(P).T).T
-        products = np.concatenate(
-            [np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * board.e[j]).T], axis=1
-        )
-        pieces[j] = C
-        for ids, found in ((rows.block, blocks), (_halves(rows.log), logs)):
-            if len(ids) == 0:
-                continue
-            starts = np.flatnonzero(np.diff(ids, prepend=ids[0] - 1))
-            for key, value in zip(ids[starts].tolist(), np.add.reduceat(products, starts), strict=True):
-                found.setdefault(key, []).append(value)
-    G, b = _split([np.sum(blocks[key], axis=0) for key in sorted(blocks)], k)
+    halves: dict[int, list[Floats]] = {}
+    projected = {}
+    for j, rows in enumerate(regression.joints):
+        C = columns.get(j, np.zeros((k, len(rows.y)))) - (fit.Q[j] @ P.T).T
+        products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * fit.e[j]).T], axis=1)
+        projected[j] = C
+        _add_sums(blocks, rows.block, products)
+        _add_sums(halves, _halves(rows.log), products)
+    G, b = _normal_equations([np.sum(blocks[key], axis=0) for key in sorted(blocks)], k)
     scale = np.sqrt(np.maximum(np.diagonal(G.sum(axis=0)), 1e-300))
     G, b = G / np.outer(scale, scale), b / scale
     ridge = 1e-9 * np.eye(k)
     beta = np.linalg.solve(G.sum(axis=0) + ridge, b.sum(axis=0))
-    left = np.linalg.solve(G.sum(axis=0) - G + ridge, (b.sum(axis=0) - b)[..., None])[..., 0]
-    spread = left - left.mean(axis=0)
-    count = len(left)
+    without = np.linalg.solve(G.sum(axis=0) - G + ridge, (b.sum(axis=0) - b)[..., None])[..., 0]
+    spread = without - without.mean(axis=0)
+    count = len(without)
     covariance = spread.T @ spread * (count - 1) / count
     wald = float(beta @ np.linalg.solve(covariance + 1e-12 * np.trace(covariance) * np.eye(k), beta)) / k
     p_value = float(special.fdtrc(k, max(count - k, 1), wald))
-    agreement = _agreement([np.sum(v, axis=0) for v in logs.values()], k, scale, beta, covariance, G.sum(axis=0))
-    amplitude = beta / scale
-    for j in columns:
-        if len(board.e[j]):
-            shares[j] = float(np.sqrt(board.noise.count[j] * np.mean((amplitude @ pieces[j]) ** 2)))
-    joint = max(shares, key=lambda j: shares[j])
+    parts = _normal_equations([np.sum(v, axis=0) for v in halves.values()], k)
+    chow = _chow_p_value(parts[0] / np.outer(scale, scale), parts[1] / scale, beta, covariance, G.sum(axis=0))
+    amplitudes = beta / scale
+    visible = {
+        j: float(np.sqrt(regression.noise.count[j] * np.mean((amplitudes @ projected[j]) ** 2)))
+        for j in columns
+        if len(fit.e[j])
+    }
+    joint = max(visible, key=lambda j: visible[j])
     gains = 2 * b @ beta - np.einsum("k,bkl,l->b", beta, G, beta)
-    return Proof(amplitude, covariance / np.outer(scale, scale), p_value, agreement, shares[joint], joint, gains)
+    return SignificanceTest(
+        amplitudes, covariance / np.outer(scale, scale), p_value, chow, visible[joint], joint, gains
+    )
+
+
+def _add_sums(sums: dict[int, list[Floats]], ids: Ints, products: Floats) -> None:
+    """Add the sum of products over each run of equal numbers to those of the number."""
+    if len(ids):
+        starts = np.flatnonzero(np.diff(ids, prepend=ids[0] - 1))
+        for key, value in zip(ids[starts].tolist(), np.add.reduceat(products, starts), strict=True):
+            sums.setdefault(key, []).append(value)
 
 
 def _halves(log: Ints) -> Ints:
@@ -216,29 +227,28 @@ def _halves(log: Ints) -> Ints:
     return 2 * log + (np.arange(len(log)) >= middle[log]) if len(log) else log
 
 
-def _split(sums: Sequence[Floats], k: int) -> tuple[Floats, Floats]:
+def _normal_equations(sums: Sequence[Floats], k: int) -> tuple[Floats, Floats]:
+    """Return Gram matrices, (B, k, k), and products with the residual, (B, k), of sums that hold both."""
     stacked = np.array(sums)
     return stacked[:, : k * k].reshape(-1, k, k), stacked[:, k * k :]
 
 
-def _agreement(sums: Sequence[Floats], k: int, scale: Floats, beta: Floats, covariance: Floats, total: Floats) -> float:
+def _chow_p_value(G: Floats, b: Floats, beta: Floats, covariance: Floats, total: Floats) -> float:
     """Return the chance of such differences between parts (Chow's test on the projected columns).
 
     The covariance of a part's own estimate is the common one, widened as its rows tell less about each amplitude.
     """
     from scipy import special
 
-    if len(sums) < 2:
+    if len(G) < 2:
         return 1.0
-    G, b = _split(sums, k)
-    statistic, freedom = 0.0, 0
-    for one, product in zip(G / np.outer(scale, scale), b / scale, strict=True):
+    statistic, freedom = 0.0, -len(beta)
+    for one, product in zip(G, b, strict=True):
         values, V = np.linalg.eigh(one)
-        kept = values > 0.02 * np.trace(total) / k / len(sums)
+        kept = values > 0.02 * np.trace(total) / len(beta) / len(G)
         for value, v in zip(values[kept], V[:, kept].T, strict=True):
             estimate = float(v @ product) / value
             inflation = float(v @ covariance @ v) * float(v @ total @ v)
             statistic += (estimate - float(v @ beta)) ** 2 * value / max(inflation, 1.0)
             freedom += 1
-    freedom -= k
     return float(special.chdtrc(freedom, statistic)) if freedom > 0 else 1.0

@@ -1,31 +1,44 @@
-"""The finder: add the candidate with the most evidence, see whether another explains it better, and so on."""
+"""Stepwise selection: add the candidate with the most evidence, see whether another explains it better, and so on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.problem import Setting
-from dynid.gap.selected_effects import Pick, moved
-from dynid.gap.significance import Candidate, Proof, Score, columns_of, make_candidate, prove, score
-from dynid.gap.whitened_regression import Board
+from dynid.gap.problem import GapProblem
+from dynid.gap.selected_effects import SelectedEffect, stepped
+from dynid.gap.significance import (
+    CandidateScore,
+    EffectCandidate,
+    SignificanceTest,
+    candidate_of,
+    candidates_at,
+    score_candidate,
+    significance_test,
+    whitened_columns,
+)
+from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Effect, Floats, Place
 from dynid.progress import Progress
 
+Key = tuple[str, Place]
+Ranking = list[tuple[CandidateScore, EffectCandidate]]
+
 #: Smallest visible size in units of the noise: below, wrong names are as likely as right ones.
 SMALLEST = 0.3
-#: The chance of a false name is divided over so many more looks for a wave: its frequency is free.
-RIPPLE_LOOKS = 60.0
-#: Names whose evidence differs by less are equally good: in net gain, 12 is a chance of one in four hundred; and in
+#: The chance of a false name is divided over at least so many candidates, and over so many times more for a ripple,
+#: whose frequency is free.
+FEWEST_TESTS, RIPPLE_TESTS = 150, 60
+#: Names whose evidence differs by less are equally good: in score, 12 is a chance of one in four hundred; and in
 #: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is
 #: left is noise, and more when what is left is what the model lacks.
 EQUAL, SURE = 12.0, 1.73
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
-#: Rivals that are refined before they are compared.
+#: Candidates that are refined before they are compared.
 RIVALS = 6
 #: A rival has at least this share of an effect's evidence, and loses all but this share of its gain beside it: what
 #: explains something else is no rival.
@@ -37,7 +50,7 @@ SETTLED = 100.0
 
 
 @dataclass(frozen=True)
-class Options:
+class SelectionOptions:
     """What is searched.
 
     Attributes:
@@ -53,252 +66,237 @@ class Options:
     most: int = 3
 
 
-class Finder:
-    """Greedy addition with swaps and backward elimination on one setting."""
+class StepwiseSelection:
+    """Greedy addition with swaps and backward elimination on one problem.
+
+    Args:
+        problem: what is searched.
+        options: which effects are tried, and how sure they must be.
+        progress: told how far the work is.
+        explained_before: gain of each candidate in earlier logs, which is no evidence for a change.
+        delay: whether a delay is tried.
+    """
 
     def __init__(
         self,
-        setting: Setting,
-        options: Options,
+        problem: GapProblem,
+        options: SelectionOptions,
         progress: Progress,
-        old: dict[tuple[str, Place], float],
+        explained_before: Mapping[Key, float],
         *,
-        delay_allowed: bool,
+        delay: bool,
     ) -> None:
-        self.setting, self.options, self.progress, self.old = setting, options, progress, old
-        self.delay_allowed = delay_allowed
-        self.picks: list[Pick] = []
-        self.barred: set[tuple[str, Place]] = set()
-        self.refused: list[tuple[str, Place, str]] = []
-        self._columns: dict[tuple[str, Place, tuple[tuple[str, float], ...]], dict[int, Floats]] = {}
-        self.visibility: dict[tuple[str, Place], float] = {}
-        self.board = setting.board()
+        self.problem, self.options, self.progress = problem, options, progress
+        self.explained_before = explained_before
+        self.wanted = [x for x in wanted_effects(problem, options) if delay or x[0].name != "torque_delay"]
+        self.selected: list[SelectedEffect] = []
+        self.barred: set[Key] = set()
+        self.visibility: dict[Key, float] = {}
+        self._columns: dict[tuple[Key, tuple[tuple[str, float], ...]], dict[int, Floats]] = {}
+        self.regression = problem.regression()
         self.candidates = self._candidates()
 
-    def _candidates(self, old: Sequence[Candidate] = ()) -> list[Candidate]:
+    def _candidates(self, old: Sequence[EffectCandidate] = ()) -> list[EffectCandidate]:
         """Make all candidates; those that do not depend on the model are taken from the old ones."""
-        kept = [c for c in old if not c.effect.needs_model]
-        made = list(kept)
-        done = {c.key for c in kept}
-        wanted = wanted_effects(self.setting, self.options)
-        for k, (effect, place) in enumerate(wanted):
-            if (effect.name, place) not in done and (effect.name != "torque_delay" or self.delay_allowed):
-                made += make_candidate(self.board, effect, place)
-            self.progress.advance(k + 1, len(wanted), f"{effect.name}")
+        made = [c for c in old if not c.effect.needs_model]
+        done = {c.key for c in made}
+        for k, (effect, joints) in enumerate(self.wanted):
+            if (effect.name, joints) not in done:
+                made += candidates_at(self.regression, effect, joints)
+            self.progress.advance(k + 1, len(self.wanted), f"{effect.name}")
         return made
 
-    def run(self) -> Proof | None:
-        """Search until nothing passes; returns the proof of a delay, which has to be taken out first."""
-        while len(self.picks) < self.options.most:
-            pick = self._best()
-            if pick is None:
+    def run(self) -> SignificanceTest | None:
+        """Search until nothing passes; returns the test of a delay, which has to be taken out first."""
+        while len(self.selected) < self.options.most:
+            best = self._best()
+            if best is None:
                 break
-            if pick.effect.name == "torque_delay":
-                return pick.proof
-            self._accept(pick)
+            if best.effect.name == "torque_delay":
+                return best.test
+            self._select([*self.selected, best])
             self._swap()
             self._eliminate()
             self._relinearise()
-        self._equals()
+        self._note_rivals()
         return None
 
-    def _scores(self, board: Board, skip: Sequence[tuple[str, Place]] = ()) -> list[tuple[Score, Candidate]]:
-        wanted = [c for c in self.candidates if c.key not in self.barred and c.key not in skip]
-        scores = [score(board, c) for c in wanted]
-        found = [(replace(s, price=s.price + self.old.get(c.key, 0.0)), c) for s, c in zip(scores, wanted, strict=True)]
-        return sorted(found, key=lambda pair: -pair[0].net)
+    def _ranked(self, regression: WhitenedRegression, skip: Sequence[SelectedEffect]) -> Ranking:
+        """Return all other candidates that are not barred, the one with the largest score first."""
+        taken = self.barred | {one.key for one in skip}
+        found: Ranking = []
+        for candidate in self.candidates:
+            if candidate.key not in taken:
+                score = score_candidate(regression, candidate)
+                penalty = score.penalty + self.explained_before.get(candidate.key, 0.0)
+                found.append((replace(score, penalty=penalty), candidate))
+        return sorted(found, key=lambda pair: -pair[0].score)
 
-    def _best(self) -> Pick | None:
+    def _best(self) -> SelectedEffect | None:
         """Return the strongest candidate that passes the tests.
 
         Where the strongest on a joint is large but not sure, weaker ones there would only stand in for it.
         """
-        ranked = self._scores(self.board, [p.key for p in self.picks])
+        ranked = self._ranked(self.regression, self.selected)
         if not self.visibility:
-            for found, c in ranked:
-                self.visibility[c.key] = max(found.visibility, self.visibility.get(c.key, 0.0))
+            for score, c in ranked:
+                self.visibility[c.key] = max(score.visibility, self.visibility.get(c.key, 0.0))
         unclear: set[int] = set()
         while True:
-            open_ = [(f, c) for f, c in ranked if f.net > 0 and not unclear & set(c.place[:1])]
-            refined = [self._refined(self.board, f, c) for f, c in open_[:RIVALS]]
-            leading = sorted((p for p in refined if p.proof.joint not in unclear), key=lambda p: -p.net)
-            if not leading:
-                return None
-            for pick in leading:
-                why = self._fails(pick)
-                if not why:
-                    return self._simplest(pick, leading)
-                self.refused.append((pick.effect.name, pick.place, why))
-                if pick.proof.visible_rms >= SMALLEST:
-                    unclear.add(pick.proof.joint)
+            clear = [(score, c) for score, c in ranked if score.score > 0 and not unclear & set(c.joints[:1])]
+            refined = [self._refined(self.regression, score, c) for score, c in clear[:RIVALS]]
+            leading = sorted((one for one in refined if one.test.joint not in unclear), key=lambda one: -one.score)
+            for one in leading:
+                if self._passes(one):
+                    return self._simplest(one, leading)
+                if one.test.visible_rms >= SMALLEST:
+                    unclear.add(one.test.joint)
                     break
             else:
                 return None
 
-    def _simplest(self, pick: Pick, others: Sequence[Pick]) -> Pick:
+    def _simplest(self, best: SelectedEffect, others: Sequence[SelectedEffect]) -> SelectedEffect:
         """Return what has the least freedom among those that the best is not clearly better than."""
-        here = [p for p in others if p.proof.joint == pick.proof.joint]
-        good = [p for p in here if p is pick or (not clearly_better(pick, p) and not self._fails(p))]
-        return min(good, key=lambda p: (p.freedom, -p.net))
+        here = [one for one in others if one.test.joint == best.test.joint]
+        good = [one for one in here if one is best or (not clearly_better(best, one) and self._passes(one))]
+        return min(good, key=lambda one: (one.freedom, -one.score))
 
-    def _fails(self, pick: Pick) -> str:
-        """Return why a pick is not accepted, or nothing."""
-        looks = max(150, len({c.key for c in self.candidates})) * (
-            RIPPLE_LOOKS if pick.effect.name == "torque_ripple" else 1.0
-        )
-        if pick.net <= 0:
-            return "explains less than its freedom costs"
-        if pick.proof.visible_rms < SMALLEST:
-            return f"too small: {pick.proof.visible_rms:.2f} of the noise"
-        chance = looks * max(pick.proof.p_value, pick.proof.chance)
-        if chance >= self.options.false_alarm:
-            return f"not sure: chance {min(1.0, chance):.2g}"
-        return ""
+    def _passes(self, one: SelectedEffect) -> bool:
+        """Return whether an effect explains more than its freedom costs, is large enough and significant."""
+        tests = max(FEWEST_TESTS, len({c.key for c in self.candidates}))
+        tests *= RIPPLE_TESTS if one.effect.name == "torque_ripple" else 1
+        p_value = tests * max(one.test.p_value, one.test.gain_p_value)
+        return one.score > 0 and one.test.visible_rms >= SMALLEST and p_value < self.options.false_alarm
 
-    def _refined(self, board: Board, found: Score, candidate: Candidate) -> Pick:
+    def _refined(
+        self, regression: WhitenedRegression, score: CandidateScore, candidate: EffectCandidate
+    ) -> SelectedEffect:
         """Return the candidate at its best shape, refined off the grid."""
-        shape = dict(candidate.shapes[found.index])
-        columns = {j: C[found.index] for j, C in candidate.columns.items()}
-        gain = found.gain
-        for factor in REFINED if candidate.effect.steps else ():
-            steps = candidate.effect.steps.items()
+        effect, gain, shape = candidate.effect, score.gain, dict(candidate.shapes[score.index])
+        columns = {j: C[score.index] for j, C in candidate.columns.items()}
+        for factor in REFINED if effect.steps else ():
             tried = [
-                shape | {name: moved(shape[name], kind, size, sign * factor)}
-                for name, (kind, size) in steps
+                shape | {name: stepped(shape[name], kind, size, sign * factor)}
+                for name, (kind, size) in effect.steps.items()
                 for sign in (-1, 1)
             ]
-            stack = columns_of(board, candidate.effect, candidate.place, tried)
-            gram = np.asarray(sum(np.einsum("gkm,glm->gkl", C, C) for C in stack.values()))
-            better = score(board, Candidate(candidate.effect, candidate.place, tried, stack, gram))
+            near = candidate_of(regression, effect, candidate.joints, tried)
+            better = score_candidate(regression, near)
             if better.gain > gain:
                 gain, shape = better.gain, tried[better.index]
-                columns = {j: C[better.index] for j, C in stack.items()}
+                columns = {j: C[better.index] for j, C in near.columns.items()}
             elif gain < SETTLED / factor:
                 break
-        proof = prove(board, columns)
-        pick = Pick(candidate.effect, candidate.place, shape, proof, gain - found.price)
-        self._columns[_identity(pick)] = columns
-        return pick
+        test = significance_test(regression, columns)
+        found = SelectedEffect(effect, candidate.joints, shape, test, gain - score.penalty)
+        self._columns[_form(found)] = columns
+        return found
 
-    def _columns_of(self, pick: Pick) -> dict[int, Floats]:
-        key = _identity(pick)
-        if key not in self._columns:
-            stack = columns_of(self.board, pick.effect, pick.place, [pick.shape])
-            self._columns[key] = {j: C[0] for j, C in stack.items()}
-        return self._columns[key]
+    def _columns_of(self, one: SelectedEffect) -> dict[int, Floats]:
+        form = _form(one)
+        if form not in self._columns:
+            columns = whitened_columns(self.regression, one.effect, one.joints, [one.shape])
+            self._columns[form] = {j: C[0] for j, C in columns.items()}
+        return self._columns[form]
 
-    def _with(self, picks: Sequence[Pick]) -> Board:
-        board = replace(self.board, added=[self._columns_of(p) for p in picks])
-        board.solve()
-        return board
+    def _with(self, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
+        return self.regression.with_effects([self._columns_of(one) for one in selected])
 
-    def _accept(self, pick: Pick) -> None:
-        self.picks.append(pick)
-        self.board = self._with(self.picks)
+    def _select(self, selected: Sequence[SelectedEffect]) -> None:
+        self.selected = list(selected)
+        self.regression = self._with(self.selected)
 
     def _swap(self) -> None:
-        """Replace an accepted effect when another one explains more in its place."""
-        for k, pick in enumerate(list(self.picks)):
-            if len(self.picks) == 1:
+        """Replace a selected effect when another one explains more in its stead."""
+        for k, old in enumerate(list(self.selected)):
+            if len(self.selected) == 1:
                 return
-            rest = [p for p in self.picks if p is not pick]
-            board = self._with(rest)
-            ranked = [r for r in self._scores(board, [p.key for p in rest]) if r[1].effect.name != "torque_delay"]
-            leading = [self._refined(board, found, c) for found, c in ranked[:RIVALS]]
-            best = max(leading, key=lambda p: p.net)
-            own = next((p for p in leading if p.key == pick.key), None)
-            if own is None or clearly_better(best, own):
-                self.barred.add(pick.key)
-                pick = best
-            else:
-                pick = own
-            self.picks = [*rest[:k], pick, *rest[k:]]
-            self.board = self._with(self.picks)
+            rest = [one for one in self.selected if one is not old]
+            regression = self._with(rest)
+            ranked = [pair for pair in self._ranked(regression, rest) if pair[1].effect.name != "torque_delay"]
+            leading = [self._refined(regression, score, c) for score, c in ranked[:RIVALS]]
+            best = max(leading, key=lambda one: one.score)
+            again = next((one for one in leading if one.key == old.key), None)
+            if again is None or clearly_better(best, again):
+                self.barred.add(old.key)
+                again = best
+            self._select([*rest[:k], again, *rest[k:]])
 
     def _eliminate(self) -> None:
         """Drop what is no longer needed; a dropped name is barred, otherwise the search need not end."""
-        while len(self.picks) > 1:
-            checked = []
-            for pick in self.picks:
-                rest = [p for p in self.picks if p is not pick]
-                proof = prove(self._with(rest), self._columns_of(pick))
-                checked.append(replace(pick, proof=proof))
-            failing = [p for p in checked if self._fails(p)]
-            self.picks = checked
+        while len(self.selected) > 1:
+            tested = []
+            for one in self.selected:
+                rest = self._with([other for other in self.selected if other is not one])
+                tested.append(replace(one, test=significance_test(rest, self._columns_of(one))))
+            self.selected = tested
+            failing = [one for one in tested if not self._passes(one)]
             if not failing:
                 return
-            worst = min(failing, key=lambda p: p.proof.visible_rms)
+            worst = min(failing, key=lambda one: one.test.visible_rms)
             self.barred.add(worst.key)
-            self.refused.append((worst.effect.name, worst.place, "not needed beside the others"))
-            self.picks = [p for p in self.picks if p is not worst]
-            self.board = self._with(self.picks)
+            self._select([one for one in tested if one is not worst])
 
     def _relinearise(self) -> None:
         """Scale model-based candidates with the new parameters."""
-        theta = self.board.theta[: self.setting.base.reduction.rank]
-        self.board = self.setting.board(theta)
+        self.regression = self.problem.regression(self.regression.fit.theta[: self.problem.base.reduction.rank])
         self._columns = {}
         self.candidates = self._candidates(self.candidates)
-        self.board = self._with(self.picks)
+        self._select(self.selected)
 
-    def _equals(self) -> None:
-        """Note for each accepted effect what would explain as much in its place."""
-        for k, pick in enumerate(self.picks):
-            rest = [p for p in self.picks if p is not pick]
-            board = self._with(rest)
-            ranked = self._scores(board, [p.key for p in rest])
-            own = next((self._refined(board, f, c) for f, c in ranked if c.key == pick.key), pick)
-            near = [(f, c) for f, c in ranked if c.key != pick.key and f.net > NEAR * own.net]
-            near = [(f, c) for f, c in near if score(self.board, c).gain < INSTEAD * f.gain][:RIVALS]
-            rivals = [self._refined(board, found, c) for found, c in near]
-            equal = tuple(r.key for r in rivals if not clearly_better(own, r) and not contains(r, own))
-            # Why not own: another form of it may have as much evidence, but the board holds the columns of this one.
-            self.picks[k] = replace(pick, net=own.net, equals=equal)
-
-
-def _identity(pick: Pick) -> tuple[str, Place, tuple[tuple[str, float], ...]]:
-    return pick.effect.name, pick.place, tuple(sorted(pick.shape.items()))
+    def _note_rivals(self) -> None:
+        """Note for each selected effect what would explain as much in its stead."""
+        for k, selected in enumerate(self.selected):
+            rest = [one for one in self.selected if one is not selected]
+            regression = self._with(rest)
+            ranked = self._ranked(regression, rest)
+            own = next((self._refined(regression, s, c) for s, c in ranked if c.key == selected.key), selected)
+            near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
+            near = [(s, c) for s, c in near if score_candidate(self.regression, c).gain < INSTEAD * s.gain][:RIVALS]
+            refined = [self._refined(regression, s, c) for s, c in near]
+            rivals = tuple(r.key for r in refined if not clearly_better(own, r) and not contains(r, own))
+            # Why not own: another form may have as much evidence, but the regression holds the columns of this one.
+            self.selected[k] = replace(selected, score=own.score, rivals=rivals)
 
 
-def clearly_better(one: Pick, other: Pick) -> bool:
+def _form(one: SelectedEffect) -> tuple[Key, tuple[tuple[str, float], ...]]:
+    return one.key, tuple(sorted(one.shape.items()))
+
+
+def clearly_better(one: SelectedEffect, other: SelectedEffect) -> bool:
     """Return whether one effect explains the rows better than another beyond doubt."""
-    lead = one.net - other.net
-    if len(one.proof.gains) != len(other.proof.gains):
+    lead = one.score - other.score
+    if len(one.test.gains) != len(other.test.gains):
         return lead > EQUAL
-    spread = np.std(one.proof.gains - other.proof.gains) * np.sqrt(len(one.proof.gains))
+    spread = np.std(one.test.gains - other.test.gains) * np.sqrt(len(one.test.gains))
     return bool(lead > max(EQUAL, SURE * spread))
 
 
-def contains(wide: Pick, narrow: Pick) -> bool:
-    """Return whether one effect holds the other as a special case at the same place, and so always fits as well."""
-    return wide.place == narrow.place and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
+def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:
+    """Return whether one effect holds the other as a special case on the same joint, and so always fits as well."""
+    return wide.joints == narrow.joints and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
 
 
-def wanted_effects(setting: Setting, options: Options) -> list[tuple[Effect, Place]]:
-    """Return every effect and place that is worth a look."""
-    use = "refit" if setting.known is None else "frozen"
-    joints = setting.base.robot.joints
-    found = []
-    moves = np.sum([s.use.sum(axis=0) for s in setting.stretches], axis=0) > 0
-    for effect in CATALOGUE.values():
-        if use not in effect.uses or (options.effects and effect.name not in options.effects):
-            continue
-        for place in effect.places(len(joints)):
-            if options.joints and place and place[0] not in options.joints:
-                continue
-            if place and not moves[place[0]]:
-                continue
-            if not _in_model(effect, place, setting):
-                found.append((effect, place))
-    return found
+def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Place]]:
+    """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on."""
+    use = "refit" if problem.kept is None else "frozen"
+    moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
+    return [
+        (effect, joints)
+        for effect in CATALOGUE.values()
+        if use in effect.uses and (not options.effects or effect.name in options.effects)
+        for joints in effect.places(problem.base.robot.n)
+        if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
+        if not _in_model(effect, joints, problem)
+    ]
 
 
-def _in_model(effect: Effect, place: Place, setting: Setting) -> bool:
+def _in_model(effect: Effect, joints: Place, problem: GapProblem) -> bool:
     """Return whether the baseline has it already, or has not what should have changed."""
-    if not place:
+    if not joints:
         return False
-    joint = setting.base.robot.joints[place[0]]
-    refit = setting.known is None
+    joint = problem.base.robot.joints[joints[0]]
+    refit = problem.kept is None
     has = {
         "torque_offset": refit and "offset" in joint.friction,
         "viscous": "viscous" in joint.friction,

@@ -6,34 +6,36 @@ after everything that the model could absorb has been projected out of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.noise import ORDER, Noise, whitened
-from dynid.gap.segments import Stretch, blocks_of
+from dynid.gap.noise import ORDER, NoiseModel, whitened
+from dynid.gap.segments import SegmentRows, jackknife_blocks
 from dynid.model.effects.interface import Floats
 
 Ints = NDArray[np.int64]
+#: Whitened columns of one effect by joint, {joint: (k, M_j)}.
+EffectColumns = Mapping[int, Floats]
 
-#: Directions of the normalised baseline below this share of the strongest are not excited.
+#: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9
 
 
-@dataclass
-class Rows:
+@dataclass(frozen=True)
+class WhitenedRows:
     """The whitened rows of one joint.
 
     Attributes:
         joint: its index.
-        A: baseline columns, (M, p).
+        A: baseline columns, (M, p + c).
         y: torques, (M,).
-        block: number of the block of time, rising, (M,).
+        block: number of the jackknife block, rising, (M,).
         log: number of the log, (M,).
-        place: which rows of the concatenated stretches they are, (M,).
+        index: which rows of the concatenated segments they are, (M,).
     """
 
     joint: int
@@ -41,52 +43,66 @@ class Rows:
     y: Floats
     block: Ints
     log: Ints
-    place: Ints
+    index: Ints
 
 
-@dataclass
-class Board:
-    """All joints.
+@dataclass(frozen=True)
+class WhitenedFit:
+    """The least-squares fit of the whitened rows.
 
     Attributes:
-        stretches: where the rows come from.
-        noise: what they were whitened with.
-        joints: rows of each joint.
-        prior: further rows on the baseline columns, (r, p + 1), such as what an earlier identification knows.
-        added: columns of accepted effects, each {joint: (k, M_j)}.
+        theta: base parameters, coefficients of columns that are not judged, amplitudes of effects, (w,).
+        inverse: inverse of the normal matrix without directions that are not excited, (w, w).
+        Q: an orthonormal basis of all columns, in the rows of each joint, (M_j, r).
+        e: residuals of each joint, (M_j,).
     """
 
-    stretches: Sequence[Stretch]
-    noise: Noise
-    joints: list[Rows]
+    theta: Floats
+    inverse: Floats
+    Q: list[Floats]
+    e: list[Floats]
+
+
+@dataclass(frozen=True)
+class WhitenedRegression:
+    """The rows of all joints with the baseline, the prior and the effects that explain them.
+
+    Attributes:
+        segments: where the rows come from.
+        noise: what they were whitened with.
+        joints: rows of each joint.
+        prior: further rows [columns, value] on the baseline, such as what an earlier identification knows,
+            (r, p + c + 1); None for none.
+        effects: columns of selected effects.
+    """
+
+    segments: Sequence[SegmentRows]
+    noise: NoiseModel
+    joints: tuple[WhitenedRows, ...]
     prior: Floats | None = None
-    added: list[dict[int, Floats]] = field(default_factory=list)
-    Q: list[Floats] = field(default_factory=list)
-    e: list[Floats] = field(default_factory=list)
-    theta: Floats = field(default_factory=lambda: np.zeros(0))
-    inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    effects: tuple[EffectColumns, ...] = ()
 
     @property
     def size(self) -> int:
-        """Number of baseline columns."""
+        """Number of baseline columns, p + c."""
         return int(self.joints[0].A.shape[1])
 
-    @property
-    def width(self) -> int:
-        """Number of columns with those of accepted effects."""
-        return self.size + sum(_count(one) for one in self.added)
+    def with_effects(self, effects: Sequence[EffectColumns]) -> WhitenedRegression:
+        """Return the regression with the columns of other effects."""
+        return replace(self, effects=tuple(effects))
 
     def whiten(self, joint: int, parts: Sequence[Floats]) -> Floats:
-        """Return filtered columns of one joint, one (..., M_s) a stretch, as whitened rows, (..., M_j)."""
+        """Return filtered columns of one joint, one (..., M_s) per segment, as whitened rows, (..., M_j)."""
         ar, sigma = self.noise.ar[joint], self.noise.sigma[joint] * self.noise.count[joint] ** 0.5
-        kept = [whitened(x, ar)[..., s.use[ORDER:, joint]] for x, s in zip(parts, self.stretches, strict=True)]
+        kept = [whitened(x, ar)[..., s.use[ORDER:, joint]] for x, s in zip(parts, self.segments, strict=True)]
         rows: Floats = np.concatenate(kept, axis=-1) / sigma
         return rows
 
-    def solve(self) -> None:
-        """Fit the baseline and the accepted effects; sets ``Q``, ``e``, ``theta`` and ``inverse``."""
-        width = self.width
-        full = [self._full(rows) for rows in self.joints]
+    @cached_property
+    def fit(self) -> WhitenedFit:
+        """Baseline and effects fitted to all rows and to the prior."""
+        full = [self._columns(rows) for rows in self.joints]
+        width = full[0].shape[1]
         gram, right = np.zeros((width, width)), np.zeros(width)
         for A, rows in zip(full, self.joints, strict=True):
             gram += A.T @ A
@@ -100,63 +116,75 @@ class Board:
         values, V = np.linalg.eigh(gram / np.outer(length, length))
         kept = values > WEAK * values[-1]
         root = V[:, kept] / np.sqrt(values[kept]) / length[:, None]
-        self.inverse = root @ root.T
-        self.theta = root @ (root.T @ right)
-        self.Q = [A @ root for A in full]
-        self.e = [rows.y - A @ self.theta for A, rows in zip(full, self.joints, strict=True)]
+        theta = root @ (root.T @ right)
+        residuals = [rows.y - A @ theta for A, rows in zip(full, self.joints, strict=True)]
+        return WhitenedFit(theta, root @ root.T, [A @ root for A in full], residuals)
 
-    def _full(self, rows: Rows) -> Floats:
-        if not self.added:
+    def _columns(self, rows: WhitenedRows) -> Floats:
+        if not self.effects:
             return rows.A
-        parts = [one.get(rows.joint, np.zeros((_count(one), len(rows.y)))).T for one in self.added]
+        parts = [one.get(rows.joint, np.zeros((_count(one), len(rows.y)))).T for one in self.effects]
         return np.hstack([rows.A, *parts])
 
-    def chi(self) -> Floats:
+    @property
+    def amplitudes(self) -> Floats:
+        """Amplitudes of the effects, one after the other."""
+        return self.fit.theta[self.size :]
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of what is left, the prior's included."""
+        total = sum(float(e @ e) for e in self.fit.e)
+        if self.prior is not None:
+            rest = self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[: self.size]
+            total += float(rest @ rest)
+        return total
+
+    def reduced_chi_square(self) -> Floats:
         """Return the mean square of each joint's whitened residual, freedom taken off, (n,); 1 at the noise floor."""
         chi = np.ones(len(self.joints))
-        for j, (e, Q) in enumerate(zip(self.e, self.Q, strict=True)):
+        for j, (e, Q) in enumerate(zip(self.fit.e, self.fit.Q, strict=True)):
             freedom = len(e) - float(np.sum(Q**2))
             if len(e) > 50 and freedom > 20:
                 chi[j] = self.noise.count[j] * float(e @ e) / freedom
         return chi
 
 
-def _count(one: dict[int, Any]) -> int:
+def _count(one: EffectColumns) -> int:
     return len(next(iter(one.values())))
 
 
-def build_board(
-    stretches: Sequence[Stretch], noise: Noise, nuisance: Sequence[Sequence[Floats]], prior: Floats | None = None
-) -> Board:
+def whitened_regression(
+    segments: Sequence[SegmentRows], noise: NoiseModel, nuisance: Sequence[Sequence[Floats]], prior: Floats | None
+) -> WhitenedRegression:
     """Whiten the rows of all joints.
 
     Args:
-        stretches: rows; only those that count are used.
+        segments: rows; only those that count are used.
         noise: the noise of each joint.
-        nuisance: for each stretch and joint, columns that are not judged, (k, M).
-        prior: further rows [columns, value] on the base parameters, (r, p + 1).
+        nuisance: for each segment and joint, columns that are not judged, (c / n, M).
+        prior: further rows [columns, value] on the base parameters, (r, p + 1); None for none.
     """
-    n = stretches[0].tau.shape[1]
-    board = Board(stretches, noise, [])
-    edges = np.cumsum([0, *(len(s) for s in stretches)])
-    count = nuisance[0][0].shape[0]
-    p = stretches[0].W.shape[2]
-    blocks = blocks_of(stretches)
+    n, p = segments[0].W.shape[1:]
+    empty = WhitenedRegression(segments, noise, ())
+    edges = np.cumsum([0, *(len(s) for s in segments)])
+    count = len(nuisance[0][0])
+    blocks = jackknife_blocks(segments)
+    joints = []
     for j in range(n):
-        base = board.whiten(j, [s.W[:, j].T for s in stretches])
-        extra = board.whiten(j, [nuisance[k][j] for k in range(len(stretches))])
+        base = empty.whiten(j, [s.W[:, j].T for s in segments])
+        extra = empty.whiten(j, [columns[j] for columns in nuisance])
         A = np.zeros((base.shape[1], p + n * count))
         A[:, :p] = base.T
         A[:, p + j * count : p + (j + 1) * count] = extra.T
-        y = board.whiten(j, [s.tau[:, j] for s in stretches])
-        chosen = [np.flatnonzero(s.use[ORDER:, j]) + ORDER for s in stretches]
+        y = empty.whiten(j, [s.tau[:, j] for s in segments])
+        chosen = [np.flatnonzero(s.use[ORDER:, j]) + ORDER for s in segments]
         block = [one[rows] for one, rows in zip(blocks, chosen, strict=True)]
-        log = [np.full(len(rows), s.log) for s, rows in zip(stretches, chosen, strict=True)]
-        place = [rows + start for rows, start in zip(chosen, edges[:-1], strict=True)]
-        board.joints.append(Rows(j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, place))))
+        log = [np.full(len(rows), s.log) for s, rows in zip(segments, chosen, strict=True)]
+        index = [rows + start for rows, start in zip(chosen, edges[:-1], strict=True)]
+        joints.append(WhitenedRows(j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, index))))
+    wide = None
     if prior is not None:
         wide = np.zeros((len(prior), p + n * count + 1))
         wide[:, :p], wide[:, -1] = prior[:, :-1], prior[:, -1]
-        board.prior = wide
-    board.solve()
-    return board
+    return replace(empty, joints=tuple(joints), prior=wide)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.files.artifact import written_whole
 from dynid.gap.localisation import JointGap
-from dynid.gap.refit import Shrink
+from dynid.gap.refit import HeldOutImprovement
 from dynid.report.figures import ESTIMATED, MEASURED, RESIDUAL
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) ->
     return figure
 
 
-def shrink_figure(proof: Shrink, joints: Sequence[str], units: Sequence[str], title: str) -> Figure:
+def improvement_figure(
+    improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
+) -> Figure:
     """Draw the held-out residual of each joint before and after, with the noise floor."""
     import matplotlib as mpl
     from matplotlib.figure import Figure as NewFigure
@@ -54,19 +56,19 @@ def shrink_figure(proof: Shrink, joints: Sequence[str], units: Sequence[str], ti
     figure = NewFigure(figsize=(7.0, 0.42 * len(joints) + 1.2), layout="constrained")
     axis = figure.subplots()
     place = np.arange(len(joints))
-    axis.barh(place - 0.19, proof.before, 0.36, color=RESIDUAL, label="before")
-    error = np.abs(proof.ratio.T * proof.before - proof.after)
+    axis.barh(place - 0.19, improvement.before, 0.36, color=RESIDUAL, label="before")
+    error = np.abs(improvement.ratio.T * improvement.before - improvement.after)
     error = np.where(np.isfinite(error), error, 0.0)
     axis.barh(
         place + 0.19,
-        proof.after,
+        improvement.after,
         0.36,
         color=ESTIMATED,
         label="after",
         xerr=error,
         error_kw={"lw": 1.0, "ecolor": mpl.rcParams["text.color"]},
     )
-    for j, floor in enumerate(proof.floor):
+    for j, floor in enumerate(improvement.floor):
         axis.plot([floor, floor], [j - 0.42, j + 0.42], color=MEASURED, lw=2.0, label="noise floor" if j == 0 else None)
     axis.set_yticks(
         place, [f"{name} [{unit}]".replace("$", r"\$") for name, unit in zip(joints, units, strict=True)], fontsize=8

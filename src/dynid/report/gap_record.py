@@ -9,11 +9,11 @@ from typing import Any
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.gap.localisation import JointGap, Region
-from dynid.gap.refit import Shrink
+from dynid.gap.localisation import JointGap, ResidualRegion
+from dynid.gap.refit import HeldOutImprovement
 
 SCHEMA = "dynid/gap/1"
-_SHRINK = ("before", "after", "ratio", "floor")
+_IMPROVEMENT = ("before", "after", "ratio", "floor")
 
 
 @dataclass(frozen=True)
@@ -24,21 +24,25 @@ class GapRecord:
         answer: what the command answered: verdict, named effects, nearest candidates, advice.
         logs: recordings that were searched.
         where: the disagreement of every joint.
-        shrink: held-out error before and after.
+        improvement: held-out error before and after.
     """
 
     answer: Mapping[str, Any]
     logs: tuple[str, ...]
     where: tuple[JointGap, ...]
-    shrink: Shrink
+    improvement: HeldOutImprovement
 
 
 def save(
-    path: Path, answer: Mapping[str, Any], logs: Sequence[Path], where: Sequence[JointGap], shrink: Shrink
+    path: Path,
+    answer: Mapping[str, Any],
+    logs: Sequence[Path],
+    where: Sequence[JointGap],
+    improvement: HeldOutImprovement,
 ) -> None:
     """Write gap.npz."""
     header = {"answer": answer, "logs": [str(log) for log in logs], "regions": [asdict(gap) for gap in where]}
-    write_artifact(path, Artifact(SCHEMA, header, {name: getattr(shrink, name) for name in _SHRINK}))
+    write_artifact(path, Artifact(SCHEMA, header, {name: getattr(improvement, name) for name in _IMPROVEMENT}))
 
 
 def load(path: Path) -> GapRecord:
@@ -51,10 +55,10 @@ def load(path: Path) -> GapRecord:
     header = artifact.header
     try:
         where = [
-            JointGap(**{**gap, "regions": tuple(Region(**region) for region in gap["regions"])})
+            JointGap(**{**gap, "regions": tuple(ResidualRegion(**region) for region in gap["regions"])})
             for gap in header["regions"]
         ]
-        shrink = Shrink(**{name: artifact.arrays[name] for name in _SHRINK})
-        return GapRecord(dict(header["answer"]), tuple(header["logs"]), tuple(where), shrink)
+        improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
+        return GapRecord(dict(header["answer"]), tuple(header["logs"]), tuple(where), improvement)
     except (KeyError, TypeError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

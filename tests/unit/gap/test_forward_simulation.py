@@ -1,12 +1,10 @@
 """What is replayed is an arm that can exist."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.gap.forward_simulation import least_inertia, possible
+from dynid.gap.forward_simulation import least_inertia, nearest_possible
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -35,7 +33,7 @@ def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
     wrong = truth.copy()
     wrong[weak] -= 0.3
     assert least_inertia(base, wrong, q) < 0
-    found = possible(base, SimpleNamespace(theta=wrong, inverse=np.diag(sigma**2)))
+    found = nearest_possible(base, wrong, np.diag(sigma**2))
     assert least_inertia(base, found, q) > 0
     others = np.arange(len(truth)) != weak
     assert np.all(np.abs(found - truth)[others] < 5 * sigma[others])
@@ -44,5 +42,5 @@ def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
 def test_fitted_parameters_of_an_arm_stay(arm):
     base, truth = arm
     sigma = 1e-4 * (1 + np.abs(truth))
-    found = possible(base, SimpleNamespace(theta=truth, inverse=np.diag(sigma**2)))
+    found = nearest_possible(base, truth, np.diag(sigma**2))
     assert np.abs((found - truth) / sigma).max() < 0.5

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from dynid.gap.matched_motion import against
+from dynid.gap.matched_motion import subtract_matched_motion
 
 RATE = 40.0
 
@@ -38,7 +38,8 @@ def recording(start, seconds=30.0, change=0.0, pace=1.0, seed=0):
 
 
 def test_what_was_missing_before_cancels_and_the_change_is_left():
-    found, matched = against([recording(1.37, change=0.3, seed=1)], [recording(0.0, seed=2)], np.array([2.0]))
+    now, then = recording(1.37, change=0.3, seed=1), recording(0.0, seed=2)
+    found, matched = subtract_matched_motion([now], [then], np.array([2.0]))
     now = found[0]
     left = (now.tau - now.W[:, :, 0] * 2.0 - 0.3 * now.q)[now.use]
     assert matched == pytest.approx(1.0)
@@ -47,22 +48,22 @@ def test_what_was_missing_before_cancels_and_the_change_is_left():
 
 def test_rows_that_were_not_driven_before_do_not_count():
     now, then = recording(0.0, seed=1), recording(5.0, seed=2)
-    found, _ = against([now], [then], np.array([2.0]))
+    found, _ = subtract_matched_motion([now], [then], np.array([2.0]))
     assert not found[0].use[: round(4.9 * RATE)].any()
     assert found[0].use[round(5.1 * RATE) : -2].all()
 
 
 def test_several_earlier_recordings_are_averaged():
     earlier = [recording(0.1 * k, seed=k) for k in range(4)]
-    found, matched = against([recording(0.05, seed=9)], earlier, np.array([2.0]))
+    found, matched = subtract_matched_motion([recording(0.05, seed=9)], earlier, np.array([2.0]))
     left = (found[0].tau - found[0].W[:, :, 0] * 2.0)[found[0].use]
     assert matched == pytest.approx(4.0, rel=0.02)
     assert np.std(left) == pytest.approx(0.01 * np.sqrt(1.25), rel=0.1)
 
 
 def test_another_motion_is_not_compared():
-    assert against([recording(0.0)], [recording(2.0, pace=1.3)], np.array([2.0])) is None
+    assert subtract_matched_motion([recording(0.0)], [recording(2.0, pace=1.3)], np.array([2.0])) is None
 
 
 def test_a_little_of_the_same_motion_is_not_enough():
-    assert against([recording(0.0)], [recording(20.0)], np.array([2.0])) is None
+    assert subtract_matched_motion([recording(0.0)], [recording(20.0)], np.array([2.0])) is None

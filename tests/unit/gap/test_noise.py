@@ -5,7 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynid.gap.noise import Noise, Pair, find_repeats, going_on, noise_of, whitened, with_misfit, yule_walker
+from dynid.gap.noise import (
+    NoiseModel,
+    RepeatPair,
+    autocorrelation_time,
+    find_repeats,
+    measure_noise,
+    whitened,
+    with_misfit,
+    yule_walker,
+)
 
 RATE = 40.0
 
@@ -76,7 +85,7 @@ def test_repeats_show_the_noise_and_not_what_repeats():
     q = motion(t)
     same = 5 * np.sin(3 * q)
     residuals = [same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)]
-    noise = noise_of([Rows(q), Rows(q)], residuals, [Pair(0, 1, 0.0)], everything(q))
+    noise = measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q))
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
 
@@ -87,7 +96,7 @@ def test_a_contact_in_one_repeat_is_called_unrepeatable():
     q = motion(t)
     residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
     residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
-    assert noise_of([Rows(q), Rows(q)], residuals, [Pair(0, 1, 0.0)], everything(q)).unrepeatable == [0]
+    assert measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q)).unrepeatable == [0]
 
 
 def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
@@ -95,9 +104,9 @@ def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
     q = motion(np.arange(4000) / RATE)
     slow = np.repeat(rng.normal(size=(400, 2)), 10, axis=0)
     nothing = np.zeros(2)
-    floor = Noise(np.full((2, 4), 0.1), np.ones(2), np.ones(2), 10.0, nothing, nothing, (), np.ones(2))
+    floor = NoiseModel(np.full((2, 4), 0.1), np.ones(2), np.ones(2), 10.0, nothing, nothing, (), np.ones(2))
     found = with_misfit(floor, [Rows(q)], [slow], np.array([0.9, 5.0]))
-    assert found.kept == (1,)
+    assert found.misfit == (1,)
     assert found.floor.tolist() == found.sigma.tolist() == [1.0, 5.0]
     assert found.ar[0].tolist() == [0.1] * 4
     assert not found.ar[1].any(), "what follows the motion is not whitened"
@@ -107,10 +116,11 @@ def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
 
 def test_rows_tell_the_same_as_long_as_they_go_on():
     rng = np.random.default_rng(2)
-    assert going_on([rng.normal(size=40_000)]) == pytest.approx(1.0, abs=0.1)
+    assert autocorrelation_time([rng.normal(size=40_000)]) == pytest.approx(1.0, abs=0.1)
     slow = np.repeat(rng.normal(size=4_000), 10)
-    assert going_on([slow]) == pytest.approx(10.0, rel=0.1)
-    assert going_on([7 * slow[:20_000], 7 * slow[20_000:]]) == pytest.approx(10.0, rel=0.1), "size does not matter"
+    assert autocorrelation_time([slow]) == pytest.approx(10.0, rel=0.1)
+    larger = [7 * slow[:20_000], 7 * slow[20_000:]]
+    assert autocorrelation_time(larger) == pytest.approx(10.0, rel=0.1), "size does not matter"
 
 
 def test_noise_without_repeats_is_no_larger_than_what_is_left():
@@ -121,7 +131,7 @@ def test_noise_without_repeats_is_no_larger_than_what_is_left():
     rows = Rows(motion(t))
     rows.source = SimpleNamespace(chosen=Filter(200.0, 10.0, 1, 5))
     residual = np.cumsum(np.random.default_rng(7).normal(size=(4000, 2)), axis=0)
-    noise = noise_of([rows], [residual], [], [np.ones(4000, dtype=bool)])
+    noise = measure_noise([rows], [residual], [], [np.ones(4000, dtype=bool)])
     assert np.all(noise.floor <= np.sqrt(np.mean(residual**2, axis=0)))
 
 
@@ -133,6 +143,6 @@ def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
     rows.source = SimpleNamespace(chosen=Filter(200.0, 10.0, 1, 5))
     residual = rng.normal(size=(4000, 2))
     train = np.arange(4000) < 3000
-    quiet = noise_of([rows], [residual], [], [train])
+    quiet = measure_noise([rows], [residual], [], [train])
     residual[3000:] *= 50
-    np.testing.assert_allclose(noise_of([rows], [residual], [], [train]).floor, quiet.floor)
+    np.testing.assert_allclose(measure_noise([rows], [residual], [], [train]).floor, quiet.floor)

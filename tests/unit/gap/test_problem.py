@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynid.gap.problem import TRUST, Known, prior_rows, split
+from dynid.gap.problem import TRUST, KeptModel, split
 
 RATE = 40.0
 
 
 def test_prior_rows_cost_what_the_earlier_errors_say():
     covariance = np.diag([0.04, 0.01])
-    rows = prior_rows(Known(np.array([1.0, 2.0]), covariance, np.ones(1)))
+    rows = KeptModel(np.array([1.0, 2.0]), covariance, np.ones(1)).prior_rows
     move = np.array([1.2, 2.0])  # one standard error along the first parameter
     rest = rows[:, :-1] @ move - rows[:, -1]
     assert rest @ rest == pytest.approx(1 / TRUST**2)
@@ -20,7 +20,7 @@ def test_prior_rows_cost_what_the_earlier_errors_say():
 
 def test_directions_that_the_earlier_log_left_open_are_not_held():
     seen = np.array([[1.0, 1.0]]) / np.sqrt(2)
-    rows = prior_rows(Known(np.array([1.0, 2.0]), 0.01 * seen.T @ seen, np.ones(1)))
+    rows = KeptModel(np.array([1.0, 2.0]), 0.01 * seen.T @ seen, np.ones(1)).prior_rows
     assert len(rows) == 1
     np.testing.assert_allclose(rows[:, :-1] @ np.array([1.0, -1.0]), 0.0, atol=1e-9)
 

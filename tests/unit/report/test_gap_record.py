@@ -7,8 +7,8 @@ import pytest
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, write_artifact
-from dynid.gap.localisation import JointGap, Region
-from dynid.gap.refit import Shrink
+from dynid.gap.localisation import JointGap, ResidualRegion
+from dynid.gap.refit import HeldOutImprovement
 from dynid.report.gap_record import SCHEMA, load, save
 from dynid.report.page import page
 
@@ -27,9 +27,9 @@ def record(tmp_path, evidence):
         "verdict": "named", "named": [one], "closest": [{**one, "effect": "stribeck", "why_not": NASTY}],
         "alternatives": [], "advice": NASTY,
     }  # fmt: skip
-    regions = (Region("speed", "slow", 4.0, 100), Region("speed", "fast", 1.1, 100))
+    regions = (ResidualRegion("speed", "slow", 4.0, 100), ResidualRegion("speed", "fast", 1.1, 100))
     where = [JointGap(j, 2.5, 1 / n, regions, "when slow") for j in range(n)]
-    shrink = Shrink(np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3))
+    shrink = HeldOutImprovement(np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3))
     save(tmp_path / "gap.npz", answer, [tmp_path / NASTY.replace("/", "")], where, shrink)
     return load(tmp_path / "gap.npz"), where, shrink
 
@@ -38,7 +38,7 @@ def test_a_search_comes_back_from_its_file(record):
     found, where, shrink = record
     assert found.answer["verdict"] == "named"
     assert list(found.where) == where
-    np.testing.assert_array_equal(found.shrink.ratio, shrink.ratio)
+    np.testing.assert_array_equal(found.improvement.ratio, shrink.ratio)
 
 
 def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, evidence):

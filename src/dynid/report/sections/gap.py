@@ -6,7 +6,7 @@ from typing import Any
 
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.report.evidence import Evidence
-from dynid.report.gap_figures import shrink_figure, where_figure
+from dynid.report.gap_figures import improvement_figure, where_figure
 from dynid.report.gap_record import GapRecord
 from dynid.report.sections.interface import Picture, Section
 from dynid.report.svg import as_svg, page_style
@@ -66,7 +66,7 @@ def _number(name: str, value: dict[str, Any]) -> str:
 def _pictures(gap: GapRecord, units: dict[str, str]) -> list[Picture]:
     with page_style("gap-shrink"):
         shrink = as_svg(
-            shrink_figure(gap.shrink, list(units), list(units.values()), ""),
+            improvement_figure(gap.improvement, list(units), list(units.values()), ""),
             "held-out error of each joint before and after the missing effects, with the noise",
         )
     with page_style("gap-where"):

@@ -1,0 +1,135 @@
+"""One analysis from conditioned logs to a verdict: where, what, how sure, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dynid.errors import PackageMissing
+from dynid.estimation.stack import Source
+from dynid.gap.forward_simulation import simulate_held_out
+from dynid.gap.localisation import JointGap, localise_residual
+from dynid.gap.problem import GapProblem, KeptModel, make_problem
+from dynid.gap.refit import FittedEffect, HeldOutImprovement, held_out_improvement, refit, with_columns
+from dynid.gap.search import EffectSearch, search_effects, without
+from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
+from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.effects.interface import Floats
+from dynid.model.store import BaseModel
+from dynid.progress import SILENT, Progress
+
+#: Visible share below which these logs cannot show an effect, so that its absence means nothing.
+HIDDEN = 0.01
+
+
+@dataclass(frozen=True)
+class GapAnalysis:
+    """What a search found, and what proves it.
+
+    Attributes:
+        problem: what was searched, before anything was found.
+        search: the search.
+        effects: selected effects with numbers, named or not.
+        joints: the disagreement of each joint before.
+        improvement: the held-out torque gap before and after.
+        simulation: position error of the forward simulation before and after, (n,) each [rad or m]; None where it
+            cannot be run.
+        verdict: the verdict.
+        invisible: effects and joints that these logs cannot show.
+    """
+
+    problem: GapProblem
+    search: EffectSearch
+    effects: tuple[FittedEffect, ...]
+    joints: tuple[JointGap, ...]
+    improvement: HeldOutImprovement
+    simulation: tuple[Floats, Floats] | None
+    verdict: GapVerdict
+    invisible: dict[str, list[int]]
+
+
+def analyse_gap(
+    sources: Sequence[Source],
+    base: BaseModel,
+    kept: KeptModel | None,
+    options: SelectionOptions,
+    progress: Progress = SILENT,
+    *,
+    simulate: bool = True,
+    earlier: Sequence[Source] = (),
+) -> GapAnalysis:
+    """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
+
+    Args:
+        sources: conditioned logs, all with the same filter.
+        base: model and base parameters.
+        kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
+        options: what is searched.
+        progress: told how far the work is.
+        simulate: whether the forward simulation is run too.
+        earlier: conditioned logs that a kept model was identified from, where they are at hand.
+    """
+    sources = on_one_clock(sources)
+    earlier = on_one_clock(earlier) if earlier else ()
+    problem = make_problem(sources, base, kept, earlier)
+    search = search_effects(sources, base, kept, options, progress, first=problem, earlier=earlier)
+    search, effects, withdrawn, improvement, regression = proved(problem, search)
+    verdict = judge(search, effects, improvement, base.robot.joint_names, withdrawn)
+    joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
+    simulation = simulation_errors(problem, search, effects, regression) if simulate else None
+    invisible: dict[str, list[int]] = {}
+    for (name, where), share in search.visibility.items():
+        if share < HIDDEN:
+            invisible.setdefault(name, []).extend(where[:1])
+    return GapAnalysis(problem, search, tuple(effects), tuple(joints), improvement, simulation, verdict, invisible)
+
+
+def proved(
+    problem: GapProblem, search: EffectSearch
+) -> tuple[EffectSearch, list[FittedEffect], list[FittedEffect], HeldOutImprovement, WhitenedRegression]:
+    """Fit what was found and prove it on held-out rows, without what does not shrink the gap there.
+
+    What fails is withdrawn and the rest proved again: a wrong effect spoils the prediction that others are judged by.
+
+    Returns:
+        Search, effects with numbers and withdrawn ones, the held-out gap, and the refitted regression.
+    """
+    withdrawn: list[FittedEffect] = []
+    while True:
+        fitted, regression = refit(search)
+        improvement = held_out_improvement(problem, search, fitted)
+        failing = [one for one in fitted if refusal(search, fitted, one, improvement) == NOT_SMALLER]
+        if not failing or len(fitted) == 1:
+            return search, fitted, withdrawn, improvement, regression
+        worst = min(failing, key=lambda one: one.selected.score)
+        withdrawn.append(worst)
+        search = without(search, worst.selected)
+
+
+def simulation_errors(
+    problem: GapProblem, search: EffectSearch, fitted: Sequence[FittedEffect], regression: WhitenedRegression
+) -> tuple[Floats, Floats] | None:
+    """Return the position error of the simulated held-out motion before and after, (n,) each; None if it cannot be run.
+
+    Args:
+        problem: what was searched, before anything was found.
+        search: the search.
+        fitted: what it found.
+        regression: refitted with these effects.
+    """
+    try:
+        before = simulate_held_out(problem, problem.regression(nuisance=False), [])
+        after = simulate_held_out(search.problem, regression, with_columns(fitted)) if fitted else before
+    except PackageMissing:
+        return None
+    return None if before is None or after is None else (before.rms, after.rms)
+
+
+def on_one_clock(sources: Sequence[Source]) -> list[Source]:
+    """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
+    begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in sources]
+    ends = [s.segments[-1].t[-1] for s in sources]
+    if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
+        return list(sources)
+    return [replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in sources]
