@@ -14,7 +14,7 @@ from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.sim.sensors import Sensors
+from dynid.sim.plant import Sensors
 from dynid.sim.track import track
 from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import bounds

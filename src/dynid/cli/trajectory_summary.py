@@ -87,10 +87,10 @@ def answer_of(task: Task, context: PlanningContext, verdict: Verdict) -> dict[st
 
 def _selected(task: Task, base: BaseModel, motion: Motion) -> NDArray[Any]:
     """Return the measurement points that Eqs. 15-16 choose."""
-    from dynid.trajectory.selection import select
+    from dynid.trajectory.cost import select_samples
 
     W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
-    return select(W, task.options["select"])
+    return select_samples(W, task.options["select"])
 
 
 def _weakest(context: PlanningContext, std_error: NDArray[Any]) -> str:

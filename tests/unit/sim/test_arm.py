@@ -7,7 +7,7 @@ from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
 from dynid.robot import Body, Joint, Limits, Robot
 from dynid.sim.arm import Friction, SimulatedArm
-from dynid.sim.sensors import Sensors
+from dynid.sim.plant import Sensors
 from dynid.sim.sines import SineSpec, lowest_point, sines
 from dynid.sim.track import SimulatedRun, track
 
