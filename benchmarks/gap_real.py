@@ -20,7 +20,7 @@ import pinocchio as pin
 
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.sources import Reading, conditioned_source
+from dynid.estimation.sources import Conditioning, conditioned_source
 from dynid.estimation.stack import stack_base
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
@@ -69,7 +69,7 @@ def cut(log, rows):
 
 
 def source_of(log, model, cutoff=CUTOFF):
-    return conditioned_source(log, model, Reading(cutoff=cutoff), "log")
+    return conditioned_source(log, model, Conditioning(cutoff=cutoff), "log")
 
 
 def identified(sources, base):

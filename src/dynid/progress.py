@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
+
+from dynid.errors import Finding
 
 
 class Progress(Protocol):
@@ -14,6 +17,9 @@ class Progress(Protocol):
     def advance(self, done: float, total: float, text: str = "") -> None:
         """Say how much of the current stage is done."""
 
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings as soon as they are known; results keep them as well."""
+
 
 class Silent:
     """A progress report that says nothing."""
@@ -22,6 +28,9 @@ class Silent:
         """Say nothing."""
 
     def advance(self, done: float, total: float, text: str = "") -> None:
+        """Say nothing."""
+
+    def findings(self, findings: Sequence[Finding]) -> None:
         """Say nothing."""
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.sources import Reading, read_source
 from dynid.estimation.stack import stack
 from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
@@ -20,6 +19,7 @@ from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out, predict, prior_base_parameters
+from dynid.workflows.logs import LogOptions, condition_logs, load_log
 
 SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz"
 DRAWS, RATE, STEP = 20, 100.0, 1e-3
@@ -44,8 +44,8 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     draws = []
     for _ in range(DRAWS):
         write_log(tmp_path / "log.npz", sensors.measure(truth, robot.log_names, rng))
-        source, _ = read_source(tmp_path / "log.npz", model, Reading())
-        stacked = stack([source], model.observer(reduction.base), reduction.base_names, robot.joint_names)
+        sources, _ = condition_logs([load_log(tmp_path / "log.npz", robot)], model, LogOptions())
+        stacked = stack(sources, model.observer(reduction.base), reduction.base_names, robot.joint_names)
         draws.append(weighted(*stacked.joint_factors(np.ones(stacked.blocks, dtype=bool))).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction)
 

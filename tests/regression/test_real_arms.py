@@ -11,12 +11,12 @@ import pytest
 import yaml
 
 from dynid.estimation import result
-from dynid.estimation.sources import Reading, read_source
 from dynid.estimation.stack import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters
 from dynid.robot import Body
+from dynid.workflows.logs import LogOptions, condition_logs, load_log
 
 pytestmark = pytest.mark.data
 
@@ -60,7 +60,8 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     table = yaml.safe_load((recordings / "inertia_tables" / "kinova_j2n6s300_kinova_ros.yaml").read_text())
     model = build_model(robot)
     bag = next((recordings / "jaco2_6dof").glob("*.bag"))
-    source, log = read_source(bag, model, Reading(identify=False))
+    log = load_log(bag, robot, identify=False)
+    (source,), _ = condition_logs([log], model, LogOptions())
     gamma = np.zeros(model.size)
     for k, link in enumerate(table["links_dh"], start=1):
         inertia = tuple(link["inertia_com"][key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))

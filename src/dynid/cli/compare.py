@@ -46,8 +46,8 @@ def command(
     junit_file: Path | None,
 ) -> ExitStatus:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
-    from dynid.cli.log_options import percent
     from dynid.files.artifact import write_text
+    from dynid.options import share as share_of
     from dynid.report import tables
 
     if methods:
@@ -57,7 +57,7 @@ def command(
         return ExitStatus.DONE
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
-    share = None if tolerance is None else percent(tolerance, "--tolerance")
+    share = None if tolerance is None else share_of(tolerance, "--tolerance")
     names, stored = load_runs(runs)
     judged = stored if baseline is None else [*load_runs((baseline,))[1], *stored]
     comparisons = compared(names, judged, required=baseline is not None)

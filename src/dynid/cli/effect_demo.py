@@ -27,6 +27,7 @@ def tell(common: Common, effect: str) -> ExitStatus:
     from dynid.cli.gap import run_gap
     from dynid.cli.identify import run_identify
     from dynid.gap.self_test import right as is_right
+    from dynid.workflows.identify import IdentifyOptions
 
     hidden = chosen(effect, common.seed)
     folder = common.out or Path("out") / "demo" / "effect"
@@ -35,7 +36,7 @@ def tell(common: Common, effect: str) -> ExitStatus:
     terminal.say("--- a simulated LWR4+ with something hidden in it: three motions, each driven twice", "bold")
     robot, logs = simulate(common, folder, hidden)
     terminal.say("--- dynid identify, on the first two motions", "bold")
-    run_identify(common, str(robot), logs[:4], show=False, final=False, feasible=False)
+    run_identify(common, str(robot), logs[:4], IdentifyOptions(feasible=False), show=False, final=False)
     terminal.say("--- dynid gap, proved on the third motion", "bold")
     parameters = folder / "parameters.npz"
     added = replace(common, out=folder / "with_effect")

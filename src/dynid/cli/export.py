@@ -96,10 +96,10 @@ def parameters_of(run: Path) -> Path:
 def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> Source:
     """Return what is exported, from a stored result."""
     from dynid import __version__
-    from dynid.cli.validate import base_model_of
     from dynid.export import Source, whole_arm
+    from dynid.workflows.validate import base_model_of
 
-    base, found = base_model_of(common, stored), stored.identification
+    base, found = base_model_of(stored, stored.path.parent), stored.identification
     theta = found.physical.theta if which == "physical" else found.plain
     hashes = ", ".join(sha[:12] for sha in stored.log_sha256)
     made_from = (

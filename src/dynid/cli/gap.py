@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.dataclass_options import options_from
+from dynid.cli.dataclass_options import options_of as made_from
 from dynid.cli.gapanswer import answer_of, show
-from dynid.cli.log_options import READING_DEFAULTS, percent, read_sources, reading_of, reading_options
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.options import share
+from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
     from dynid.estimation.result import StoredResult
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
 CUTOFF = 10.0
 #: What the options are when a command of ours runs the search.
-DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
+DEFAULTS: dict[str, Any] = {
     "mode": "refit",
     "effects": "all",
     "joints": None,
@@ -72,7 +75,7 @@ DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
 @click.option("--self-test", is_flag=True, help="Hide effects, and none, in simulated logs and print what is named.")
-@reading_options
+@options_from(LogOptions)
 def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **options: Any) -> ExitStatus:  # noqa: ANN401
     """Find what the model lacks, name it with evidence, add it, and show that the gap shrinks."""
     if options["self_test"]:
@@ -99,16 +102,17 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
         logs: recordings.
         given: options, as on the command line.
     """
-    from dynid.cli.validate import base_model_of
     from dynid.estimation import result
     from dynid.gap.analysis import analyse_gap
     from dynid.gap.problem import kept_model
     from dynid.report.gap_record import save
+    from dynid.workflows.validate import base_model_of
 
     options = DEFAULTS | given
     stored = result.load(parameters)
     wanted = options_of(stored.robot, options)
-    base = base_model_of(common, stored)
+    with common.terminal.progress() as progress:
+        base = base_model_of(stored, stored.path.parent, progress)
     sources = conditioned(common, base, logs, options, stored)
     kept = kept_model(stored.identification) if options["mode"] == "frozen" else None
     earlier = earlier_logs(common, base, stored, logs, options) if kept else []
@@ -141,7 +145,7 @@ def options_of(robot: Robot, options: dict[str, Any]) -> SelectionOptions:
                 f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}"
             )
     joints = joints_of(robot, options["joints"], "--joints")
-    return SelectionOptions(effects, joints, percent(options["false_alarm"], "--false-alarm"), options["max_effects"])
+    return SelectionOptions(effects, joints, share(options["false_alarm"], "--false-alarm"), options["max_effects"])
 
 
 def joints_of(robot: Robot, text: str | None, option: str) -> tuple[int, ...]:
@@ -168,12 +172,18 @@ def conditioned(
     common: Common, base: BaseModel, logs: tuple[Path, ...], options: dict[str, Any], stored: StoredResult
 ) -> list[Source]:
     """Read the logs under one filter that keeps what happens at reversals."""
-    if options["cutoff"] == "auto":
-        options = {**options, "cutoff": repr(max(CUTOFF, stored.cutoff))}
-    if options["delay"] == "auto":
+    from dynid.workflows.logs import condition_logs, load_log
+
+    how = made_from(LogOptions, options)
+    if how.cutoff is None:
+        how = replace(how, cutoff=max(CUTOFF, stored.cutoff))
+    if how.delay is None:
         # Why not in a refit: there a delay is one of the effects that are looked for.
-        options = {**options, "delay": repr(stored.delay) if options["mode"] == "frozen" else "off"}
-    return read_sources(common, base, logs, reading_of(options, identify=False))[0]
+        how = replace(how, delay=stored.delay if options["mode"] == "frozen" else 0.0)
+    with common.terminal.progress() as progress:
+        progress.stage("read")
+        read = [load_log(path, base.robot, how, identify=False) for path in logs]
+        return condition_logs(read, base.model, how, progress)[0]
 
 
 def earlier_logs(

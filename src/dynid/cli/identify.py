@@ -1,4 +1,4 @@
-"""``dynid identify ROBOT [LOG...]``: base parameters from logs, with honest errors and a held-out figure."""
+"""``dynid identify ROBOT [LOG...]``: base parameters from logs, with robust errors and a held-out figure."""
 
 from __future__ import annotations
 
@@ -9,48 +9,26 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.log_options import (
-    READING_DEFAULTS,
-    base_model,
-    hashes,
-    option_texts,
-    percent,
-    read_sources,
-    reading_of,
-    reading_options,
-    reading_part,
-    stack_logs,
-    stack_sources,
-)
+from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prior_options import BELIEF_DEFAULTS, belief_options, believing
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.runfile import write_run
-from dynid.errors import ExitStatus, LogNotFound, WrongUsage
+from dynid.errors import ExitStatus, WrongUsage
+from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
-    from dynid.estimation.estimate import HoldOut
+    from dynid.estimation.drive_gains import Gains
+    from dynid.estimation.payload import Payload
     from dynid.estimation.result import Identification, StoredResult
-    from dynid.estimation.stack import Stack
+    from dynid.log import Log
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
 
-DEFAULTS: dict[str, Any] = READING_DEFAULTS | {
-    "method": "auto",
-    "holdout": "20%",
-    "drop_weak": False,
-    "feasible": None,
-    **BELIEF_DEFAULTS,
-    "explained": False,
-    "payload_from": None,
-    "update": None,
-    "loaded": None,
-    "load_mass": None,
-}
-#: Options that do not change the parameters, or that count through the file they name.
-BESIDE = ("explained", "payload_from", "update")
 #: Methods that depend on the controller of the robot file.
 SIMULATED = ("idim-iv", "didim")
+#: Options of reading and filtering: without logs they are those of the stored observations.
+READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
+_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @dynid_command(
@@ -67,59 +45,48 @@ SIMULATED = ("idim-iv", "didim")
 )
 @click.argument("robot")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
-@click.option(
-    "--method",
-    type=click.Choice(["auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge"]),
-    default="auto",
-    show_default=True,
-    help="Estimator; auto takes what the log offers and says why.",
-)
-@click.option(
-    "--feasible/--no-feasible",
-    default=None,
-    help="Put the physically possible set in force, or the plain estimate (default: by prior and held-out rows).",
-)
-@click.option(
-    "--holdout", metavar="SHARE|LOG|none", default=DEFAULTS["holdout"], show_default=True, help="Rows kept back."
-)
-@click.option("--drop-weak", is_flag=True, help="Go on when the log does not determine all parameters, or only just.")
+@options_from(IdentifyOptions)
 @click.option(
     "--explain", "explained", is_flag=True, help="Show how cut-off and delay change the parameters; needs a LOG."
 )
 @click.option(
     "--payload-from",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=_FILE,
     metavar="RESULT",
-    help="parameters.npz without the load: find the body that the LOG has in addition on the last link.",
+    help="parameters.npz without the load: find the body that the arm of the LOG carries on its last link.",
 )
 @click.option("--report/--no-report", default=False, show_default=True, help="Write report.html as well.")
 @click.option(
     "--loaded",
     type=click.Path(path_type=Path),
     metavar="LOG",
-    help="Motor currents with a load of known mass: find the gains of all drives.",
+    help="Log of motor currents with a load of known mass: find the gains of all drives.",
 )
-@click.option("--load-mass", type=click.FloatRange(min=0, min_open=True), metavar="KG", help="Of that load.")
+@click.option(
+    "--load-mass",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="KG",
+    help="Mass of the load in the log given with --loaded [kg].",
+)
 @click.option(
     "--update",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=_FILE,
     metavar="RESULT",
     help="Add the LOG to this parameters.npz, whose own logs are not needed; it may be overwritten.",
 )
-@belief_options
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
-@reading_options
 def command(
     common: Common,
     robot: str,
     logs: tuple[Path, ...],
     fail_if: tuple[str, ...],
     report: bool,
-    **options: Any,  # noqa: ANN401
+    **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
-    facts = run_identify(common, robot, logs, **options)
+    beside = {key: values.pop(key) for key in ("explained", "payload_from", "loaded", "load_mass", "update")}
+    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), **beside)
     write_run(Path(facts["folder"]), facts["inputs"])
     if report:
         from dynid.cli.report import write_report
@@ -132,308 +99,278 @@ def run_identify(
     common: Common,
     robot: str,
     logs: tuple[Path, ...],
+    options: IdentifyOptions | None = None,
     *,
+    explained: bool = False,
+    payload_from: Path | None = None,
+    loaded: Path | None = None,
+    load_mass: float | None = None,
+    update: Path | None = None,
     show: bool = True,
     final: bool = True,
-    **given: Any,  # noqa: ANN401
 ) -> dict[str, Any]:
     """Identify, write the results, print them, and return the JSON answer.
 
     Args:
         common: the common options.
         robot: name or path of the robot file.
-        logs: recordings; () for the stack that ``dynid parameters`` wrote.
+        logs: recordings; () for the observations that ``dynid parameters`` wrote.
+        options: how to identify.
+        explained: also show how the parameters depend on cut-off and delay.
+        payload_from: result without a load; the load is found.
+        loaded: log of currents with a load of known mass.
+        load_mass: that mass [kg].
+        update: result that the logs are added to.
         show: print the tables.
         final: print the JSON answer and the next command as well; not when another command goes on.
-        given: options, as on the command line.
     """
-    from dynid.cli.drive_gains import in_amperes, with_gains
-    from dynid.cli.payload import add_payload, as_before
-    from dynid.cli.sensitivity import explain
     from dynid.estimation import result as results
     from dynid.files.robotfile import load_robot
+    from dynid.workflows import drive_gains
+    from dynid.workflows.identify import answer_of, find_payload, sensitivity, signals_as
+    from dynid.workflows.prior import with_prior
 
-    options = DEFAULTS | given
-    check_words(options)
-    unloaded, earlier = (results.load(options[key]) if options[key] else None for key in ("payload_from", "update"))
+    options = options or IdentifyOptions()
+    files = {"loaded": loaded, "prior_file": options.prior, "update": update, "holdout": options.holdout}
+    unloaded, earlier = (results.load(path) if path else None for path in (payload_from, update))
     if before := unloaded or earlier:
-        options = as_before(options, before)
-    arm = believing(load_robot(robot), options)
+        options = signals_as(options, before)
+    arm = with_prior(load_robot(robot), options)
+    if options.prior is not None:
+        options = replace(options, prior=arm.prior)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
     if unloaded is not None:
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
-    arm, gains = with_gains(common, arm, folder, logs, options)
-    if arm.torque.relative and options["feasible"] is None:
-        # Why: a prior in kg cannot be put beside parameters whose size is unknown.
-        options = {**options, "feasible": False}
-    inputs = needed_inputs(arm, folder, logs, options)
-    base = base_model(common, arm)
-    path = folder / "parameters.npz"
-    found, wrote, header = obtain_result(common, base, folder, logs, options, inputs, earlier)
-    timing = {key: header.get(key) for key in TIMING}
-    facts = {**answer_of(base, found, wrote), **timing, **gains, "folder": folder, "inputs": inputs}
+    recordings = Recordings(common, arm, logs, options)
+    gains = recordings.gains(loaded, load_mass)
+    facts: dict[str, Any] = {}
+    if gains is not None:
+        path, arm = drive_gains.write_robot(folder, arm, gains)
+        common.terminal.wrote(path)
+        show_gains(common, arm, gains)
+        facts = drive_gains.gain_facts(arm, gains)
+    inputs = needed_inputs(arm, folder, logs, options, files, load_mass)
+    result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
+    timing = {key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
+    facts = {
+        **answer_of(base, result.identification), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
+    }  # fmt: skip
     if show:
-        show_result(common, base, found)
+        show_result(common, base, result.identification)
     if unloaded is not None:
-        add_payload(common, folder, found, unloaded, facts)
-    if options["explained"]:
+        add_payload(common, folder, find_payload(result, unloaded), facts)
+    if explained:
         if not logs:
             raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
-        facts["explain"] = explain(common, base, logs, options, found, header)
+        with common.terminal.progress() as progress:
+            progress.stage("explain")
+            facts["explain"] = sensitivity(result, recordings.read(), options, base=base, progress=progress)
+        show_sensitivity(common, facts["explain"], len(base.reduction.base_names))
     if show and final:
-        common.terminal.emit_json(in_amperes(facts, arm))
-        common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
+        common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
+        common.terminal.next(f"dynid validate {folder / 'parameters.npz'} LOG      (a log that was not used here)")
     return facts
+
+
+class Recordings:
+    """The logs of a run, read from disk when they are first needed and only once.
+
+    Args:
+        common: the common options.
+        robot: the arm.
+        paths: the logs.
+        options: how they are read.
+    """
+
+    def __init__(self, common: Common, robot: Robot, paths: tuple[Path, ...], options: IdentifyOptions) -> None:
+        self._common, self._robot, self._paths, self._options = common, robot, paths, options
+        self._read: list[Log] = []
+
+    def read(self) -> list[Log]:
+        """Return the logs as read."""
+        from dynid.workflows.logs import read_log
+
+        if not self._read:
+            with self._common.terminal.progress() as progress:
+                progress.stage("read")
+                self._read = [read_log(path, self._robot, self._options) for path in self._paths]
+        return self._read
+
+    def gains(self, loaded: Path | None, load_mass: float | None) -> Gains | None:
+        """Return the gains of the drives where the logs hold currents and not all gains are known.
+
+        Raises:
+            WrongUsage: a load is given for logs that need none.
+        """
+        from dynid.workflows.drive_gains import find_drive_gains, needs_gains
+        from dynid.workflows.logs import read_log
+
+        robot, options = self._robot, self._options
+        if robot.torque.complete or not self._paths or not needs_gains(robot, self.read()[0]):
+            if loaded:
+                raise WrongUsage(
+                    "--loaded finds the gains of motor currents, and these logs have torques or known gains",
+                    fix="for the body of a load: --payload-from parameters.npz",
+                )
+            return None
+        second = read_log(loaded, robot, options) if loaded else None
+        folder = self._common.folder(robot.slug)
+        with self._common.terminal.progress() as progress:
+            return find_drive_gains(
+                robot, self.read(), options, loaded=second, load_mass=load_mass, folder=folder, progress=progress
+            )
 
 
 def obtain_result(
     common: Common,
-    base: BaseModel,
+    robot: Robot,
     folder: Path,
-    logs: tuple[Path, ...],
-    options: dict[str, Any],
+    recordings: Recordings,
+    options: IdentifyOptions,
     inputs: dict[str, str],
     earlier: StoredResult | None,
-) -> tuple[Identification, list[Path], dict[str, Any]]:
-    """Return the result with what was written and its header: a new one, or the one that is there from equal inputs."""
+) -> tuple[StoredResult, BaseModel, list[Path]]:
+    """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result as results
+    from dynid.workflows.identify import identify, save_result
+    from dynid.workflows.logs import read_log
+    from dynid.workflows.model import base_model
+    from dynid.workflows.parameters import load_observations, observe
 
     path = folder / "parameters.npz"
+    terminal = common.terminal
+    with terminal.progress() as progress:
+        base = base_model(robot, common.folder(robot.slug), progress)
     overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
-        stored = results.load(path)
-        return stored.identification, [], stored.header
-    stack, header = obtain_stack(common, base, folder, logs, options, inputs)
-    if earlier is not None:
-        stack, header = updated(stack, header, earlier, options)
-    found = fitted(common, base, stack, {**options, "delay": repr(header.get("delay_applied_s") or 0.0)})
-    return found, write_results(common, folder, base, stack, found, {**common.header(inputs), **header}), header
+        return results.load(path), base, []
+    logs = recordings.read()
+    if isinstance(options.holdout, Path):
+        options = replace(options, holdout=read_log(options.holdout, robot, options))
+    facts = common.header(inputs)
+    with terminal.progress() as progress:
+        if logs:
+            seen = observe(robot, logs, options, base=base, progress=progress)
+            of_stack = {key: value for key, value in inputs.items() if key in ("robot", *READING) or key[:4] == "log "}
+            terminal.wrote(seen.save_stack(folder, common.header(of_stack)))
+        else:
+            seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
+        result = identify(robot, seen, options, update=earlier, progress=progress)
+    wrote = save_result(folder, result, facts)
+    for each in wrote:
+        terminal.wrote(each)
+    return result, base, wrote
 
 
-def updated(
-    stack: Stack, header: dict[str, Any], earlier: StoredResult, options: dict[str, Any]
-) -> tuple[Stack, dict[str, Any]]:
-    """Return the new logs' stack and header with what an earlier result was made from."""
-    from dynid.estimation.recursive import UPDATABLE, with_earlier
+def needed_inputs(
+    robot: Robot,
+    folder: Path,
+    logs: tuple[Path, ...],
+    options: IdentifyOptions,
+    files: dict[str, Any],
+    load_mass: float | None,
+) -> dict[str, str]:
+    """Return the hashes that the result depends on; without logs, those of the observations that are there."""
+    from dynid.workflows.parameters import stored_key
 
-    if options["method"] not in ("auto", *UPDATABLE):
-        raise WrongUsage(
-            f"--method {options['method']} needs the single rows of the earlier log, which a result does not keep",
-            fix=f"one of {', '.join(UPDATABLE)}; or identify from all logs at once",
-        )
-    again = set(header["log_sha256"]) & set(earlier.log_sha256)
-    if again:
-        raise WrongUsage(f"{earlier.path} was made from this log already", fix="give a log that it does not hold yet")
-    both = {key: [*earlier.header[key], *header[key]] for key in ("log_sha256", "logs")}
-    return with_earlier(stack, earlier), {**header, **both}
-
-
-def needed_inputs(robot: Robot, folder: Path, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, str]:
-    """Return the hashes that the result depends on; without logs, those of the stack that is there."""
-    from dynid.files.artifact import read_header
-
-    gains = option_texts({"controller": robot.controller if options["method"] in SIMULATED else None})
+    texts = {key: value for key, value in options.texts().items() if key != "prior"}
+    texts |= {"load_mass": repr(load_mass)} if load_mass else {}
+    texts |= {"controller": str(robot.controller)} if options.method in SIMULATED and robot.controller else {}
+    hashed = input_hashes({key: path for key, path in files.items() if isinstance(path, Path) and path.exists()})
     if logs:
-        made_of = {key: value for key, value in options.items() if key not in BESIDE}
-        return hashes(robot, logs, made_of) | gains | hashes_of_files(options)
+        return log_inputs(robot, logs) | texts | hashed
     path = folder / "fullnumericregressor.npz"
-    header = read_header(path) if path.is_file() else None
-    if header is None:
-        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.slug} LOG")
-    if header.get("key") != robot.model_key:
-        raise LogNotFound(
-            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG"
-        )
-    inputs = dict(header["inputs"])
-    for name, text in option_texts(reading_part(options)).items():
-        if text not in (inputs.get(name), *option_texts({name: READING_DEFAULTS[name]}).values()):
+    inputs = dict(stored_key(path, robot)["inputs"])
+    default = IdentifyOptions().texts()
+    for name in READING:
+        text = texts.get(name)
+        if text not in (inputs.get(name), default.get(name)):
             raise WrongUsage(
                 f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
                 why="without logs, the stack that dynid parameters wrote is used as it is",
                 fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
             )
-    fit = {key: options[key] for key in DEFAULTS if key not in (*READING_DEFAULTS, *BESIDE)}
-    return inputs | option_texts(fit) | gains | hashes_of_files(options)
+    return inputs | {key: value for key, value in texts.items() if key not in READING} | hashed
 
 
-def hashes_of_files(options: dict[str, Any]) -> dict[str, str]:
-    """Return the hashes of the other files that a result depends on: held-out log, loaded log, prior."""
-    named = {key: Path(options[key]) for key in ("loaded", "prior_file", "update") if options[key]}
-    if _is_log(options["holdout"]):
-        named["holdout"] = Path(options["holdout"])
-    return input_hashes({key: path for key, path in named.items() if path.exists()})
+def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
+    """Return the hashes of robot and logs."""
+    from dynid.workflows.logs import read_log
+
+    for log in logs:
+        if not log.exists():
+            read_log(log, robot)  # ends with the message that a missing log gets
+    return {"robot": robot.model_key, **input_hashes({f"log {k + 1}": log for k, log in enumerate(logs)})}
 
 
-def check_words(options: dict[str, Any]) -> None:
-    """Raise for values that no log could make sense of, before anything is read or written."""
-    reading_of(options)
-    if options["holdout"] != "none" and not _is_log(options["holdout"]):
-        percent(options["holdout"], "--holdout")
-
-
-def _is_log(text: str) -> bool:
-    return text != "none" and not re.fullmatch(r"[\d.]+%?", text)
-
-
-def obtain_stack(
-    common: Common,
-    base: BaseModel,
-    folder: Path,
-    logs: tuple[Path, ...],
-    options: dict[str, Any],
-    inputs: dict[str, str],
-) -> tuple[Stack, dict[str, Any]]:
-    """Return the stack of the given logs, or of ``dynid parameters``."""
-    from dynid.estimation import observation_files
-    from dynid.estimation.effect_columns import settled
-
-    if logs:
-        stack, findings, timing = stack_logs(common, base, logs, options)
-        header = {
-            "robot": base.robot.name,
-            "key": base.robot.model_key,
-            "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
-            "logs": [str(log) for log in logs],
-            "cutoff_hz": stack.sources[0].chosen.cutoff,
-            "log_findings": [asdict(f) for f in findings],
-            **timing.facts(),
-        }
-        of_stack = hashes(base.robot, logs, reading_part(options))
-        observation_files.save(folder / "fullnumericregressor.npz", stack, {**common.header(of_stack), **header})
-        common.terminal.wrote(folder / "fullnumericregressor.npz")
-        return stack, header
-    path = folder / "fullnumericregressor.npz"
-    sources, stored = observation_files.load(path)
-    sources = settled(sources, base)
-    common.terminal.stage("log", f"from {path}: {', '.join(stored['logs'])}")
-    header = {key: stored[key] for key in ("robot", "key", "log_sha256", "logs", "cutoff_hz", "log_findings")}
-    header |= {key: stored.get(key) for key in TIMING}
-    return stack_sources(common, base, sources), header
-
-
-def believes(options: dict[str, Any]) -> bool:
-    """Return whether any option says what is believed of the bodies."""
-    return any(options[key] != value for key, value in BELIEF_DEFAULTS.items())
-
-
-def fitted(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> Identification:
-    """Fit the stack."""
-    from dynid.estimation.estimate import estimate
-
-    holdout = held_out(common, base, stack, options)
-    found = estimate(
-        stack,
-        base,
-        method=options["method"],
-        holdout=holdout,
-        # Why: who says what to believe has an answer for what the log leaves open.
-        drop_weak=options["drop_weak"] or options["feasible"] is True or believes(options),
-        feasible=options["feasible"],
-    )
-    common.terminal.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
-    common.terminal.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
-    scaled, raw = found.condition_number_scaled, found.condition_number
-    condition = f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)"
-    common.terminal.stage("excited", condition)
-    common.terminal.findings(found.findings)
-    return found
-
-
-TIMING = ("delay_s", "delay_std_error_s", "delay_applied_s")
+# ---------------------------------------------------------------- printing
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
-METHOD_TEXT = {
-    "wls": "weighted least squares, one noise level a joint",
-    "ols": "ordinary least squares",
-    "irls": "weighted least squares that gives spikes little weight (Huber)",
-    "iv": "instrumental variables from the commanded motion",
-    "idim-iv": "instrumental variables from the arm simulated under its controller",
-    "didim": "torques of the arm simulated under its controller, fitted to the measured ones",
-    "ridge": "weighted least squares with a pull towards the prior's base parameters",
-}
 
 
-def held_out(common: Common, base: BaseModel, stack: Stack, options: dict[str, Any]) -> HoldOut | None:
-    """Return what is held out, as --holdout says."""
-    import numpy as np
+def add_payload(common: Common, folder: Path, payload: Payload, facts: dict[str, Any]) -> None:
+    """Write payload.yaml, print the load, and add it to the JSON answer."""
+    import yaml
 
-    from dynid.estimation.effect_columns import scaled
-    from dynid.estimation.estimate import HoldOut, last_share
-    from dynid.estimation.least_squares import weighted
+    from dynid.files.artifact import write_text
 
-    text = options["holdout"]
-    if text == "none":
-        return None
-    if not _is_log(text):
-        return last_share(stack, percent(text, "--holdout"))
-    reading = reading_of({**options, "cutoff": str(stack.sources[0].chosen.cutoff), "exclude": ()})
-    sources, _ = read_sources(common, base, (Path(text),), reading)
-    test = stack_sources(common, base, scaled(sources, base, weighted(*stack.whole).theta))
-    return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), text)
-
-
-def write_results(
-    common: Common, folder: Path, base: BaseModel, stack: Stack, found: Identification, header: dict[str, Any]
-) -> list[Path]:
-    """Write parameters.npz, parameters.yaml and estimatedmotion.npz."""
-    from dynid.estimation import result
-    from dynid.validate import predict
-
-    motions = [predict.predict(source, stack.rows_of_log(k), found.theta) for k, source in enumerate(stack.sources)]
-    predict.save(
-        folder / "estimatedmotion.npz", motions, {**header, "joints": list(stack.joints), "torque_from": "identified"}
-    )
-    facts = {
-        "schema": "dynid/parameters-table/1",
-        "robot": base.robot.name,
-        "logs_sha256": list(header["log_sha256"]),
-        "method": found.method,
-        "cutoff_hz": float(f"{header['cutoff_hz']:.6g}"),
-        "coulomb": {"shape": base.robot.coulomb_shape.shape, "velocity": list(base.robot.coulomb_shape.velocity)},
-        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
-    }
-    # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
-    result.write_yaml(folder / "parameters.yaml", found, base, facts)
-    result.save(folder / "parameters.npz", found, base, header)
-    wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
-    for path in wrote:
-        common.terminal.wrote(path)
-    return wrote
-
-
-def answer_of(base: BaseModel, found: Identification, wrote: list[Path]) -> dict[str, Any]:
-    """Return the JSON answer."""
-    from dynid.estimation.result import parameter_table
-
-    joints = [
-        {
-            "joint": j.joint,
-            "rms_nm": j.rms,
-            "relative_error_percent": j.relative_percent,
-            "heldout_rms_nm": j.heldout_rms,
-        }
-        for j in found.joints
+    common.terminal.findings(payload.findings())
+    facts["payload"] = payload.facts()
+    facts["findings"] = [*facts["findings"], *(asdict(finding) for finding in payload.findings())]
+    # Why these keys: the text is what `tool:` of a robot file holds.
+    body = {"mass": payload.body.mass, "com": list(payload.body.com)}
+    tool = {**body, "inertia_com": facts["payload"]["inertia_com_kg_m2"]}
+    path = folder / "payload.yaml"
+    write_text(path, yaml.safe_dump({"tool": tool}, sort_keys=False, default_flow_style=None, width=120))
+    common.terminal.wrote(path)
+    facts["wrote"] = [*facts["wrote"], path]
+    names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+    units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+    values = (payload.body.mass, *payload.body.com, *payload.body.inertia_com)
+    common.terminal.answer()
+    common.terminal.answer("load on the last link, in its frame (inertia about the centre of mass)")
+    rows = [
+        [name, f"{value:.4g}", f"{error:.2g}", unit]
+        for name, value, error, unit in zip(names, values, payload.std_error, units, strict=True)
     ]
-    return {
-        "schema": "dynid/identify/1",
-        "robot": base.robot.name,
-        "method": found.method,
-        "rank": found.rank,
-        "samples": found.samples,
-        "condition_number": found.condition_number,
-        "condition_number_scaled": found.condition_number_scaled,
-        "relative_error_percent": found.relative_error_percent,
-        "heldout": found.heldout,
-        "heldout_relative_error_percent": found.heldout_relative_error_percent,
-        "joints": joints,
-        "parameters": parameter_table(found, base),
-        "physically_consistent": found.in_force == "physical",
-        "in_force": found.in_force,
-        "heldout_relative_error_percent_by_set": found.heldout_by_set,
-        "links": found.physical.links(),
-        "findings": [asdict(f) for f in found.findings],
-        "wrote": wrote,
-    }
+    common.terminal.table(["load", "value", "std error", "unit"], rows)
+
+
+#: Relative standard error of a gain from which on it is called uncertain.
+UNCERTAIN = 0.1
+
+
+def show_gains(common: Common, robot: Robot, found: Gains) -> None:
+    """Print the gains."""
+    unit = "ratio" if found.relative else "N m/A"
+    rows = [
+        [joint, f"{gain:.4g}", f"{error:.2g}" if error else "given", unit]
+        for joint, gain, error in zip(robot.joint_names, found.gain, found.std_error, strict=True)
+    ]
+    if not common.json:
+        common.terminal.table(["joint", "gain", "std error", "unit"], rows)
+    if found.relative:
+        common.terminal.say("amperes    nothing tells the size of the gains: results are in A; see --loaded")
+    worst = int((found.std_error / found.gain).argmax())
+    if found.std_error[worst] > UNCERTAIN * found.gain[worst]:
+        percent = 100 * found.std_error[worst] / found.gain[worst]
+        common.terminal.say(f"uncertain  gain of {robot.joint_names[worst]}: {percent:.0f} %")
+
+
+def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -> None:
+    """Print how far the parameters move with other cut-offs and another delay."""
+    rows = [
+        [
+            row["variant"],
+            f"{row['relative_error_percent']:.2f} %",
+            f"{row['heldout_relative_error_percent']:.2f} %",
+            f"{row['beyond_two_std_errors']} of {count}",
+            f"{row['most_changed']} {row['before']:.3g} -> {row['after']:.3g} ({row['std_errors']:+.1f} std errors)",
+        ]
+        for row in answer
+    ]
+    common.terminal.answer()
+    common.terminal.table(["instead", "unexplained", "held out", "beyond 2 std errors", "most changed"], rows)
 
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:

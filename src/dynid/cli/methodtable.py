@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.cli.log_options import READING_DEFAULTS, base_model, stack_logs
 from dynid.cli.options import Common
 from dynid.errors import DynidError, WrongUsage
 
@@ -29,11 +28,17 @@ def compare_methods(common: Common, words: tuple[Path, ...]) -> dict[str, Any]:
     from dynid.estimation.estimate import estimate, last_share
     from dynid.estimation.estimators import METHODS, Part, choose
     from dynid.files.robotfile import load_robot
+    from dynid.workflows.logs import read_log
+    from dynid.workflows.model import base_model
+    from dynid.workflows.parameters import observe
 
     if len(words) < 2:
         raise WrongUsage("--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG...")
-    base = base_model(common, load_robot(str(words[0])))
-    stack, _, timing = stack_logs(common, base, words[1:], READING_DEFAULTS)
+    robot = load_robot(str(words[0]))
+    with common.terminal.progress() as progress:
+        base = base_model(robot, common.folder(robot.slug), progress)
+        seen = observe(robot, [read_log(path, robot) for path in words[1:]], base=base, progress=progress)
+    stack, header = seen.stack, seen.header()
     holdout = last_share(stack, 0.2)
     part = Part(stack, holdout.train | True)
     chosen, why = choose(part)
@@ -62,7 +67,7 @@ def compare_methods(common: Common, words: tuple[Path, ...]) -> dict[str, Any]:
         "auto": chosen,
         "why": why,
         "heldout": holdout.text,
-        **timing.facts(),
+        **{key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
         "methods": rows,
         "bias_alarm": None if alarm is None else bool(alarm),
         "biased_parameters": alarm or [],

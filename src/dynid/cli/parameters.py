@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.log_options import (
-    base_model,
-    hashes,
-    reading_of,
-    reading_options,
-    reading_part,
-    stack_logs,
-    stack_sources,
-)
+from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.identify import log_inputs
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
+from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
-    from dynid.estimation.stack import Stack
-    from dynid.model.store import BaseModel
     from dynid.robot import Robot
+    from dynid.workflows.parameters import Observations
 
 
 @dynid_command(
@@ -37,22 +30,28 @@ if TYPE_CHECKING:
 )
 @click.argument("robot")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
-@reading_options
+@options_from(LogOptions)
 @click.option("--identify/--no-identify", "identify_now", default=None, help="Identify afterwards without asking.")
-def command(common: Common, robot: str, logs: tuple[Path, ...], identify_now: bool | None, **options: Any) -> None:  # noqa: ANN401
+def command(
+    common: Common,
+    robot: str,
+    logs: tuple[Path, ...],
+    identify_now: bool | None,
+    **values: Any,  # noqa: ANN401
+) -> None:
     """Filter logs, stack the base regressor over them, and say what they excite."""
     from dynid.files.robotfile import load_robot
 
-    reading_of(options)  # wrong words end here, before anything is read
+    options = options_of(LogOptions, values)  # wrong words end here, before anything is read
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
     while True:
-        facts = stack_and_write(common, arm, logs, options)
-        common.terminal.emit_json(facts)
+        common.terminal.emit_json(stack_and_write(common, arm, logs, options))
         answer = ask(common, "P5", given=identify_now)
         if answer is not Answer.RETRY:
             break
-        options["cutoff"] = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
+        cutoff = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
+        options = options_of(LogOptions, values, cutoff=cutoff)
         common = replace(common, force=True)
     if answer is Answer.YES:
         from dynid.cli.identify import run_identify
@@ -62,84 +61,38 @@ def command(common: Common, robot: str, logs: tuple[Path, ...], identify_now: bo
         common.terminal.next(f"dynid identify {robot}")
 
 
-def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: dict[str, Any]) -> dict[str, Any]:
+def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
-    from dynid.estimation import observation_files
+    from dynid.workflows.logs import read_log
+    from dynid.workflows.model import base_model
+    from dynid.workflows.parameters import load_observations, observe
 
     folder = common.folder(robot.slug)
     path = folder / "fullnumericregressor.npz"
-    inputs = hashes(robot, logs, reading_part(options))
-    base = base_model(common, robot)
+    inputs = log_inputs(robot, logs) | options.texts()
+    with common.terminal.progress() as progress:
+        base = base_model(robot, folder, progress)
     if not may_write(common, path, inputs):
-        sources, header = observation_files.load(path)
-        return answer_of(common, base, stack_sources(common, base, sources), header, [])
-    stack, findings, timing = stack_logs(common, base, logs, options)
-    header = {
-        **common.header(inputs),
-        "robot": robot.name,
-        "key": robot.model_key,
-        "log_sha256": [inputs[f"log {k + 1}"] for k in range(len(logs))],
-        "logs": [str(log) for log in logs],
-        "cutoff_hz": stack.sources[0].chosen.cutoff,
-        **timing.facts(),
-        "log_findings": [asdict(f) for f in findings],
-    }
-    wrote = write_stack(common, folder, base, stack, header)
+        with common.terminal.progress() as progress:
+            return {**tell(common, load_observations(path, base, progress)), "wrote": []}
+    with common.terminal.progress() as progress:
+        progress.stage("read")
+        read = [read_log(log, robot, options) for log in logs]
+        seen = observe(robot, read, options, base=base, progress=progress)
+    wrote = seen.save(folder, common.header(inputs))
+    for each in wrote:
+        common.terminal.wrote(each)
     write_run(folder, inputs)
-    return answer_of(common, base, stack, header, wrote)
+    return {**tell(common, seen), "wrote": wrote}
 
 
-def write_stack(common: Common, folder: Path, base: BaseModel, stack: Stack, header: dict[str, Any]) -> list[Path]:
-    """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz."""
-    import numpy as np
-
-    from dynid.estimation import observation_files
-    from dynid.estimation.estimate import prior_base
-    from dynid.validate import predict
-
-    observation_files.save(folder / "fullnumericregressor.npz", stack, header)
-    prior = np.nan_to_num(prior_base(base))
-    motions = [predict.predict(source, stack.rows_of_log(k), prior) for k, source in enumerate(stack.sources)]
-    estimated = {
-        **header,
-        "joints": list(stack.joints),
-        "torque_from": "the prior; dynid identify puts the identified torque here",
-    }
-    predict.save(folder / "estimatedmotion.npz", motions, estimated)
-    wrote = [folder / "fullnumericregressor.npz", folder / "estimatedmotion.npz"]
-    for path in wrote:
-        common.terminal.wrote(path)
-    return wrote
-
-
-def answer_of(
-    common: Common, base: BaseModel, stack: Stack, header: dict[str, Any], wrote: list[Path]
-) -> dict[str, Any]:
-    """Say what the log excites and return the JSON answer."""
-    from dynid.estimation.estimate import prior_base
-    from dynid.estimation.excitation import weakly_excited
-    from dynid.estimation.least_squares import merge, solve
-
-    solution = solve(merge(stack.whole[0]))
-    weak = weakly_excited(base, stack, prior_base(base))
-    chosen = stack.sources[0].chosen
-    rank = f"rank {solution.rank} of {base.reduction.rank}"
+def tell(common: Common, seen: Observations) -> dict[str, Any]:
+    """Say what the logs excite, and return the JSON answer."""
+    facts = seen.facts()
     common.terminal.stage(
-        "excites", f"{rank}, condition number {solution.condition_number_scaled:.3g} with normalised columns"
+        "excites",
+        f"rank {facts['rank']} of {facts['structural_rank']}, "
+        f"condition number {facts['condition_number_scaled']:.3g} with normalised columns",
     )
-    common.terminal.findings(weak)
-    return {
-        "schema": "dynid/parameters/1",
-        "robot": base.robot.name,
-        "samples": stack.samples,
-        "rate_hz": chosen.rate,
-        "cutoff_hz": chosen.cutoff,
-        "kept_rate_hz": chosen.kept_rate,
-        **{key: header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
-        "rank": solution.rank,
-        "structural_rank": base.reduction.rank,
-        "condition_number": solution.condition_number,
-        "condition_number_scaled": solution.condition_number_scaled,
-        "findings": [*header["log_findings"], *(asdict(finding) for finding in weak)],
-        "wrote": wrote,
-    }
+    common.terminal.findings(seen.weakly_excited())
+    return facts

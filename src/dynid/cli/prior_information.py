@@ -97,11 +97,12 @@ def _of_trajectory(base: BaseModel, path: Path, noise: Floats) -> Floats:
 
 
 def _of_log(common: Common, base: BaseModel, path: Path) -> Floats:
-    from dynid.cli.log_options import read_sources, stack_sources
     from dynid.estimation.least_squares import weighted
-    from dynid.estimation.sources import Reading
+    from dynid.workflows.logs import LogOptions, load_log
+    from dynid.workflows.parameters import stack_logs
 
-    stack = stack_sources(common, base, read_sources(common, base, (path,), Reading())[0])
+    with common.terminal.progress() as progress:
+        stack = stack_logs([load_log(path, base.robot)], base, LogOptions(delay=0.0), progress)[0]
     factors, rows = stack.joint_factors(np.ones(stack.blocks, dtype=bool))
     found = weighted(factors, rows).noise
     p = base.reduction.rank

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from dynid.cli.failure import visible
+from dynid.errors import Finding
 
 if TYPE_CHECKING:
     import rich.progress
@@ -69,6 +71,11 @@ class Bar:
             elif not self._lively and not self._said and time.monotonic() - self._began > PATIENCE:
                 self._terminal.stage(self._name, text or "...")
                 self._said = True
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings below the stage that they belong to."""
+        self._end_stage()
+        self._terminal.findings(findings)
 
     def _show(self) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

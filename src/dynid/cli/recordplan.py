@@ -101,22 +101,22 @@ def _foresee_torque(common: Common, arm: Robot, played: PlayedMotion, parameters
 
 def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Torque, str]:
     """Return what predicts torques, and its name."""
-    from dynid.cli.log_options import base_model
     from dynid.trajectory.predict import prior_base_parameters
+    from dynid.workflows.model import base_model
 
     if parameters is None:
-        base = base_model(common, arm)
+        base = base_model(arm, common.folder(arm.slug))
         theta, words = prior_base_parameters(base.model, base.reduction), "the robot file's prior, without friction"
     else:
-        from dynid.cli.validate import base_model_of
         from dynid.estimation import result
+        from dynid.workflows.validate import base_model_of
 
         stored = result.load(parameters)
         if stored.robot.joint_names != arm.joint_names:
             raise WrongUsage(f"{parameters} belongs to {stored.robot.name}", fix="give a model of this arm")
         if stored.robot.torque.relative:
             raise WrongUsage(f"{parameters} predicts currents", fix="leave out --parameters")
-        base = base_model_of(common, stored)
+        base = base_model_of(stored, stored.path.parent)
         theta, words = stored.identification.theta, str(parameters)
     observer = base.model.observer(base.reduction.base)
     return lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words

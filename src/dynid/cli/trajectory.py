@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.log_options import base_model
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
 from dynid.cli.trajectory_files import reuse, review_stored, write
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from dynid.cli.trajectory_preview import Verdict, View
     from dynid.files.planfile import Plan, Waypoints
     from dynid.model.store import BaseModel
+    from dynid.robot import Robot
     from dynid.trajectory.planning import PlanningContext, Proposal
 
 
@@ -154,14 +154,14 @@ def command(common: Common, robot: str, plan: Path | None, **options: Any) -> No
     written, options = with_plan(click.get_current_context(), plan, arm, options)
     path = common.folder(arm.slug) / "trajectory.npz"
     if options["review"] is not None:
-        task = Task(options, base_model(common, arm), written, None, common.seed)
+        task = Task(options, model_of(common, arm), written, None, common.seed)
         review_stored(common, planning_context(task.base, wishes_of(common, task)), options["review"], options)
         return
     inputs = inputs_of(arm, plan, options, common.seed)
     if not may_write(common, path, inputs):
         reuse(common, path, options)
         return
-    base, seed = base_model(common, arm), common.seed
+    base, seed = model_of(common, arm), common.seed
     while True:
         task = Task(options, base, written, waypoints_of(written, options, arm), seed, inputs)
         if plan_once(common, task, path) is Answer.YES:
@@ -240,3 +240,11 @@ def given_motions(task: Task, context: PlanningContext) -> Iterator[Proposal] | 
     if task.waypoints is None:
         return None
     return iter([Proposal(through_waypoints(task.waypoints.q, context.limits, task.waypoints.times).slowed(alpha))])
+
+
+def model_of(common: Common, arm: Robot) -> BaseModel:
+    """Return the arm's base model, derived when it is not there yet or stale."""
+    from dynid.workflows.model import base_model
+
+    with common.terminal.progress() as progress:
+        return base_model(arm, common.folder(arm.slug), progress)

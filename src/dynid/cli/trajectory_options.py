@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.log_options import percent
 from dynid.cli.options import Common
 from dynid.cli.prompt import input_hashes
 from dynid.errors import WrongUsage
+from dynid.options import share
 
 if TYPE_CHECKING:
     from dynid.cli.trajectory import Task
@@ -95,7 +95,7 @@ def wishes_of(common: Common, task: Task) -> PlanOptions:
         cost="paper" if options["weights"] else options["cost"],
         normalised=options["normalise"],
         weights=weights,
-        margin=percent(options["margin"], "--margin") if options["margin"] not in ("0", "0%") else 0.0,
+        margin=share(options["margin"], "--margin") if options["margin"] not in ("0", "0%") else 0.0,
         alpha=options["alpha"],
         speed=options["tool_speed"],
         scene=scene_of(task.plan, options),

@@ -114,7 +114,8 @@ class StoredResult:
         delay: by how much the torques were late, and were moved back [s].
         log_sha256: hashes of the logs they were made from.
         header: everything else.
-        path: the file.
+        path: the file; empty for a new result.
+        observations: what a new result was made from, None for one that was read.
     """
 
     identification: Identification
@@ -125,6 +126,7 @@ class StoredResult:
     log_sha256: tuple[str, ...]
     header: dict[str, Any]
     path: Path
+    observations: Any = field(default=None, repr=False, compare=False)
 
 
 def parameter_table(result: Identification, base: BaseModel) -> list[dict[str, Any]]:

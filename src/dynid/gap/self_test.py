@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.estimation.sources import Reading, conditioned_source
+from dynid.estimation.sources import Conditioning, conditioned_source
 from dynid.estimation.stack import Source
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.stepwise_selection import SelectionOptions
@@ -58,7 +58,7 @@ def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] =
 
 def sources_of(logs: list[Log], model: Model) -> list[Source]:
     """Condition logs in memory, whose columns are DH quantities already."""
-    reading = Reading(cutoff=CUTOFF)
+    reading = Conditioning(cutoff=CUTOFF)
     return [conditioned_source(log, model, reading, f"log {k + 1}") for k, log in enumerate(logs)]
 
 

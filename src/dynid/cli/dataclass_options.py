@@ -1,0 +1,68 @@
+"""Options of a command made from the options dataclass of its workflow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import Field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from dynid.options import Declaration, Options, declaration_of, flag_of
+
+Given = TypeVar("Given", bound=Options)
+
+
+def options_from(kind: type[Options], *, without: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that gives a command one option per field of an options dataclass.
+
+    Args:
+        kind: the dataclass.
+        without: fields that the command does not offer.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:  # noqa: ANN401
+        for each in reversed([each for each in fields(kind) if each.name not in without]):
+            function = _click_option(each)(function)
+        return function
+
+    return decorate
+
+
+def options_of(kind: type[Given], values: Mapping[str, Any], **more: Any) -> Given:  # noqa: ANN401
+    """Return the options dataclass from the values of a command line.
+
+    Raises:
+        WrongUsage: a value makes no sense.
+    """
+    names = {each.name for each in fields(kind)}
+    return kind(**{name: value for name, value in {**values, **more}.items() if name in names})
+
+
+def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
+    said, flag = declaration_of(each), flag_of(each)
+    facts: dict[str, Any] = {"help": said.help, "default": each.default}
+    if said.shown is not None:
+        facts["show_default"] = said.shown or True
+    if said.pair:
+        return click.option(f"{flag}/--no-{flag[2:]}", each.name, **facts)
+    if isinstance(each.default, bool):
+        return click.option(flag, each.name, is_flag=True, **facts)
+    if said.metavar:
+        facts["metavar"] = said.metavar
+    return click.option(flag, each.name, type=_type(each, said), multiple=said.repeatable, **facts)
+
+
+def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
+    if said.choices:
+        return click.Choice(list(said.choices))
+    if said.kind == "path":
+        return click.Path(path_type=Path)
+    if said.kind == "file":
+        return click.Path(dir_okay=False, path_type=Path)
+    if said.kind == "count":
+        return click.IntRange(min=1)
+    if said.kind in ("positive", "float"):
+        return click.FloatRange(min=0, min_open=said.kind == "positive")
+    return str if said.read is not None else type(each.default)

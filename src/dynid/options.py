@@ -1,0 +1,170 @@
+"""Options of the workflows: frozen dataclasses whose fields carry their own documentation.
+
+A field is declared once with ``option(default, help, ...)``. The options of the command line with their help, the keys
+of configuration files and the pages of the reference are made from these declarations, and a value is read by the same
+function whether it comes as text from a terminal or as a Python value from a notebook.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import Field, dataclass, field, fields
+from typing import Any
+
+from dynid.errors import WrongUsage
+
+#: No driver is this late; a larger number is meant in milliseconds [s].
+LONGEST_DELAY = 0.5
+
+Reader = Callable[[Any, str], Any]
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What is known about one option besides its type and default.
+
+    Attributes:
+        help: one full sentence or more, with the unit.
+        metavar: what stands for the value on the command line; "" for a flag or where the choices say it.
+        choices: the values that are possible; () for any.
+        read: makes the value from text or from a Python value, given the name to use in messages; None to take it as
+            it is.
+        flag: long option of the command line; "" to make it from the field's name.
+        pair: whether a flag can be switched off by ``--no-...``; its default may then be None, decided by the data.
+        repeatable: whether it may be given several times.
+        shown: the default as help shows it; "" to show the default itself, None to show none.
+        kind: type on the command line where the default does not tell it: ``"path"`` (file or folder), ``"file"``,
+            ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1).
+    """
+
+    help: str
+    metavar: str = ""
+    choices: tuple[str, ...] = ()
+    read: Reader | None = None
+    flag: str = ""
+    pair: bool = False
+    repeatable: bool = False
+    shown: str | None = None
+    kind: str = ""
+
+
+def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401
+    """Declare a field of an options dataclass; ``facts`` are attributes of ``Declaration``."""
+    return field(default=default, metadata={"option": Declaration(help, **facts)})
+
+
+def declaration_of(declared: Field[Any]) -> Declaration:
+    """Return the declaration of a field."""
+    found = declared.metadata["option"]
+    assert isinstance(found, Declaration)
+    return found
+
+
+def flag_of(declared: Field[Any]) -> str:
+    """Return the long option of a field on the command line, such as ``--sort-time``."""
+    return declaration_of(declared).flag or "--" + declared.name.rstrip("_").replace("_", "-")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Base of all options: reads every value when it is made, so that holding one means that its values make sense.
+
+    Raises:
+        WrongUsage: a value is not possible; the message names the option and gives an example.
+    """
+
+    def __post_init__(self) -> None:
+        for declared in fields(self):
+            said = declaration_of(declared)
+            value = getattr(self, declared.name)
+            if said.read is not None:
+                object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
+            elif said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
+                raise WrongUsage(
+                    f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}"
+                )
+
+    def texts(self) -> dict[str, str]:
+        """Return the options that results depend on as text, for their inputs: name and value; None is left out."""
+        return {
+            each.name: _text(getattr(self, each.name)) for each in fields(self) if getattr(self, each.name) is not None
+        }
+
+
+def _listed(value: Any) -> Sequence[Any]:  # noqa: ANN401
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, tuple):
+        return " ".join(_text(item) for item in value)
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+# ---------------------------------------------------------------- readers of single values
+def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
+    """Return a frequency [Hz]; None for ``auto``."""
+    if value is None or value == "auto":
+        return None
+    found = _number(value)
+    if found is None or not 0 < found < float("inf"):
+        raise WrongUsage(f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8")
+    return found
+
+
+def delay_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
+    """Return a delay [s]; None for ``auto``, 0 for ``off``."""
+    if value is None or value == "auto":
+        return None
+    if value == "off":
+        return 0.0
+    found = _number(value)
+    if found is None or not abs(found) <= LONGEST_DELAY:
+        what = f"{name} '{value}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s"
+        raise WrongUsage(what, fix=f"such as {name} 0.008")
+    return found
+
+
+def share(value: Any, name: str) -> float:  # noqa: ANN401
+    """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
+    text = str(value).strip()
+    found = _number(text.removesuffix("%"))
+    if found is not None and text.endswith("%"):
+        found /= 100.0
+    if found is None or not 0 < found < 1:
+        raise WrongUsage(f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%")
+    return found
+
+
+def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
+    """Return a share, None where none is given."""
+    return None if value is None else share(value, name)
+
+
+_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+_INTERVAL = re.compile(f"{_NUMBER}-{_NUMBER}")
+
+
+def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa: ANN401
+    """Return first and last time of each interval [s]: pairs of numbers, or words such as ``3.2-3.4,5-6``."""
+    found: list[tuple[float, float]] = []
+    for item in (value,) if isinstance(value, str) else value:
+        if not isinstance(item, str):
+            found.append((float(item[0]), float(item[1])))
+            continue
+        for word in item.split(","):
+            match = _INTERVAL.fullmatch(word)
+            if match is None or float(match[1]) >= float(match[2]):
+                raise WrongUsage(
+                    f"{name} {word} is not an interval of time", fix=f"write first and last second: {name} 3.2-3.4"
+                )
+            found.append((float(match[1]), float(match[2])))
+    return tuple(found)
+
+
+def _number(value: Any) -> float | None:  # noqa: ANN401
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None

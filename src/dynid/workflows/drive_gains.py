@@ -1,0 +1,137 @@
+"""Gains of the drives from logs of motor currents, and answers in amperes where nothing tells the gains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import WrongUsage
+from dynid.log import Log
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
+from dynid.workflows.model import base_model
+from dynid.workflows.parameters import stack_sources
+
+if TYPE_CHECKING:
+    from dynid.estimation.drive_gains import Gains, Load
+    from dynid.estimation.stack import Stack
+    from dynid.model.store import BaseModel
+
+
+def needs_gains(robot: Robot, log: Log) -> bool:
+    """Return whether a log as read holds motor currents whose gains are not all known."""
+    from dynid.signals.columns import in_amperes
+
+    if robot.torque.complete:
+        return False
+    return robot.torque.source == "motor_current" or in_amperes(log, robot)
+
+
+def find_drive_gains(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    options: LogOptions = LogOptions(),  # noqa: B008
+    *,
+    loaded: Log | None = None,
+    load_mass: float | None = None,
+    folder: Path | None = None,
+    progress: Progress = SILENT,
+) -> Gains:
+    """Find the gains of all drives [N m per A] from logs of motor currents.
+
+    Args:
+        robot: the arm; gains that it knows stay as they are.
+        logs: logs of currents, as read.
+        options: how they are checked and filtered.
+        loaded: a further log with a body of known mass on the last link.
+        load_mass: the mass of that body [kg]; None for the tool of the robot file.
+        folder: where the model is kept.
+        progress: told how far the work is.
+
+    Raises:
+        WrongUsage: the gains cannot be found for this arm, or the load is not known.
+    """
+    import numpy as np
+
+    from dynid.estimation.drive_gains import find_gains
+
+    if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
+        raise WrongUsage(
+            "gains cannot be found with coupled motors or with some links only",
+            fix="give them in the robot file: `torque: {source: motor_current, gain: [...]}`",
+        )
+    robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
+    base = base_model(robot, folder, progress)
+    known = np.array([np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n])
+    plain = as_list(logs)
+    checked = [checked_log(log, robot, options) for log in (*plain, *([loaded] if loaded is not None else ()))]
+    sources, _ = condition_logs(checked, base.model, options, progress)
+    stack = stack_sources(base, sources[: len(plain)], progress)
+    load = None
+    if loaded is not None:
+        load = _loaded_by(base, stack_sources(base, sources[len(plain) :], progress), load_mass)
+    return find_gains(stack, known, load)
+
+
+def _loaded_by(base: BaseModel, stack: Stack, mass: float | None) -> Load:
+    """Return the log with the load and what is known about it: its mass, else the robot file's tool."""
+    from dynid.estimation.drive_gains import Load
+    from dynid.estimation.payload import last_link
+
+    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
+    tool = base.robot.tool
+    if mass is not None:
+        return Load(stack, K[:, 0] * mass, K[:, 1:])
+    if tool is None:
+        raise WrongUsage("--loaded needs the mass of the load", fix="--load-mass KG, or `tool:` in the robot file")
+    return Load(stack, K @ tool.parameters(), K[:, :0])
+
+
+def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
+    """Write a copy of the robot file with the gains, and return its path and the robot in it."""
+    import yaml
+
+    from dynid.files.artifact import write_text
+    from dynid.files.robotfile import load_robot
+
+    document = yaml.safe_load(robot.path.read_text(encoding="utf-8")) if robot.path else {}
+    torque: dict[str, Any] = {"source": "motor_current", "gain": [float(f"{value:.9g}") for value in found.gain]}
+    document["torque"] = {**torque, "relative": True} if found.relative else torque
+    path = folder / f"{robot.slug}.yaml"
+    what = "ratios of the gains; their size is unknown" if found.relative else "gains"
+    head = f"# Made by dynid identify: {robot.path.name if robot.path else robot.name} with {what}.\n"
+    write_text(path, head + yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140))
+    return path, replace(load_robot(str(path)), prior=robot.prior, known=robot.known)
+
+
+def gain_facts(robot: Robot, found: Gains) -> dict[str, Any]:
+    """Return the gains for JSON."""
+    pairs = zip(robot.joint_names, found.gain.tolist(), found.std_error.tolist(), strict=True)
+    rows = [{"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs]
+    return {"gains": rows, "gains_relative": found.relative}
+
+
+def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
+    """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
+    if not robot.torque.relative or robot.torque.gain is None:
+        return facts
+    scale = {joint: gain or 1.0 for joint, gain in zip(robot.joint_names, robot.torque.gain, strict=True)}
+
+    def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
+        if isinstance(value, dict):
+            own = scale.get(str(value.get("joint")), gain)
+            if isinstance(value.get("unit"), str) and "std_error" in value:
+                unit = value["unit"]
+                value = {**value, "unit": unit.replace("N m", "A") if "N m" in unit else f"{unit} A/(N m)"}
+            return {
+                (key[:-3] + "_a" if key.endswith("_nm") else key): (
+                    inner / own if key.endswith("_nm") and isinstance(inner, float) else renamed(inner, own)
+                )
+                for key, inner in value.items()
+            }
+        return [renamed(inner, gain) for inner in value] if isinstance(value, (list, tuple)) else value
+
+    return renamed(facts, 1.0)

@@ -1,0 +1,328 @@
+"""From logs to parameters with error bars (Paper Eq. 24), and what is asked of such a result beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import WrongUsage
+from dynid.log import Log
+from dynid.options import option, share
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
+from dynid.workflows.parameters import Observations, observe, stack_logs, stack_sources
+from dynid.workflows.prior import PriorOptions, with_prior
+
+if TYPE_CHECKING:
+    from dynid.estimation.estimate import HoldOut
+    from dynid.estimation.payload import Payload
+    from dynid.estimation.result import Identification, StoredResult
+    from dynid.estimation.stack import Stack
+    from dynid.model.store import BaseModel
+
+METHODS = ("auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge")
+#: What the estimators are, for people.
+METHOD_TEXT = {
+    "wls": "weighted least squares, one noise level per joint",
+    "ols": "ordinary least squares",
+    "irls": "weighted least squares that gives spikes little weight (Huber)",
+    "iv": "instrumental variables from the commanded motion",
+    "idim-iv": "instrumental variables from the arm simulated under its controller",
+    "didim": "torques of the arm simulated under its controller, fitted to the measured ones",
+    "ridge": "weighted least squares with a penalty on the distance from the prior's base parameters",
+}
+#: Cut-offs that ``sensitivity`` tries, times the chosen one.
+CUTOFFS = (0.5, 2.0)
+#: A change by more standard errors than this is more than noise explains.
+BEYOND = 2.0
+
+
+def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
+    """Return a share, None for ``none``, or a log (its path until it is read)."""
+    if value is None or value == "none":
+        return None
+    if isinstance(value, (Log, Path)):
+        return value
+    text = str(value)
+    digits = text.removesuffix("%").replace(".", "", 1)
+    return share(value, name) if digits.isdigit() else Path(text)
+
+
+@dataclass(frozen=True)
+class IdentifyOptions(PriorOptions, LogOptions):
+    """How parameters are identified.
+
+    Attributes:
+        method: estimator; ``"auto"`` takes what the logs offer.
+        feasible: put the physically possible parameters in force, or the plain estimate; None decides by prior and
+            held-out rows.
+        holdout: what is kept back to judge the fit: a share of each log, another log, or None for nothing.
+        drop_weak: go on when the logs do not determine all parameters, or only just.
+    """
+
+    method: str = option(
+        "auto", "Estimator; auto takes the one that the log allows and reports why.", choices=METHODS, shown=""
+    )
+    feasible: bool | None = option(
+        None,
+        "Put the physically possible parameters in force, or the plain estimate (default: decided by the prior and by "
+        "the held-out rows).",
+        pair=True,
+    )
+    holdout: float | Path | Log | None = option(
+        "20%",
+        "What is kept back to judge the fit: the last share of each log, another log, or nothing.",
+        metavar="SHARE|LOG|none", shown="", read=_holdout,
+    )  # fmt: skip
+    drop_weak: bool = option(False, "Go on when the log does not determine all parameters, or only just.")
+
+
+def identify(
+    robot: Robot,
+    logs: Log | Sequence[Log] | Observations,
+    options: IdentifyOptions = IdentifyOptions(),
+    *,
+    base: BaseModel | None = None,
+    update: StoredResult | None = None,
+    progress: Progress = SILENT,
+) -> StoredResult:
+    """Identify the base parameters of an arm, with robust error bars and a held-out figure.
+
+    Args:
+        robot: the arm.
+        logs: one or several logs, as read or checked; or what ``observe`` made of them.
+        options: estimator, hold-out, prior, filter.
+        base: the arm's base model, where it is there already.
+        update: an earlier result whose logs are added to these, without reading them again.
+        progress: told how far the work is.
+
+    Raises:
+        DynidError: a log is unfit, or determines fewer parameters than the arm has (E301 to E406).
+    """
+    from dynid.estimation.estimate import estimate
+    from dynid.estimation.result import StoredResult
+
+    robot = with_prior(robot, options)
+    if robot.torque.relative and options.feasible is None:
+        # Why: a prior in kg cannot be put beside parameters whose size is unknown.
+        options = replace(options, feasible=False)
+    if update is not None:
+        options = signals_as(options, update)
+    seen = logs if isinstance(logs, Observations) else observe(robot, logs, options, base=base, progress=progress)
+    base, stack, header = replace(seen.base, model=replace(seen.base.model, robot=robot)), seen.stack, seen.header()
+    if update is not None:
+        stack, header = updated(stack, header, update, options)
+    found = estimate(
+        stack,
+        base,
+        method=options.method,
+        holdout=held_out(seen, stack, options, progress),
+        # Why: where the bodies are known, what the log leaves open has an answer.
+        drop_weak=options.drop_weak or options.feasible is True or options.given,
+        feasible=options.feasible,
+    )
+    progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
+    progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
+    scaled, raw = found.condition_number_scaled, found.condition_number
+    progress.stage("excited", f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)")
+    progress.findings(found.findings)
+    return StoredResult(
+        found, base.reduction, robot, seen.cutoff, seen.applied_delay, tuple(header["log_sha256"]), header, Path(), seen
+    )
+
+
+def signals_as(options: IdentifyOptions, earlier: StoredResult) -> IdentifyOptions:
+    """Return options with the signals treated as in an earlier result, where nothing else was asked for."""
+    cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
+    return replace(options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay)
+
+
+def updated(
+    stack: Stack, header: dict[str, Any], earlier: StoredResult, options: IdentifyOptions
+) -> tuple[Stack, dict[str, Any]]:
+    """Return the new logs' stack and header with what an earlier result was made from.
+
+    Raises:
+        WrongUsage: the estimator needs the earlier rows, or the earlier result holds this log already.
+    """
+    from dynid.estimation.recursive import UPDATABLE, with_earlier
+
+    if options.method not in ("auto", *UPDATABLE):
+        raise WrongUsage(
+            f"--method {options.method} needs the single rows of the earlier log, which a result does not keep",
+            fix=f"one of {', '.join(UPDATABLE)}; or identify from all logs at once",
+        )
+    again = set(header["log_sha256"]) & set(earlier.log_sha256)
+    if again:
+        raise WrongUsage(f"{earlier.path} was made from this log already", fix="give a log that it does not hold yet")
+    both = {key: [*earlier.header[key], *header[key]] for key in ("log_sha256", "logs")}
+    return with_earlier(stack, earlier), {**header, **both}
+
+
+def held_out(
+    seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT
+) -> HoldOut | None:
+    """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
+    import numpy as np
+
+    from dynid.estimation.effect_columns import scaled
+    from dynid.estimation.estimate import HoldOut, last_share
+    from dynid.estimation.least_squares import weighted
+
+    kept, base = options.holdout, seen.base
+    if kept is None:
+        return None
+    if isinstance(kept, float):
+        return last_share(stack, kept)
+    assert isinstance(kept, Log), "a held-out log is read before it gets here"
+    same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
+    sources, _ = condition_logs([checked_log(kept, base.robot, same)], base.model, same, progress)
+    test = stack_sources(base, scaled(sources, base, weighted(*stack.whole).theta), progress)
+    return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), str(kept.source or "log"))
+
+
+def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None = None) -> list[Path]:
+    """Write parameters.npz, parameters.yaml and estimatedmotion.npz of a new result.
+
+    Args:
+        folder: where to.
+        result: what ``identify`` returned.
+        facts: further facts for the headers, such as the inputs that they depend on.
+    """
+    from dynid.estimation import result as results
+    from dynid.validate import predict
+
+    found, seen, robot = result.identification, result.observations, result.robot
+    assert seen is not None
+    base = replace(seen.base, model=replace(seen.base.model, robot=robot))
+    header = {**(facts or {}), **result.header}
+    motions = [
+        predict.predict(source, seen.stack.rows_of_log(k), found.theta) for k, source in enumerate(seen.stack.sources)
+    ]
+    wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
+    predict.save(wrote[0], motions, {**header, "joints": list(seen.stack.joints), "torque_from": "identified"})
+    table = {
+        "schema": "dynid/parameters-table/1",
+        "robot": robot.name,
+        "logs_sha256": list(result.log_sha256),
+        "method": found.method,
+        "cutoff_hz": float(f"{result.cutoff:.6g}"),
+        "coulomb": {"shape": robot.coulomb_shape.shape, "velocity": list(robot.coulomb_shape.velocity)},
+        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
+    }
+    # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
+    results.write_yaml(wrote[1], found, base, table)
+    results.save(wrote[2], found, base, header)
+    return wrote
+
+
+def answer_of(base: BaseModel, found: Identification) -> dict[str, Any]:
+    """Return what the JSON answer of ``dynid identify`` says about a result."""
+    from dynid.estimation.result import parameter_table
+
+    return {
+        "schema": "dynid/identify/1",
+        "robot": base.robot.name,
+        "method": found.method,
+        "rank": found.rank,
+        "samples": found.samples,
+        "condition_number": found.condition_number,
+        "condition_number_scaled": found.condition_number_scaled,
+        "relative_error_percent": found.relative_error_percent,
+        "heldout": found.heldout,
+        "heldout_relative_error_percent": found.heldout_relative_error_percent,
+        "joints": [
+            {
+                "joint": j.joint,
+                "rms_nm": j.rms,
+                "relative_error_percent": j.relative_percent,
+                "heldout_rms_nm": j.heldout_rms,
+            }
+            for j in found.joints
+        ],
+        "parameters": parameter_table(found, base),
+        "physically_consistent": found.in_force == "physical",
+        "in_force": found.in_force,
+        "heldout_relative_error_percent_by_set": found.heldout_by_set,
+        "links": found.physical.links(),
+        "findings": [asdict(f) for f in found.findings],
+    }
+
+
+def find_payload(loaded: StoredResult, unloaded: StoredResult) -> Payload:
+    """Return the body that the loaded arm has in addition on its last link.
+
+    Args:
+        loaded: identified from a log with the body.
+        unloaded: identified without it, with the same base parameters.
+
+    Raises:
+        WrongUsage: the results are of different arms, or the last link is not identified.
+    """
+    from dynid.estimation import payload
+
+    return payload.find_payload(loaded.identification, unloaded)
+
+
+def sensitivity(
+    result: StoredResult,
+    logs: Log | Sequence[Log],
+    options: IdentifyOptions = IdentifyOptions(),
+    *,
+    base: BaseModel,
+    progress: Progress = SILENT,
+) -> list[dict[str, Any]]:
+    """Identify again with other cut-offs and another delay, and return how far the parameters move.
+
+    Args:
+        result: what is compared with.
+        logs: the logs it was made from.
+        options: those of the result.
+        base: its base model.
+        progress: told which variants are not possible.
+    """
+    import numpy as np
+
+    from dynid.errors import DynidError
+    from dynid.estimation.estimate import estimate, last_share
+
+    found = result.identification
+    checked = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    sure = np.isfinite(found.std_error) & (found.std_error > 0)
+    rows: list[dict[str, Any]] = []
+    for name, cutoff, delay in _variants(result):
+        try:
+            stack = stack_logs(checked, base, replace(options, cutoff=cutoff, delay=delay))[0]
+            other = estimate(stack, base, method=found.method, holdout=last_share(stack, 0.2), drop_weak=True)
+        except DynidError as error:
+            progress.stage("explain", f"{name}: {error}")
+            continue
+        change = np.zeros(len(found.names))
+        change[sure] = (other.plain - found.plain)[sure] / found.std_error[sure]
+        worst = int(np.argmax(np.abs(change)))
+        rows.append(
+            {
+                "variant": name,
+                "cutoff_hz": cutoff,
+                "delay_s": delay,
+                "relative_error_percent": other.relative_error_percent,
+                "heldout_relative_error_percent": other.heldout_relative_error_percent,
+                "beyond_two_std_errors": int(np.sum(np.abs(change) > BEYOND)),
+                "most_changed": found.names[worst],
+                "before": float(found.plain[worst]),
+                "after": float(other.plain[worst]),
+                "std_errors": float(change[worst]),
+            }
+        )
+    return rows
+
+
+def _variants(result: StoredResult) -> list[tuple[str, float, float]]:
+    """Return what is tried: its name, cut-off [Hz], delay [s]."""
+    applied = result.delay
+    other = 0.0 if applied else float(result.header.get("delay_s") or 0.0)
+    tried = [(f"cut-off {factor * result.cutoff:.3g} Hz", factor * result.cutoff, applied) for factor in CUTOFFS]
+    return tried if other == applied else [*tried, (f"delay {1e3 * other:.1f} ms", result.cutoff, other)]

@@ -1,0 +1,178 @@
+"""Recordings as objects: read once, checked, in DH quantities; conditioned for one model whenever it is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dynid.errors import DynidError, Finding
+from dynid.log import Log
+from dynid.options import Options, delay_or_auto, frequency_or_auto, intervals, option
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.estimation.stack import Source
+    from dynid.model.regressor import Model
+
+
+@dataclass(frozen=True)
+class LogOptions(Options):
+    """How logs are read, checked and filtered.
+
+    Attributes:
+        cutoff: cut-off frequency of the filter over torques and regressor columns [Hz]; None chooses it.
+        velocity: ``"derived"`` or ``"measured"``; None derives it and compares it with the measured one.
+        exclude: first and last time of intervals to leave out, in the log's own clock [s].
+        delay: how much later than the positions the torques are stamped [s]; None estimates it.
+        topic: ROS topic of the joint states; None for the driver's.
+        rate: sample rate of text logs without a time column [Hz].
+        sort_time: put shuffled samples in the order of their time stamps.
+    """
+
+    cutoff: float | None = option(
+        None,
+        "Cut-off frequency [Hz] of the zero-phase low-pass filter over torques and regressor columns; "
+        "auto takes it from the band of the motion.",
+        metavar="auto|HZ", shown="auto", read=frequency_or_auto,
+    )  # fmt: skip
+    velocity: str | None = option(
+        None,
+        "Use velocities derived from the positions, or those that the driver measured "
+        "(default: derived, after they were compared with the measured ones).",
+        choices=("derived", "measured"),
+    )
+    exclude: tuple[tuple[float, float], ...] = option(
+        (), "Leave out an interval of the log [s], such as 3.2-3.4; may be repeated.",
+        metavar="T0-T1", repeatable=True, read=intervals,
+    )  # fmt: skip
+    delay: float | None = option(
+        None,
+        "How much later than the positions the torques are stamped [s]; auto estimates the delay, reports it, and "
+        "corrects it when it is clear.",
+        metavar="auto|off|SECONDS", shown="auto", read=delay_or_auto,
+    )  # fmt: skip
+    topic: str | None = option(None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC")
+    rate: float | None = option(
+        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
+    )
+    sort_time: bool = option(False, "Put samples whose time stamps are only shuffled in order.")
+
+
+def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions()) -> Log:
+    """Return a recording as it is on disk: the driver's columns, order and units.
+
+    Args:
+        path: bag, text folder, CSV or npz file.
+        robot: the arm.
+        options: how to read it.
+
+    Raises:
+        DynidError: the file is missing, damaged, or has no joint states of this arm (E301 to E305).
+    """
+    from dynid.files import logs
+
+    with located(str(path)):
+        return logs.read_log(Path(path), robot=robot, topic=options.topic, rate=options.rate)
+
+
+def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
+    """Return a recording in DH quantities of an arm, checked; its ``findings`` say what was noticed.
+
+    Args:
+        path: bag, text folder, CSV or npz file.
+        robot: the arm.
+        options: how to read it.
+        identify: refuse logs that are too short or too still to identify from (E313, E401).
+
+    Raises:
+        DynidError: the first serious fault of the log (E301 to E401).
+    """
+    return checked_log(read_log(path, robot, options), robot, options, identify=identify)
+
+
+def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
+    """Return a log in DH quantities of an arm, checked; one that is so already comes back as it is.
+
+    Raises:
+        DynidError: the first serious fault of the log.
+    """
+    from dynid.signals.checks import prepare
+
+    if "clipped" in log.extra:
+        return log
+    if options.velocity == "derived":
+        log = replace(log, qd=None)
+    with located(str(log.source or "log")):
+        log = prepare(log, robot, exclude=options.exclude, sort_time=options.sort_time, identify=identify)
+    if options.velocity == "measured" and log.qd is None:
+        log = replace(log, qd=log.extra.get("qd_reported"))
+    if options.velocity == "measured" and log.qd is None:
+        text = f"{name_of(log)} has no velocity; the derived one is used"
+        log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
+    return log
+
+
+def condition_logs(
+    logs: Sequence[Log], model: Model, options: LogOptions, progress: Progress = SILENT
+) -> tuple[list[Source], list[Finding]]:
+    """Filter checked logs, all with the same cut-off, and say what was noticed in them.
+
+    Args:
+        logs: checked logs.
+        model: the model whose columns are wanted.
+        options: filter, delay and velocity; a delay of None counts as zero.
+        progress: told what was read and how it is filtered.
+    """
+    from dynid.estimation.sources import Conditioning, conditioned_source
+    from dynid.signals.conditioning import choose_filter
+    from dynid.signals.spikes import despiked
+
+    robot = model.robot
+    cutoff = max(choose_filter(log, robot, options.cutoff).cutoff for log in logs)
+    how = Conditioning(cutoff, options.delay or 0.0, options.velocity == "measured")
+    sources: list[Source] = []
+    findings: list[Finding] = []
+    for log in logs:
+        with located(str(log.source or "log")):
+            clean, spikes = despiked(log, cutoff)
+            sources.append(conditioned_source(clean, model, how, name_of(log)))
+        said = (*log.findings, *spikes)
+        findings += said
+        progress.stage("log", f"{log.source or 'log'}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+        progress.findings(said)
+    chosen = sources[0].chosen
+    why = "from the motion's band" if options.cutoff is None else "as given"
+    progress.stage(
+        "filter",
+        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({why}; positions at "
+        f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
+    )
+    return sources, findings
+
+
+def as_list(logs: Log | Iterable[Log]) -> list[Log]:
+    """Return one or several logs as a list."""
+    return [logs] if isinstance(logs, Log) else list(logs)
+
+
+def name_of(log: Log) -> str:
+    """Return a short name of a log for people."""
+    return log.source.name if log.source is not None else "log"
+
+
+class located:  # noqa: N801
+    """Give a mistake that does not say where it was found the name of its log."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Name the log."""
+        if isinstance(error, DynidError):
+            error.where = error.where or self.where

@@ -1,0 +1,241 @@
+"""From logs to the stacked observation matrix, before anything is identified (Paper Eq. 23)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import Finding, LogNotFound
+from dynid.log import Log
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
+from dynid.workflows.model import base_model
+
+if TYPE_CHECKING:
+    from dynid.estimation.delay import Delay
+    from dynid.estimation.stack import Source, Stack
+    from dynid.model.store import BaseModel
+
+#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
+DELAY_FOUND, DELAY_ROUNDS = 2e-4, 3
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Logs stacked for one arm, ready to be identified from.
+
+    Attributes:
+        base: model and base parameters.
+        stack: the stacked rows, as triangular factors.
+        logs: where the logs came from.
+        log_sha256: hashes of their files.
+        delay: the estimated delay of the torques, None when nobody asked.
+        applied_delay: what was corrected [s].
+        findings: what was noticed in the logs.
+    """
+
+    base: BaseModel
+    stack: Stack
+    logs: tuple[str, ...]
+    log_sha256: tuple[str, ...]
+    delay: Delay | None
+    applied_delay: float
+    findings: tuple[Finding, ...]
+
+    @property
+    def cutoff(self) -> float:
+        """Cut-off of the filter over torques and columns [Hz]."""
+        return self.stack.sources[0].chosen.cutoff
+
+    def weakly_excited(self) -> list[Finding]:
+        """Return what the logs do not excite."""
+        from dynid.estimation.estimate import prior_base
+        from dynid.estimation.excitation import weakly_excited
+
+        return list(weakly_excited(self.base, self.stack, prior_base(self.base)))
+
+    def header(self) -> dict[str, Any]:
+        """Return what the headers of results made from these observations say."""
+        return {
+            "robot": self.base.robot.name,
+            "key": self.base.robot.model_key,
+            "log_sha256": list(self.log_sha256),
+            "logs": list(self.logs),
+            "cutoff_hz": self.cutoff,
+            "log_findings": [asdict(finding) for finding in self.findings],
+            "delay_s": self.delay.seconds if self.delay else self.applied_delay or None,
+            "delay_std_error_s": self.delay.std_error if self.delay else None,
+            "delay_applied_s": self.applied_delay,
+        }
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid parameters`` says."""
+        from dynid.estimation.least_squares import merge, solve
+
+        solution, chosen, header = solve(merge(self.stack.whole[0])), self.stack.sources[0].chosen, self.header()
+        return {
+            "schema": "dynid/parameters/1",
+            "robot": self.base.robot.name,
+            "samples": self.stack.samples,
+            "rate_hz": chosen.rate,
+            "cutoff_hz": chosen.cutoff,
+            "kept_rate_hz": chosen.kept_rate,
+            **{key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
+            "rank": solution.rank,
+            "structural_rank": self.base.reduction.rank,
+            "condition_number": solution.condition_number,
+            "condition_number_scaled": solution.condition_number_scaled,
+            "findings": [*header["log_findings"], *(asdict(finding) for finding in self.weakly_excited())],
+        }
+
+    def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
+        """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz.
+
+        Args:
+            folder: where to.
+            facts: further facts for the headers, such as the inputs that they depend on.
+        """
+        import numpy as np
+
+        from dynid.estimation.estimate import prior_base
+        from dynid.validate import predict
+
+        header = {**(facts or {}), **self.header()}
+        wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
+        prior = np.nan_to_num(prior_base(self.base))
+        motions = [
+            predict.predict(source, self.stack.rows_of_log(k), prior) for k, source in enumerate(self.stack.sources)
+        ]
+        estimated = {
+            **header,
+            "joints": list(self.stack.joints),
+            "torque_from": "the prior; dynid identify puts the identified torque here",
+        }
+        predict.save(wrote[1], motions, estimated)
+        return wrote
+
+    def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
+        """Write fullnumericregressor.npz alone."""
+        from dynid.estimation import observation_files
+
+        path = folder / "fullnumericregressor.npz"
+        observation_files.save(path, self.stack, {**(facts or {}), **self.header()})
+        return path
+
+
+def observe(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    options: LogOptions = LogOptions(),  # noqa: B008
+    *,
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+) -> Observations:
+    """Filter logs, stack the base regressor over them, and correct the delay of the torques when it is clear.
+
+    Args:
+        robot: the arm.
+        logs: one or several logs, as read or checked.
+        options: how they are checked and filtered.
+        base: the arm's base model, where it is there already.
+        progress: told how far the work is.
+
+    Raises:
+        DynidError: the first serious fault of a log.
+    """
+    base = base or base_model(robot, progress=progress)
+    checked = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    stack, delay, applied, findings = stack_logs(checked, base, options, progress)
+    return Observations(
+        base=base,
+        stack=stack,
+        logs=tuple(str(log.source or "") for log in checked),
+        log_sha256=tuple(log.sha256 for log in checked),
+        delay=delay,
+        applied_delay=applied,
+        findings=tuple(findings),
+    )
+
+
+def stack_logs(
+    logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
+) -> tuple[Stack, Delay | None, float, list[Finding]]:
+    """Stack checked logs; return the stack, the estimated delay, what of it was corrected [s], and findings."""
+    from dynid.estimation.delay import Delay, delay_findings, estimate_delay
+    from dynid.estimation.effect_columns import settled
+
+    sources, findings = condition_logs(logs, base.model, options, progress)
+    stack = stack_sources(base, settled(sources, base), progress)
+    if options.delay is not None:
+        return stack, None, options.delay, findings
+    found, applied = estimate_delay(stack), 0.0
+    for _ in range(DELAY_ROUNDS if found.clear else 0):
+        applied = found.seconds
+        again = replace(options, delay=applied, cutoff=sources[0].chosen.cutoff)
+        stack = stack_sources(base, settled(condition_logs(logs, base.model, again)[0], base))
+        left = estimate_delay(stack)
+        found = Delay(applied + left.seconds, left.std_error)
+        if abs(found.seconds - applied) < DELAY_FOUND:
+            break
+    size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
+    progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
+    said = delay_findings(found, applied)
+    progress.findings(said)
+    return stack, found, applied, [*findings, *said]
+
+
+def stack_sources(base: BaseModel, sources: Sequence[Source], progress: Progress = SILENT) -> Stack:
+    """Stack conditioned logs."""
+    from dynid.estimation.stack import stack_base
+
+    progress.stage("stack")
+    result = stack_base(sources, base, progress)
+    rows = f"{result.samples} samples x {len(result.joints)} joints"
+    progress.stage("stacked", f"{rows} -> W {int(result.rows.sum())} x {len(result.names)}")
+    return result
+
+
+def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) -> Observations:
+    """Read what ``Observations.save`` wrote.
+
+    Raises:
+        LogNotFound: the file is not there, or belongs to another version of the robot file.
+    """
+    from dynid.estimation import observation_files
+    from dynid.estimation.delay import Delay
+    from dynid.estimation.effect_columns import settled
+
+    stored_key(path, base.robot)
+    sources, header = observation_files.load(path)
+    progress.stage("log", f"from {path}: {', '.join(header['logs'])}")
+    error = header.get("delay_std_error_s")
+    return Observations(
+        base=base,
+        stack=stack_sources(base, settled(sources, base), progress),
+        logs=tuple(header["logs"]),
+        log_sha256=tuple(header["log_sha256"]),
+        delay=None if error is None else Delay(header["delay_s"], error),
+        applied_delay=float(header.get("delay_applied_s") or 0.0),
+        findings=tuple(Finding(**finding) for finding in header["log_findings"]),
+    )
+
+
+def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
+    """Return the header of fullnumericregressor.npz of an arm.
+
+    Raises:
+        LogNotFound: the file is not there, or belongs to another version of the robot file.
+    """
+    from dynid.files.artifact import read_header
+
+    header = read_header(path) if path.is_file() else None
+    if header is None:
+        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.slug} LOG")
+    if header.get("key") != robot.model_key:
+        raise LogNotFound(
+            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG"
+        )
+    return header

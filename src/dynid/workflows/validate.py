@@ -1,0 +1,204 @@
+"""Replay a log that was not used to identify, and compare predicted with measured torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import SameRecording
+from dynid.log import Log
+from dynid.options import option
+from dynid.progress import SILENT, Progress
+from dynid.workflows.drive_gains import in_amperes
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs, name_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.estimation.observation_rows import Rows
+    from dynid.estimation.result import StoredResult
+    from dynid.model.store import BaseModel
+    from dynid.robot import Robot
+    from dynid.validate.metrics import JointCheck
+    from dynid.validate.predict import EstimatedMotion
+
+
+@dataclass(frozen=True)
+class ValidateOptions(LogOptions):
+    """How a log is replayed. Filter and delay are those of the result where nothing else is asked for.
+
+    Attributes:
+        allow_training_data: accept a recording that the result was identified from.
+    """
+
+    allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Predicted beside measured torques of a log that was not used to identify.
+
+    Attributes:
+        robot: the arm.
+        log: the log's name.
+        log_sha256: hash of its file.
+        joints: errors of each joint.
+        relative_error_percent: 100 |tau - W theta| / |tau| over all joints [%].
+        baseline: what the simpler model is that the errors are compared with.
+        motion: predicted and measured motion and torques.
+        cutoff: cut-off of the filter over torques and columns [Hz].
+    """
+
+    robot: Robot
+    log: str
+    log_sha256: str
+    joints: tuple[JointCheck, ...]
+    relative_error_percent: float
+    baseline: str
+    motion: EstimatedMotion
+    cutoff: float
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid validate`` says."""
+        answer = {
+            "schema": "dynid/validate/1",
+            "robot": self.robot.name,
+            "relative_error_percent": self.relative_error_percent,
+            "joints": [
+                {
+                    "joint": j.joint,
+                    "rms_nm": j.rms,
+                    "relative_error_percent": j.relative_percent,
+                    "baseline_rms_nm": j.baseline_rms,
+                }
+                for j in self.joints
+            ],
+            "baseline": self.baseline,
+            "cutoff_hz": self.cutoff,
+        }
+        found: dict[str, Any] = in_amperes(answer, self.robot)
+        return found
+
+    def broken_limits(self, max_rms: float | None, max_unexplained: float | None) -> list[str]:
+        """Return a sentence per limit that is not met.
+
+        Args:
+            max_rms: largest rms error of a joint [N m or N].
+            max_unexplained: largest total relative error, as a share.
+        """
+        found = [
+            f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
+            for joint in self.joints
+            if max_rms is not None and joint.rms > max_rms
+        ]
+        if max_unexplained is not None and self.relative_error_percent > 100 * max_unexplained:
+            found.append(f"total relative error {self.relative_error_percent:.2f} % > {100 * max_unexplained:g} %")
+        return found
+
+    def save(self, folder: Path) -> Path:
+        """Write estimatedmotion.npz."""
+        from dynid.validate import predict
+
+        path = folder / "estimatedmotion.npz"
+        header = {
+            "robot": self.robot.name,
+            "joints": list(self.robot.joint_names),
+            "log": self.log,
+            "log_sha256": [self.log_sha256],
+            "torque_from": "identified",
+        }
+        predict.save(path, [self.motion], header)
+        return path
+
+    def write_figures(self, folder: Path) -> list[Path]:
+        """Draw measured and estimated motion and torques of each joint."""
+        from dynid.report.figures import write_figures
+
+        sliding = tuple(not joint.revolute for joint in self.robot.joints)
+        title = f"{self.robot.name}, {Path(self.log).name}"
+        return write_figures(folder, self.motion, self.robot.joint_names, sliding, title)
+
+
+def validate(
+    result: StoredResult,
+    log: Log,
+    options: ValidateOptions = ValidateOptions(),
+    *,
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+) -> Validation:
+    """Compare predicted with measured torques on a recording that the model has not seen.
+
+    Args:
+        result: identified parameters.
+        log: the recording, as read or checked.
+        options: how it is checked and filtered.
+        base: the result's base model, where it is there already.
+        progress: told how far the work is.
+
+    Raises:
+        SameRecording: the result was identified from this log.
+        DynidError: the first serious fault of the log.
+    """
+    from dynid.estimation.effect_columns import scaled
+    from dynid.estimation.stack import rows_of
+    from dynid.validate import metrics, predict
+
+    refuse_training_log(result, log.sha256, str(log.source or "log"), options)
+    base = base or base_model_of(result)
+    theta = result.identification.theta
+    options = replace(
+        options,
+        cutoff=result.cutoff if options.cutoff is None else options.cutoff,
+        delay=result.delay if options.delay is None else options.delay,
+    )
+    checked = checked_log(log, base.robot, options, identify=False)
+    source = scaled(condition_logs([checked], base.model, options, progress)[0], base, theta)[0]
+    progress.stage("replay")
+    rows = list(rows_of(source, base.model.observer(base.reduction.base)))
+    motion = predict.predict(source, rows, theta)
+    baseline, what = baseline_torque(base, result, rows, motion)
+    joints, total = metrics.check(motion, baseline, base.robot.joint_names)
+    where = str(log.source or name_of(log))
+    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, source.chosen.cutoff)
+
+
+def base_model_of(result: StoredResult, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
+    """Return the model that a result was made with; its base parameters are those of the result, never found anew.
+
+    Args:
+        result: the result.
+        folder: where the model is kept; None keeps it in memory.
+        progress: told that the model is made.
+    """
+    from dynid.model.store import BaseModel, obtain_model
+    from dynid.workflows.model import base_model
+
+    if folder is None:
+        return BaseModel(base_model(result.robot).model, result.reduction)
+    progress.stage("model")
+    return BaseModel(obtain_model(result.robot, folder)[0], result.reduction)
+
+
+def refuse_training_log(result: StoredResult, sha256: str, where: str, options: ValidateOptions) -> None:
+    """Refuse a recording that the result was identified from.
+
+    Raises:
+        SameRecording: it was, and training data are not allowed.
+    """
+    if sha256 and sha256 in result.log_sha256 and not options.allow_training_data:
+        raise SameRecording(f"{where} was used to identify {result.path}", where=where)
+
+
+def baseline_torque(
+    base: BaseModel, result: StoredResult, rows: list[Rows], motion: EstimatedMotion
+) -> tuple[NDArray[np.float64], str]:
+    """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
+    import numpy as np
+
+    if base.robot.prior is None:
+        return np.broadcast_to(motion.tau_measured.mean(axis=0), motion.tau_measured.shape), "a constant torque"
+    prior = np.nan_to_num(result.identification.prior)
+    return np.concatenate([part.W @ prior for part in rows]), "the prior of the robot file"
