@@ -86,10 +86,14 @@ class Options:
                 )
 
     def texts(self) -> dict[str, str]:
-        """Return the options that results depend on as text, for their inputs: name and value; None is left out."""
-        return {
-            each.name: _text(getattr(self, each.name)) for each in fields(self) if getattr(self, each.name) is not None
-        }
+        """Return the options as text, for the inputs of results: name and value, without what nobody gave."""
+        found = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            text = declaration_of(each).shown if value is None else _text(value)
+            if text:
+                found[each.name] = text
+        return found
 
 
 def _listed(value: Any) -> Sequence[Any]:  # noqa: ANN401
