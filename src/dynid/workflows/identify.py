@@ -162,9 +162,7 @@ def updated(
     return with_earlier(stack, earlier), {**header, **both}
 
 
-def held_out(
-    seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT
-) -> HoldOut | None:
+def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
     import numpy as np
 
