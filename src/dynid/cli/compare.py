@@ -48,7 +48,7 @@ def command(
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
     from dynid.files.artifact import write_text
     from dynid.options import share as share_of
-    from dynid.report import tables
+    from dynid.reports import tables
 
     if methods:
         from dynid.cli.methodtable import compare_methods

@@ -13,9 +13,9 @@ from dynid.errors import ExitStatus, Finding, NotPhysical, WrongUsage
 
 if TYPE_CHECKING:
     from dynid.estimation.result import StoredResult
-    from dynid.export import Agreement, Exporter, Source
+    from dynid.exporters import Agreement, Exporter, Source
 
-#: The names of ``dynid.export.FORMATS``, repeated here so that help needs no import.
+#: The names of ``dynid.exporters.FORMATS``, repeated here so that help needs no import.
 NAMES = ("urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab")
 
 
@@ -52,7 +52,7 @@ def command(
 ) -> ExitStatus:
     """Write the identified model as URDF, MJCF, SDF, YAML, C, Python or MATLAB."""
     from dynid.estimation import result
-    from dynid.export import FORMATS
+    from dynid.exporters import FORMATS
 
     wanted = {name: FORMATS[name] for name in NAMES if name in formats or "all" in formats}
     if urdf is not None and "urdf" not in wanted:
@@ -76,7 +76,7 @@ def command(
     show(common, files)
     common.terminal.emit_json(
         {
-            "schema": "dynid/export/1",
+            "schema": "dynid/exporters/1",
             "robot": stored.robot.name,
             "files": files,
             "impossible_links": list(source.full.impossible_links()),
@@ -96,7 +96,7 @@ def parameters_of(run: Path) -> Path:
 def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> Source:
     """Return what is exported, from a stored result."""
     from dynid import __version__
-    from dynid.export import Source, whole_arm
+    from dynid.exporters import Source, whole_arm
     from dynid.workflows.validate import base_model_of
 
     base, found = base_model_of(stored, stored.path.parent), stored.identification
@@ -141,7 +141,7 @@ def write(common: Common, path: Path, text: str) -> Path:
 
 def checked(common: Common, name: str, exporter: Exporter, path: Path, source: Source) -> tuple[dict[str, Any], bool]:
     """Load a written file back and return what came out, and whether it agrees."""
-    from dynid.export import LoadingFailed
+    from dynid.exporters import LoadingFailed
 
     refused = ""
     agreements: list[Agreement] = []

@@ -105,7 +105,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     from dynid.estimation import result
     from dynid.gap.analysis import analyse_gap
     from dynid.gap.problem import kept_model
-    from dynid.report.gap_record import save
+    from dynid.reports.gap_record import save
     from dynid.workflows.validate import base_model_of
 
     options = DEFAULTS | given
@@ -298,7 +298,7 @@ def ask_to_overwrite(common: Common, path: Path) -> None:
 
 def write_pictures(common: Common, folder: Path, robot: Robot, seen: GapAnalysis) -> list[Path]:
     """Draw where the gap is and how far it shrank."""
-    from dynid.report.gap_figures import improvement_figure, where_figure, write
+    from dynid.reports.gap_figures import improvement_figure, where_figure, write
 
     units = [joint.torque_unit for joint in robot.joints]
     with common.terminal.progress() as progress:

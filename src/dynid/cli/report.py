@@ -10,7 +10,7 @@ import click
 from dynid.cli.options import Common, dynid_command
 
 if TYPE_CHECKING:
-    from dynid.report.evidence import Evidence
+    from dynid.reports.evidence import Evidence
 
 
 @dynid_command(
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def command(common: Common, run: Path, show: bool) -> None:
     """Make the report of a result again."""
     from dynid.cli.export import parameters_of
-    from dynid.report.sections.verdict import lights, sentences
+    from dynid.reports.sections.verdict import lights, sentences
 
     parameters = parameters_of(run)
     evidence, wrote = write_report(common, parameters)
@@ -33,7 +33,7 @@ def command(common: Common, run: Path, show: bool) -> None:
         common.terminal.answer(sentence)
     common.terminal.emit_json(
         {
-            "schema": "dynid/report/1",
+            "schema": "dynid/reports/1",
             "robot": evidence.robot.name,
             "verdict": sentences(evidence),
             "lights": {light.name: light.state for light in lights(evidence)},
@@ -47,8 +47,8 @@ def command(common: Common, run: Path, show: bool) -> None:
 def write_report(common: Common, parameters: Path) -> tuple[Evidence, list[Path]]:
     """Write report.html and summary.md of a result, beside it or where --out says."""
     from dynid.files.artifact import write_text
-    from dynid.report.evidence import gather
-    from dynid.report.page import page, summary
+    from dynid.reports.evidence import gather
+    from dynid.reports.page import page, summary
 
     with common.terminal.progress() as progress:
         progress.stage("report", "")

@@ -146,7 +146,7 @@ def write_junit(common: Common, path: Path | None, done: list[Done]) -> list[Pat
     if path is None:
         return []
     from dynid.files.artifact import write_text
-    from dynid.report.tables import Case, junit
+    from dynid.reports.tables import Case, junit
 
     cases = [
         Case(d.job.name, Path(d.job.robot).stem, (d.message or outcome(d)) if d.status else "", d.seconds, d.failed)

@@ -132,7 +132,7 @@ def read_prior(path: Path, robot: Robot) -> Prior:
     Raises:
         LogNotFound: the file is not there.
     """
-    from dynid.export.user_urdf import attached
+    from dynid.exporters.user_urdf import attached
     from dynid.files import robotfile
 
     if not path.is_file():

@@ -114,7 +114,7 @@ class Validation:
 
     def write_figures(self, folder: Path) -> list[Path]:
         """Draw measured and estimated motion and torques of each joint."""
-        from dynid.report.figures import write_figures
+        from dynid.reports.figures import write_figures
 
         sliding = tuple(not joint.revolute for joint in self.robot.joints)
         title = f"{self.robot.name}, {Path(self.log).name}"

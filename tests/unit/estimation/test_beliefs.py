@@ -8,7 +8,7 @@ import pytest
 from loaded_arm import TRUTH, recorded
 
 from dynid.errors import WrongRobotFile
-from dynid.export.user_urdf import attached
+from dynid.exporters.user_urdf import attached
 from dynid.files.robotfile import load_robot, parse_robot
 from dynid.sim.plant import read_plant
 from dynid.sim.urdf import write_urdf

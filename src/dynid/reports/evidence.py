@@ -1,0 +1,106 @@
+"""Everything a report is made from, read from the folder of one run; sections ask for nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.result import Identification, StoredResult, load
+from dynid.files.artifact import read_artifact
+from dynid.reports import gap_record
+from dynid.reports.gap_record import GapRecord
+from dynid.robot import Robot
+from dynid.validate import predict
+from dynid.validate.predict import EstimatedMotion
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """A validation on a recording that was not used.
+
+    Attributes:
+        name: of the recording.
+        motion: estimated and measured motion.
+        percent: relative error of all joints [%].
+        joint_percent: relative error of each joint, (n,) [%].
+    """
+
+    name: str
+    motion: EstimatedMotion
+    percent: float
+    joint_percent: Floats
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One run.
+
+    Attributes:
+        stored: the result.
+        motion: estimated and measured motion of the fitted logs; None when its file is gone.
+        unseen: validations found beside the result.
+        singular_values: of the normalised stack of the fitted logs, None when its file is gone.
+        gap: what ``dynid gap`` stored, None when it was not run.
+    """
+
+    stored: StoredResult
+    motion: EstimatedMotion | None
+    unseen: tuple[Unseen, ...]
+    singular_values: Floats | None
+    gap: GapRecord | None
+
+    @property
+    def found(self) -> Identification:
+        """The parameters."""
+        return self.stored.identification
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.stored.robot
+
+    @property
+    def sliding(self) -> tuple[bool, ...]:
+        """Which joints slide."""
+        return tuple(not joint.revolute for joint in self.robot.joints)
+
+
+def gather(parameters: Path) -> Evidence:
+    """Read a run: parameters.npz and what lies beside it."""
+    stored, folder = load(parameters), parameters.parent
+    motion = folder / "estimatedmotion.npz"
+    stack = folder / "fullnumericregressor.npz"
+    files = sorted((folder / "validation").glob("*/estimatedmotion.npz"))
+    return Evidence(
+        stored=stored,
+        motion=predict.load(motion)[0] if motion.is_file() else None,
+        unseen=tuple(_unseen(file) for file in files),
+        singular_values=_singular_values(stack) if stack.is_file() else None,
+        gap=gap_record.load(folder / "gap.npz") if (folder / "gap.npz").is_file() else None,
+    )
+
+
+def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
+    """Return residual over torque of all joints together and of each, on the rows that count [%]."""
+    residual = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
+    torque = np.where(motion.usable, motion.tau_measured, 0.0)
+    each = np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(torque, axis=0), 1e-12)
+    return 100 * float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12), 100 * each
+
+
+def _unseen(path: Path) -> Unseen:
+    motion, header = predict.load(path)
+    return Unseen(Path(str(header.get("log", path.parent.name))).name, motion, *relative_percent(motion))
+
+
+def _singular_values(path: Path) -> Floats:
+    """Return the singular values of the stack with columns of unit length."""
+    factors = read_artifact(path).arrays["R"]
+    rows = factors[:, :, :-1].reshape(-1, factors.shape[2] - 1)
+    size = np.linalg.norm(rows, axis=0)
+    return np.asarray(np.linalg.svd(rows / np.where(size > 0, size, 1.0), compute_uv=False))

@@ -1,0 +1,89 @@
+"""Pictures of the gap: where it is, joint by joint, and how far it shrank."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynid.files.artifact import written_whole
+from dynid.gap.localisation import JointGap
+from dynid.gap.refit import HeldOutImprovement
+from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Times the noise's power at which the colours end.
+WORST = 10.0
+
+
+def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
+    """Draw the mean square of the residual, in units of the noise's, over speed, position, load, time and direction."""
+    from matplotlib.figure import Figure as NewFigure
+
+    names = list(dict.fromkeys((r.kind, r.name) for g in gaps for r in g.regions))
+    figure = NewFigure(figsize=(0.42 * max(len(names), 4) + 2.0, 0.36 * len(joints) + 2.0), layout="constrained")
+    axis = figure.subplots()
+    chi = np.full((len(joints), max(len(names), 1)), np.nan)
+    for g in gaps:
+        for r in g.regions:
+            chi[g.joint, names.index((r.kind, r.name))] = r.chi
+    image = axis.imshow(np.log10(np.clip(chi, 0.5, None)), cmap="YlOrBr", vmin=0.0, vmax=np.log10(WORST), aspect="auto")
+    for j, k in zip(*np.nonzero(np.isfinite(chi)), strict=True):
+        axis.text(
+            k, j, f"{chi[j, k]:.1f}", ha="center", va="center", fontsize=7, color="white" if chi[j, k] > 6 else "black"
+        )
+    axis.set_yticks(range(len(joints)), [name.replace("$", r"\$") for name in joints], fontsize=8)
+    axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)
+    bar = figure.colorbar(image, ax=axis, ticks=[0.0, 0.5, 1.0])
+    bar.ax.set_yticklabels(["1", "3", "10"], fontsize=8)
+    if title:
+        text = f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing"
+        figure.suptitle(text, fontsize=9)
+    return figure
+
+
+def improvement_figure(
+    improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
+) -> Figure:
+    """Draw the held-out residual of each joint before and after, with the noise floor."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(7.0, 0.42 * len(joints) + 1.2), layout="constrained")
+    axis = figure.subplots()
+    place = np.arange(len(joints))
+    axis.barh(place - 0.19, improvement.before, 0.36, color=RESIDUAL, label="before")
+    error = np.abs(improvement.ratio.T * improvement.before - improvement.after)
+    error = np.where(np.isfinite(error), error, 0.0)
+    axis.barh(
+        place + 0.19,
+        improvement.after,
+        0.36,
+        color=ESTIMATED,
+        label="after",
+        xerr=error,
+        error_kw={"lw": 1.0, "ecolor": mpl.rcParams["text.color"]},
+    )
+    for j, floor in enumerate(improvement.floor):
+        axis.plot([floor, floor], [j - 0.42, j + 0.42], color=MEASURED, lw=2.0, label="noise floor" if j == 0 else None)
+    axis.set_yticks(
+        place, [f"{name} [{unit}]".replace("$", r"\$") for name, unit in zip(joints, units, strict=True)], fontsize=8
+    )
+    axis.invert_yaxis()
+    axis.set_xlabel("root mean square on held-out rows, with 95 % interval", fontsize=8)
+    axis.legend(fontsize=8, frameon=False)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def write(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG."""
+    with written_whole(path) as stream:
+        figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
+    return path

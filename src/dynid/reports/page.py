@@ -1,0 +1,61 @@
+"""report.html: all sections in one file that needs no network, and the summary for a pull request."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dynid.reports.evidence import Evidence, gather
+from dynid.reports.sections import SECTIONS
+from dynid.reports.sections.verdict import lights, sentences
+
+
+def report(parameters: Path) -> str:
+    """Return the page of a run.
+
+    Args:
+        parameters: its parameters.npz; what lies beside it is used too.
+    """
+    return page(gather(parameters))
+
+
+def page(evidence: Evidence) -> str:
+    """Return the page of what was gathered; every text is escaped, drawings are dynid's own."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=PackageLoader("dynid.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["drawing"] = Markup
+    parts = []
+    for number, section in enumerate(SECTIONS, start=1):
+        body = environment.get_template(f"{section.anchor}.html").render(section.context(evidence))
+        parts.append({"number": number, "title": section.title, "anchor": section.anchor, "body": Markup(body)})
+    style = environment.get_template("style.css").render()
+    return environment.get_template("page.html").render(robot=evidence.robot.name, parts=parts, style=Markup(style))
+
+
+def summary(evidence: Evidence) -> str:
+    """Return a compact Markdown summary for a pull request."""
+    marks = {"good": "🟢", "fair": "🟡", "bad": "🔴", "open": "⚪"}
+    lines = [f"### {_plain(evidence.robot.name)}", "", *(_plain(text) for text in sentences(evidence)), ""]
+    lines += ["| | | |", "| --- | --- | --- |"]
+    lines += [
+        f"| {marks[light.state]} {light.state} | {light.name} | {_plain(light.text)} |" for light in lights(evidence)
+    ]
+    lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
+    for joint, row in zip(evidence.robot.joints, evidence.found.joints, strict=True):
+        held = "-" if row.heldout_rms is None else f"{row.heldout_rms:.3g} {joint.torque_unit}"
+        lines.append(
+            f"| {_plain(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"
+        )
+    return "\n".join([*lines, ""])
+
+
+def _plain(text: str) -> str:
+    """Return text that Markdown shows as it is."""
+    return "".join(f"\\{c}" if c in "\\`*_[]<>|#" else c for c in " ".join(text.split()))

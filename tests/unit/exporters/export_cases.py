@@ -1,0 +1,37 @@
+"""Arms whose bodies, rotors and friction are known, ready to be exported."""
+
+import numpy as np
+from arms import random_bodies, random_robot
+
+from dynid.exporters import Source, WholeArm
+from dynid.files.robotfile import load_robot
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.model.store import BaseModel
+
+SHIPPED = ("kuka_lwr4plus", "kinova_gen2", "scara", "staubli_tx40", "franka_panda")
+
+
+def made(robot, seed=1, bodies=None, urdf=None):
+    """A source whose parameters are random but possible."""
+    rng = np.random.default_rng(seed)
+    model = build_model(robot)
+    reduction = reduce(model)
+    rotors = rng.uniform(0.01, 0.2, robot.n)
+    full = WholeArm(
+        robot=robot,
+        bodies=bodies or random_bodies(rng, robot.n),
+        rotor_inertia=tuple(float(x) if j.motor_inertia else 0.0 for x, j in zip(rotors, robot.joints, strict=True)),
+        friction={column.name: float(rng.uniform(0.1, 1.0)) for column in model.extra},
+        origin=dict.fromkeys(model.parameter_names, "data"),
+    )
+    theta = reduction.K @ full.values(model.parameter_names)
+    return Source(BaseModel(model, reduction), theta, ("well",) * len(theta), full, f"{robot.name} -- a test", urdf)
+
+
+def shipped(name):
+    return made(load_robot(name))
+
+
+def random(seed):
+    return made(random_robot(np.random.default_rng(seed), n=4), seed)

@@ -1,0 +1,115 @@
+"""C, Python and MATLAB give dynid's torques, and their parts obey the laws of mechanics."""
+
+import ctypes
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import pinocchio_model
+from export_cases import SHIPPED, made, random, shipped
+
+from dynid.exporters import FORMATS
+from dynid.exporters.c import compiled, pointer
+from dynid.exporters.python import imported
+from dynid.files.robotfile import load_robot
+from dynid.model.reduce import random_states
+from dynid.robot import Coulomb
+
+
+def written(source, name, folder):
+    path = folder / f"arm{FORMATS[name].suffix}"
+    path.write_text(FORMATS[name].text(source), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("format", ["c", "python"])
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_written_code_gives_dynids_torques(robot, format, tmp_path):
+    """1000 states, friction included, coupled motors of the TX40 too: 1e-10 N m."""
+    source = shipped(robot)
+    (agreement,) = FORMATS[format].check(written(source, format, tmp_path), source)
+    assert agreement.states == 1000
+    assert agreement.largest < 1e-10
+
+
+@pytest.mark.optional
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@pytest.mark.parametrize("robot", ["scara", "staubli_tx40"])
+def test_the_matlab_file_gives_dynids_torques_in_octave(robot, tmp_path):
+    """1000 states: 1e-10 N m."""
+    source = shipped(robot)
+    (agreement,) = FORMATS["matlab"].check(written(source, "matlab", tmp_path), source)
+    assert agreement.largest < 1e-10
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed, tmp_path):
+    """The parts of the module equal those of the arm built by hand, rotors on the diagonal."""
+    source = random(seed)
+    full, robot = source.full, source.full.robot
+    module = imported(written(source, "python", tmp_path))
+    model = pinocchio_model(robot, full.bodies)
+    data = model.createData()
+    for q, qd, _ in zip(*random_states(robot, 10, seed), strict=True):
+        upper = pin.crba(model, data, q)
+        mass = np.triu(upper) + np.triu(upper, 1).T + np.diag(full.rotor_inertia)
+        np.testing.assert_allclose(module.mass_matrix(q), mass, atol=1e-9)
+        np.testing.assert_allclose(module.gravity(q), pin.computeGeneralizedGravity(model, data, q), atol=1e-9)
+        coriolis = pin.nonLinearEffects(model, data, q, qd) - pin.computeGeneralizedGravity(model, data, q)
+        np.testing.assert_allclose(module.coriolis(q, qd), coriolis, atol=1e-9)
+        np.testing.assert_allclose(module.coriolis_matrix(q, qd) @ qd, coriolis, atol=1e-9)
+
+
+def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols(tmp_path):
+    """dM/dt - 2 C is skew-symmetric."""
+    module = imported(written(shipped("kinova_gen2"), "python", tmp_path))
+    rng = np.random.default_rng(3)
+    q, qd, h = rng.uniform(-2, 2, 7), rng.normal(size=7), 1e-5
+    rate = (module.mass_matrix(q + h * qd) - module.mass_matrix(q - h * qd)) / (2 * h)
+    skew = rate - 2 * module.coriolis_matrix(q, qd)
+    np.testing.assert_allclose(skew + skew.T, 0.0, atol=1e-7)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_the_c_functions_are_those_of_the_python_module(tmp_path):
+    """Regressor, gravity, friction, mass matrix, Coriolis torques and matrix."""
+    source = shipped("kuka_lwr4plus")
+    module = imported(written(source, "python", tmp_path))
+    library = compiled(written(source, "c", tmp_path), tmp_path, "cc")
+    q, qd, qdd = (row[0] for row in random_states(source.base.robot, 1, 5))
+
+    def called(name, shape, *inputs):
+        out = np.empty(shape)
+        getattr(library, f"dynid_{name}")(*map(pointer, inputs), out.ctypes.data_as(ctypes.POINTER(ctypes.c_double)))
+        return out
+
+    p = len(source.theta)
+    pairs = [
+        (called("regressor", (7, p), q, qd, qdd), module.regressor(q, qd, qdd)),
+        (called("gravity", 7, q), module.gravity(q)),
+        (called("friction", 7, qd), module.friction(qd)),
+        (called("mass_matrix", (7, 7), q), module.mass_matrix(q)),
+        (called("coriolis", 7, q, qd), module.coriolis(q, qd)),
+        (called("coriolis_matrix", (7, 7), q, qd), module.coriolis_matrix(q, qd)),
+    ]
+    for found, expected in pairs:
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("format", ["c", "python"])
+def test_the_papers_coulomb_threshold_is_written_too(format, tmp_path):
+    """Eq. 7: no friction below the velocity limit."""
+    robot = replace(load_robot("scara"), coulomb=Coulomb("threshold", (0.5,) * 4))
+    source = made(robot)
+    (agreement,) = FORMATS[format].check(written(source, format, tmp_path), source)
+    assert agreement.largest < 1e-10
+
+
+def test_parameters_that_the_data_did_not_determine_are_marked():
+    """The head of each code file says so."""
+    source = shipped("scara")
+    source = replace(source, known=("not determined", *source.known[1:]))
+    for format in ("c", "python", "matlab"):
+        assert "not determined by the data" in FORMATS[format].text(source)

@@ -1,0 +1,99 @@
+"""URDF, MJCF and SDF move in other people's engines as the parameters say."""
+
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import pinocchio_model, random_states
+from export_cases import SHIPPED, random, shipped
+
+from dynid.exporters import FORMATS
+from dynid.robot import Body
+
+
+def written(source, name, folder):
+    path = folder / f"arm{FORMATS[name].suffix}"
+    path.write_text(FORMATS[name].text(source), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("format", ["urdf", "mjcf", "sdf"])
+@pytest.mark.parametrize("robot", SHIPPED)
+def test_a_written_file_gives_dynids_torques_in_every_engine(robot, format, tmp_path):
+    """1000 states, each shipped arm: 1e-9 N m in Pinocchio, PyBullet and MuJoCo."""
+    source = shipped(robot)
+    found = FORMATS[format].check(written(source, format, tmp_path), source)
+    assert {agreement.engine.split()[0] for agreement in found} >= {"sdf": {"PyBullet"}}.get(format, {"Pinocchio"})
+    assert all(agreement.states == 1000 and agreement.largest < 1e-9 for agreement in found)
+
+
+@pytest.mark.parametrize("format", ["urdf", "mjcf", "sdf"])
+@pytest.mark.parametrize("seed", range(4))
+def test_any_arm_anywhere_in_the_world_is_written_right(seed, format, tmp_path):
+    """Random tables of both conventions, both joint types and any base pose."""
+    source = random(seed)
+    found = FORMATS[format].check(written(source, format, tmp_path), source)
+    assert found
+    assert all(agreement.largest < 1e-8 for agreement in found)
+
+
+def test_dynids_side_of_the_comparison_is_the_arm_built_by_hand():
+    """The torques that files are compared with are Pinocchio's for the same bodies, put together by hand."""
+    source = random(7)
+    robot, full = source.full.robot, source.full
+    q, qd, qdd = random_states(np.random.default_rng(0), robot.n, 20)
+    model = pinocchio_model(robot, full.bodies)
+    data = model.createData()
+    expected = [pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)]
+    friction = source.base.model.observer()
+    names = source.base.model.parameter_names
+    values = np.where([name[0] in "mI" and not name.startswith("Im") for name in names], full.values(names), 0.0)
+    np.testing.assert_allclose(friction.torque(values, q, qd, qdd), expected, atol=1e-9)
+
+
+def test_mujoco_gets_rotors_and_friction_and_the_urdf_friction(tmp_path):
+    """Armature, damping and friction loss of each joint are the identified numbers."""
+    source = shipped("kuka_lwr4plus")
+    model = mujoco.MjModel.from_xml_path(str(written(source, "mjcf", tmp_path)))
+    np.testing.assert_allclose(model.dof_armature, source.full.rotor_inertia)
+    np.testing.assert_allclose(model.dof_damping.ravel()[:7], source.full.joint_friction("fv"))
+    np.testing.assert_allclose(model.dof_frictionloss, source.full.joint_friction("fc"))
+    root = ET.parse(written(source, "urdf", tmp_path)).getroot()
+    damping = [float(joint.find("dynamics").get("damping")) for joint in root.findall("joint")]
+    np.testing.assert_allclose(damping, source.full.joint_friction("fv"))
+
+
+def test_what_a_format_cannot_hold_is_said():
+    """Offsets fit nowhere, rotors only in MJCF, gravity not in an SDF model."""
+    source = shipped("kuka_lwr4plus")
+    said = {name: " ".join(exporter.leaves_out(source)) for name, exporter in FORMATS.items()}
+    assert all("offsets" in said[name] for name in ("urdf", "mjcf", "sdf"))
+    assert "rotor" in said["urdf"]
+    assert "rotor" not in said["mjcf"]
+    assert "gravity" in said["sdf"]
+    assert not said["c"]
+
+
+@pytest.mark.parametrize("format", ["urdf", "mjcf", "sdf"])
+def test_each_link_says_what_comes_from_data_and_what_from_the_prior(format):
+    """The origin of every parameter stands beside its link."""
+    source = shipped("scara")
+    source.full.origin["Izz2"] = "prior"
+    text = FORMATS[format].text(source)
+    assert "from prior: Izz2" in text
+    assert "from data: m1" in text
+
+
+def test_bodies_that_cannot_exist_are_found():
+    """A negative mass, a negative moment and a broken triangle inequality are three impossible links."""
+    source = shipped("kuka_lwr4plus")
+    good = Body(1.0, (0, 0, 0.1), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))
+    bad = (
+        Body(-1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)),
+        Body(1.0, inertia_com=(-0.1, 0.0, 0.0, 0.1, 0.0, 0.1)),
+        Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.3)),
+    )
+    full = type(source.full)(source.full.robot, (good, *bad, good, good, good), (0.0,) * 7, {}, {})
+    assert full.impossible_links() == (2, 3, 4)

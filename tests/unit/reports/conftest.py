@@ -1,0 +1,56 @@
+"""A small run with names that would be elements, for the tests of the report."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import Finding
+from dynid.estimation.physical_parameters import FullSet
+from dynid.estimation.result import Identification, JointQuality, StoredResult
+from dynid.files.robotfile import load_robot
+from dynid.model.prior import prior_parameters
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.reports.evidence import Evidence, Unseen, relative_percent
+from dynid.validate.predict import EstimatedMotion
+
+NASTY = '<b>x & "y"</b>'
+
+
+def motion(n, residual):
+    t = np.linspace(0, 10, 400)
+    wave = np.sin(t[:, None] * np.arange(1, n + 1))
+    return EstimatedMotion(t, *(wave,) * 6, wave + residual, wave, np.ones(wave.shape, dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def evidence(tmp_path_factory):
+    robot = load_robot("scara")
+    robot = replace(robot, name=NASTY, joints=(replace(robot.joints[0], name=NASTY), *robot.joints[1:]))
+    model = build_model(robot)
+    reduction = reduce(model)
+    p, c = reduction.rank, len(reduction.names)
+    x = np.zeros(c)
+    for k, column in enumerate(model.link_columns):
+        link, row = divmod(int(column), 11)
+        x[k] = prior_parameters(robot)[10 * link + row] if row < 10 else 0.05
+    theta = reduction.K @ x
+    physical = FullSet(reduction.names, x, np.full(c, 0.1), np.linspace(0, 1, c), theta, 1.0, ())
+    error = np.where(np.arange(p) == 0, np.inf, 0.01)
+    rng = np.random.default_rng(0)
+    seen, unseen = (motion(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
+    found = Identification(
+        method="wls", why="because", names=reduction.base_names, theta=theta, plain=theta,
+        covariance=0.0001 * np.eye(p), std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
+        prior=np.full(p, np.nan), noise=np.full(robot.n, 0.01),
+        joints=tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
+        relative_error_percent=1.4, heldout_relative_error_percent=None, heldout="nothing held out", rank=p,
+        condition_number=50.0, condition_number_scaled=30.0, samples=400, physical=physical, in_force="physical",
+        choice=NASTY, heldout_by_set={}, findings=(Finding("W402", "warning", NASTY),),
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("run")
+    header = {"command": f"dynid identify {NASTY}", "logs": [NASTY], "log_findings": [], "dynid": "0.1.0"}
+    stored = StoredResult(found, reduction, robot, 5.0, 0.0, ("ab" * 32,), header, folder / "parameters.npz")
+    other = Unseen(NASTY, unseen, *relative_percent(unseen))
+    return Evidence(stored, seen, (other,), np.logspace(0, -2, p), None)

@@ -1,0 +1,58 @@
+"""Text for other programs is what those programs read."""
+
+import csv
+import io
+import xml.etree.ElementTree as ET
+from types import SimpleNamespace
+
+import numpy as np
+
+from dynid.reports.tables import Case, junit, latex_text, runs_csv, runs_latex
+
+
+def run(names, theta, error, robot="arm_1"):
+    identification = SimpleNamespace(
+        names=names, theta=np.array(theta), std_error=np.array(error), method="wls", rank=len(names),
+        condition_number_scaled=30.0, relative_error_percent=1.25, heldout_relative_error_percent=None,
+    )  # fmt: skip
+    return SimpleNamespace(identification=identification, robot=SimpleNamespace(name=robot))
+
+
+def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():
+    """Two robots with different parameters in one file."""
+    value = 0.1 + 0.2
+    rows = list(
+        csv.DictReader(
+            io.StringIO(runs_csv(["a, b", "c"], [run(("m1",), [value], [np.inf]), run(("fv1",), [2.0], [0.5])]))
+        )
+    )
+    assert [row["run"] for row in rows] == ["a, b", "c"]
+    assert float(rows[0]["m1"]) == value
+    assert rows[0]["m1_std_error"] == rows[0]["fv1"] == rows[1]["m1"] == ""
+    assert float(rows[1]["fv1_std_error"]) == 0.5
+
+
+def test_latex_shows_two_digits_of_the_error():
+    """3.14159 known to 0.0123 is 3.142 +- 0.012; what is not determined says so."""
+    text = runs_latex(["run_1"], [run(("m1", "m2"), [3.14159, 5.0], [0.0123, np.inf])])
+    assert r"$3.142 \pm 0.012$" in text
+    assert "not determined" in text
+    assert r"run\_1" in text
+
+
+def test_latex_special_characters_are_written_out():
+    """An underscore in a joint's name must not start an index."""
+    assert latex_text("50% of a_b & {c}") == r"50\% of a\_b \& \{c\}"
+
+
+def test_junit_counts_failures_and_errors_apart():
+    """A limit that was not met is a failure; a job that could not run is an error; names are escaped."""
+    text = junit(
+        "suite",
+        [Case("good", "arm"), Case("<b>", "arm", "moved & drifted"), Case("gone", "arm", "no file", error=True)],
+    )
+    suite = ET.fromstring(text).find("testsuite")
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
+    assert [case.get("name") for case in suite] == ["good", "<b>", "gone"]
+    assert suite[1].find("failure").get("message") == "moved & drifted"
+    assert suite[2].find("error") is not None
