@@ -38,7 +38,7 @@ def test_code_is_exported_compiled_and_compared(shop):
     """C and Python need no bodies; their torques differ by rounding."""
     done = shop("export", "out/arm", "--format", "c", "--format", "python", "--json")
     answer = json.loads(done.out)
-    assert (done.status, answer["schema"]) == (0, "dynid/exporters/1")
+    assert (done.status, answer["schema"]) == (0, "dynid/export/1")
     checks = [check for file in answer["files"] for check in file["checks"]]
     assert [check["engine"] for check in checks] == ["cc", "NumPy"]
     assert all(check["largest_difference_nm"] < 1e-10 and check["agrees"] for check in checks)
@@ -184,7 +184,7 @@ def test_the_report_is_one_file_beside_the_result(shop):
     """With a summary for a pull request; the verdict is the answer; a second run gives the same bytes."""
     done = shop("report", "out/arm", "--json")
     answer = json.loads(done.out)
-    assert (done.status, answer["schema"], len(answer["verdict"])) == (0, "dynid/reports/1", 3)
+    assert (done.status, answer["schema"], len(answer["verdict"])) == (0, "dynid/report/1", 3)
     page = shop.folder / "out/arm/report.html"
     first = page.read_bytes()
     assert len(first) < 2_000_000

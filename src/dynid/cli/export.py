@@ -76,7 +76,7 @@ def command(
     show(common, files)
     common.terminal.emit_json(
         {
-            "schema": "dynid/exporters/1",
+            "schema": "dynid/export/1",
             "robot": stored.robot.name,
             "files": files,
             "impossible_links": list(source.full.impossible_links()),

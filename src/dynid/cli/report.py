@@ -33,7 +33,7 @@ def command(common: Common, run: Path, show: bool) -> None:
         common.terminal.answer(sentence)
     common.terminal.emit_json(
         {
-            "schema": "dynid/reports/1",
+            "schema": "dynid/report/1",
             "robot": evidence.robot.name,
             "verdict": sentences(evidence),
             "lights": {light.name: light.state for light in lights(evidence)},
