@@ -22,12 +22,13 @@ import numpy as np
 from scipy import signal
 
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimate import prior_base
 from dynid.estimation.estimators import METHODS, Part, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.observation_rows import Rows, joint_factors
 from dynid.estimation.physical_parameters import full_set
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.log import Log
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.spikes import despiked
@@ -65,7 +66,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     chosen = choose_filter(log, arm.robot)
     segments = condition(despiked(log, chosen.cutoff)[0], chosen, coulomb=arm.robot.coulomb_shape)
     observer, names = arm.base.model.observer(arm.base.reduction.base), arm.base.reduction.base_names
-    rows = stack([Source(segments, chosen, "log")], observer, names, arm.robot.joint_names)
+    rows = stack([ConditionedLog(segments, chosen, "log")], observer, names, arm.robot.joint_names)
     made = time.perf_counter() - start
     part = Part(rows, np.ones(rows.blocks, dtype=bool), arm.robot.controller)
     prior = prior_base(arm.base)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import hidden_effects as hidden
+from dynid.estimation.conditioned_log import condition_log
 from dynid.estimation.estimate import estimate
-from dynid.estimation.sources import Conditioning, conditioned_source
 from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock, simulation_errors
@@ -59,7 +59,7 @@ def sources_of(logs, model):
     found = []
     for k, (t, q, tau) in enumerate(logs):
         log = evened(Log(t, q, tau, model.robot.joint_names))
-        one = conditioned_source(log, model, Conditioning(cutoff=CUTOFF), f"log {k + 1}")
+        one = replace(condition_log(log, model, cutoff=CUTOFF), name=f"log {k + 1}")
         found.append(replace(one, segments=[replace(s, elapsed=s.elapsed + t[0] - start) for s in one.segments]))
     return found
 

@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 
 import hidden_effects as hidden
+from dynid.estimation.conditioned_log import condition_log
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.sources import Conditioning, conditioned_source
 from dynid.estimation.stack import stack_base
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
@@ -69,7 +69,7 @@ def cut(log, rows):
 
 
 def source_of(log, model, cutoff=CUTOFF):
-    return conditioned_source(log, model, Conditioning(cutoff=cutoff), "log")
+    return condition_log(log, model, cutoff=cutoff)
 
 
 def identified(sources, base):

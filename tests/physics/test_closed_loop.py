@@ -9,8 +9,9 @@ from follower import follow_motion
 
 from dynid.errors import NotSimulated, WrongUsage
 from dynid.estimation.closed_loop import Arm, follow
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimators import METHODS, Part
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.model.store import obtain_base_model
 from dynid.robot import Controller, Joint, Limits, Robot
 from dynid.signals.conditioning import choose_filter, condition
@@ -60,7 +61,7 @@ def stacked(base, log, cutoff):
     chosen = choose_filter(log, ROBOT, cutoff)
     segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape)
     observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
-    return stack([Source(segments, chosen, "log")], observer, names, ROBOT.joint_names)
+    return stack([ConditionedLog(segments, chosen, "log")], observer, names, ROBOT.joint_names)
 
 
 def part_of(base, log, cutoff=10.0, controller=GAINS):
@@ -76,7 +77,7 @@ def test_the_simulated_arm_moves_as_pinocchio_moves_it(base, truth):
     """From the command and the true parameters alone, ten times closer than the command itself."""
     log = logged(0.0)
     part = part_of(base, log)
-    (segment,) = part.stack.sources[0].segments
+    (segment,) = part.stack.logs[0].segments
     observer = part.stack.observer
     arm = Arm(lambda q, qd, qdd: observer.torque(truth, q, qd, qdd), observer.coulomb_sign)
     found = follow(segment, arm, np.zeros_like(segment.q), GAINS, 40.0)
@@ -112,7 +113,7 @@ def test_wrong_gains_bias_the_direct_fit_more_than_the_instruments(base, truth):
 
 def test_a_loop_that_runs_away_is_said_so(base, truth):
     part = part_of(base, logged(0.0))
-    (segment,) = part.stack.sources[0].segments
+    (segment,) = part.stack.logs[0].segments
     observer = part.stack.observer
     arm = Arm(lambda q, qd, qdd: observer.torque(-truth, q, qd, qdd), observer.coulomb_sign)
     with pytest.raises(NotSimulated):

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from follower import follow_motion
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.drive_gains import Load, find_gains
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload, last_link
 from dynid.estimation.result import StoredResult
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
 from dynid.model.store import obtain_base_model
@@ -48,7 +49,7 @@ def stacked(base, log):
     rest = np.array(ROBOT.coulomb_shape.velocity)
     segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape, rest_speed=rest)
     observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
-    return stack([Source(segments, chosen, "log")], observer, names, ROBOT.joint_names)
+    return stack([ConditionedLog(segments, chosen, "log")], observer, names, ROBOT.joint_names)
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from dynid.options import share
 from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
+    from dynid.estimation.conditioned_log import ConditionedLog
     from dynid.estimation.result import StoredResult
-    from dynid.estimation.stack import Source
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.refit import FittedEffect
     from dynid.gap.stepwise_selection import SelectionOptions
@@ -170,7 +170,7 @@ def joints_of(robot: Robot, text: str | None, option: str) -> tuple[int, ...]:
 
 def conditioned(
     common: Common, base: BaseModel, logs: tuple[Path, ...], options: dict[str, Any], stored: StoredResult
-) -> list[Source]:
+) -> list[ConditionedLog]:
     """Read the logs under one filter that keeps what happens at reversals."""
     from dynid.workflows.logs import condition_logs, load_log
 
@@ -183,12 +183,12 @@ def conditioned(
     with common.terminal.progress() as progress:
         progress.stage("read")
         read = [load_log(path, base.robot, how, identify=False) for path in logs]
-        return condition_logs(read, base.model, how, progress)[0]
+        return condition_logs(read, base.model, how, progress)
 
 
 def earlier_logs(
     common: Common, base: BaseModel, stored: StoredResult, logs: tuple[Path, ...], options: dict[str, Any]
-) -> list[Source]:
+) -> list[ConditionedLog]:
     """Return the logs that a kept model was identified from, where they are still what they were.
 
     Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change. A new log
@@ -233,7 +233,7 @@ def agreed(common: Common, chosen: list[FittedEffect], options: dict[str, Any]) 
 def add(
     common: Common,
     base: BaseModel,
-    sources: list[Source],
+    sources: list[ConditionedLog],
     seen: GapAnalysis,
     chosen: list[FittedEffect],
     stored: StoredResult,
@@ -262,7 +262,7 @@ def add(
         "key": again.robot.model_key,
         "log_sha256": list(inputs.values()),
         "logs": [str(log) for log in logs],
-        "cutoff_hz": sources[0].chosen.cutoff,
+        "cutoff_hz": sources[0].filter.cutoff,
         "log_findings": [],
         "inputs": inputs,
         "effects": [asdict(s) for s in specs],

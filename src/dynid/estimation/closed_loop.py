@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotSimulated
 from dynid.estimation.observation_rows import Rows
-from dynid.estimation.stack import Stack, with_sources
+from dynid.estimation.stack import Stack, with_logs
 from dynid.model.mass_matrix import Torque, mass_matrices
 from dynid.robot import Controller
 from dynid.signals.conditioning import Segment, resampled
@@ -172,11 +172,10 @@ def simulated(stack: Stack, blocks: NDArray[np.bool_], theta: Floats, controller
             segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_coulomb_sign=sign
         )
 
-    sources = [
-        replace(source, segments=[along(each, source.chosen.position_cutoff) for each in source.segments])
-        for source in stack.sources
+    logs = [
+        replace(log, segments=[along(each, log.filter.position_cutoff) for each in log.segments]) for log in stack.logs
     ]
-    return Simulated(with_sources(stack, sources), blocks)
+    return Simulated(with_logs(stack, logs), blocks)
 
 
 @dataclass(frozen=True)

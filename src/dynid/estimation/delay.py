@@ -7,17 +7,22 @@ friction looks like late gravity) widens its error. Docs: docs/explanation/estim
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
+from dynid.estimation.conditioned_log import condition_logs
+from dynid.estimation.effect_columns import settled
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
 from dynid.estimation.observation_rows import Rows, joint_factors
-from dynid.estimation.stack import Stack
+from dynid.estimation.stack import Stack, stack_base
+from dynid.log import Log
+from dynid.model.store import BaseModel
+from dynid.progress import SILENT, Progress
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +31,8 @@ Floats = NDArray[np.float64]
 CLEAR = 4.0
 #: Below this a delay is not worth correcting [s]: within the half sample that a controller holds its torque.
 LEAST = 2e-3
+#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
+FOUND, ROUNDS = 2e-4, 3
 #: A delay beyond this gets a line of its own [s].
 NOTABLE = 3e-3
 
@@ -106,3 +113,49 @@ def delay_findings(found: Delay, applied: float) -> list[Finding]:
     done = "corrected" if applied else "not corrected: --delay auto"
     text = f"torques are stamped {size} {word} than positions; {done}"
     return [Finding("W321", "warning", text, {"delay_s": found.seconds, "std_error_s": found.std_error})]
+
+
+def stack_with_delay(
+    logs: Sequence[Log],
+    base: BaseModel,
+    *,
+    cutoff: float | None = None,
+    delay: float | None = None,
+    measured_velocity: bool = False,
+    progress: Progress = SILENT,
+) -> tuple[Stack, Delay | None, float, tuple[Finding, ...]]:
+    """Condition and stack logs; estimate how late their torques are, and correct that when it is clear.
+
+    Args:
+        logs: prepared logs, in DH quantities.
+        base: model and base parameters.
+        cutoff: cut-off frequency of the filter over torques and columns [Hz]; from the band of the motion when None.
+        delay: how much later than the positions the torques are stamped [s]; None estimates it.
+        measured_velocity: use the velocities of the driver where there are any.
+        progress: told what was noticed, and how far the work is.
+
+    Returns:
+        The stack, the estimated delay (None when it was given), the delay that was corrected [s], and the findings.
+    """
+    conditioned = condition_logs(
+        logs, base.model, cutoff=cutoff, delay=delay or 0.0, measured_velocity=measured_velocity, progress=progress
+    )
+    findings = tuple(finding for log in conditioned for finding in log.findings)
+    stack = stack_base(settled(conditioned, base), base, progress)
+    if delay is not None:
+        return stack, None, delay, findings
+    cutoff = conditioned[0].filter.cutoff
+    found, applied = estimate_delay(stack), 0.0
+    for _ in range(ROUNDS if found.clear else 0):
+        applied = found.seconds
+        moved = condition_logs(logs, base.model, cutoff=cutoff, delay=applied, measured_velocity=measured_velocity)
+        stack = stack_base(settled(moved, base), base)
+        left = estimate_delay(stack)
+        found = Delay(applied + left.seconds, left.std_error)
+        if abs(found.seconds - applied) < FOUND:
+            break
+    size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
+    progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
+    late = delay_findings(found, applied)
+    progress.findings(late)
+    return stack, found, applied, (*findings, *late)

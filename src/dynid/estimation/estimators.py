@@ -61,7 +61,7 @@ class Part:
     @property
     def commanded(self) -> bool:
         """Whether every log says what was commanded."""
-        return all(segment.command is not None for source in self.stack.sources for segment in source.segments)
+        return all(segment.command is not None for log in self.stack.logs for segment in log.segments)
 
 
 @dataclass(frozen=True)

@@ -71,13 +71,13 @@ def _reason(base: BaseModel, stack: Stack, name: str) -> str:
     kind, j = match[1], int(match[2]) - 1
     joint = base.robot.joints[j]
     unit = "rad" if joint.revolute else "m"
-    segments = [segment for source in stack.sources for segment in source.segments]
+    segments = [segment for log in stack.logs for segment in log.segments]
     if kind.startswith("I"):
         # Why filtered once more: behind the position filter alone, encoder noise still looks like acceleration.
         largest = max(
-            float(np.abs(decimate(s.qdd[:, j][None, :], source.chosen.second_kernel, 1)).max(initial=0.0))
-            for source in stack.sources
-            for s in source.segments
+            float(np.abs(decimate(s.qdd[:, j][None, :], log.filter.second_kernel, 1)).max(initial=0.0))
+            for log in stack.logs
+            for s in log.segments
         )
         return f"{joint.name} never accelerates beyond {largest:.2g} {unit}/s^2"
     if kind in ("fv", "fvc"):

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import NotAnArtifact
-from dynid.estimation.stack import Source, Stack
+from dynid.estimation.conditioned_log import ConditionedLog
+from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.signals.conditioning import Filter, Segment
 
@@ -25,7 +26,7 @@ _ARRAYS = tuple(field.name for field in fields(Segment))
 
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
-    segments = [(k, segment) for k, source in enumerate(stack.sources) for segment in source.segments]
+    segments = [(k, segment) for k, log in enumerate(stack.logs) for segment in log.segments]
     # Why not always joined: a long log is mostly one stretch, and a copy of it would double the memory.
     stretches = [segment for _, segment in segments]
     arrays = {
@@ -42,12 +43,12 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
         "joints": list(stack.joints),
         "lengths": [len(segment) for _, segment in segments],
         "source_of_segment": [k for k, _ in segments],
-        "sources": [{"name": source.name, **asdict(source.chosen)} for source in stack.sources],
+        "sources": [{"name": log.name, **asdict(log.filter)} for log in stack.logs],
     }
     write_artifact(path, Artifact(SCHEMA, facts, arrays))
 
 
-def load(path: Path) -> tuple[list[Source], dict[str, Any]]:
+def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     """Read fullnumericregressor.npz: the conditioned logs and the header."""
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
@@ -55,16 +56,16 @@ def load(path: Path) -> tuple[list[Source], dict[str, Any]]:
         edges = np.cumsum([0, *h["lengths"]]).tolist()
         segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
         owners: Sequence[int] = h["source_of_segment"]
-        sources = []
+        logs = []
         for k, s in enumerate(h["sources"]):
             chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
-            sources.append(
-                Source(
+            logs.append(
+                ConditionedLog(
                     [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
                     chosen,
                     str(s["name"]),
                 )
             )
-        return sources, h
+        return logs, h
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -40,7 +40,7 @@ def with_earlier(stack: Stack, stored: StoredResult) -> Stack:
         stack,
         factors=np.concatenate([found.factors[None], stack.factors]),
         rows=np.concatenate([found.counts[None], stack.rows]),
-        logs=np.concatenate([[-1], stack.logs]),
+        log_of_block=np.concatenate([[-1], stack.log_of_block]),
         start=np.concatenate([[0.0], stack.start]),
         earlier=Earlier(found.factors, found.noise, found.covariance),
     )

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.least_squares import accumulate, merge
 from dynid.estimation.observation_rows import Rows
 from dynid.model.regressor import Observer
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
-from dynid.signals.conditioning import Filter, Segment
+from dynid.signals.conditioning import Segment
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
@@ -35,21 +36,6 @@ _EVALUATED = 4096
 #: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; beyond it in single
 #: precision, and beyond twice of it not at all [bytes].
 KEPT_BYTES = 64 << 20
-
-
-@dataclass(frozen=True)
-class Source:
-    """One conditioned log: what rows are made from.
-
-    Attributes:
-        segments: stretches without gaps.
-        chosen: its filters.
-        name: where it came from.
-    """
-
-    segments: Sequence[Segment]
-    chosen: Filter
-    name: str
 
 
 @dataclass(frozen=True)
@@ -103,26 +89,26 @@ def _dense(entries: NDArray[Any], observer: Observer) -> Floats:
     return W
 
 
-def rows_of(source: Source, observer: Observer) -> Iterator[Rows]:
+def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[Rows]:
     """Yield the filtered rows of one log, block of time by block of time.
 
     Args:
-        source: the conditioned log.
+        log: the conditioned log.
         observer: the columns to evaluate.
     """
-    for packed in _packed(source, observer):
+    for packed in _packed(log, observer):
         yield packed.rows(observer)
 
 
-def _packed(source: Source, observer: Observer) -> Iterator[Packed]:
-    chosen = source.chosen
+def _packed(log: ConditionedLog, observer: Observer) -> Iterator[Packed]:
+    chosen = log.filter
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
-    outputs = [max(0, (len(s) - taps) // step + 1) for s in source.segments]
+    outputs = [max(0, (len(s) - taps) // step + 1) for s in log.segments]
     per_block = max(1, round(chosen.kept_rate * BLOCK_SECONDS), -(-sum(outputs) // MOST_BLOCKS))
     together = max(1, _EVALUATED // step)
     block = 0
-    for segment, count in zip(source.segments, outputs, strict=True):
+    for segment, count in zip(log.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
         reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
         edges = np.linspace(0, count, blocks + 1).astype(int)
@@ -193,13 +179,13 @@ def _entries(
     return kept
 
 
-def with_sources(stacked: Stack, sources: Sequence[Source]) -> Stack:
+def with_logs(stacked: Stack, logs: Sequence[ConditionedLog]) -> Stack:
     """Return the stack with another commanded motion in its logs; its factors do not depend on that."""
     observer = stacked.observer
     kept = stacked.kept
     if kept is not None and observer is not None:
-        kept = tuple(tuple(_packed(source, observer)) for source in sources)
-    return replace(stacked, sources=tuple(sources), kept=kept)
+        kept = tuple(tuple(_packed(log, observer)) for log in logs)
+    return replace(stacked, logs=tuple(logs), kept=kept)
 
 
 @dataclass(frozen=True)
@@ -226,9 +212,9 @@ class Stack:
         joints: joint names, (n,).
         factors: factor of [W tau] for each block of time and joint, (B, n, p + 1, p + 1).
         rows: number of rows in each, (B, n).
-        logs: number of the log of each block, (B,).
+        log_of_block: number of the log of each block, (B,); -1 for an earlier result.
         start: time of the first row of each block, (B,) [s].
-        sources: the logs, for methods that look at single rows.
+        logs: the conditioned logs, for methods that look at single rows.
         observer: the columns.
         kept: the single rows, when they are few enough to be kept.
         earlier: the result that was updated, None otherwise; its rows are block 0, of log -1.
@@ -238,9 +224,9 @@ class Stack:
     joints: tuple[str, ...]
     factors: Floats
     rows: NDArray[np.int64]
-    logs: NDArray[np.int64]
+    log_of_block: NDArray[np.int64]
     start: Floats
-    sources: tuple[Source, ...] = field(default=(), repr=False, compare=False)
+    logs: tuple[ConditionedLog, ...] = field(default=(), repr=False, compare=False)
     observer: Observer | None = field(default=None, repr=False, compare=False)
     kept: tuple[tuple[Packed, ...], ...] | None = field(default=None, repr=False, compare=False)
     earlier: Earlier | None = field(default=None, repr=False, compare=False)
@@ -249,21 +235,21 @@ class Stack:
         """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
         if self.observer is None:
             return
-        packed = _packed(self.sources[number], self.observer) if self.kept is None else self.kept[number]
+        packed = _packed(self.logs[number], self.observer) if self.kept is None else self.kept[number]
         for rows in packed:
             yield rows.rows(self.observer)
 
     def rows_of_blocks(self, blocks: NDArray[np.bool_]) -> Iterator[Rows]:
         """Yield the single rows of some blocks of time, (B,), in order of time."""
-        for number in range(len(self.sources)):
-            first = int(np.searchsorted(self.logs, number))
+        for number in range(len(self.logs)):
+            first = int(np.searchsorted(self.log_of_block, number))
             for rows in self.rows_of_log(number):
                 if blocks[first + rows.block]:
                     yield rows
 
     def __iter__(self) -> Iterator[Rows]:
         """Walk over the rows of all logs in order of time; may be done many times."""
-        for number in range(len(self.sources)):
+        for number in range(len(self.logs)):
             yield from self.rows_of_log(number)
 
     @property
@@ -286,15 +272,19 @@ class Stack:
         return np.array([merge(part) for part in self.factors[mask].swapaxes(0, 1)]), self.rows[mask].sum(axis=0)
 
 
-def stack_base(sources: Sequence[Source], base: BaseModel, progress: Progress = SILENT) -> Stack:
+def stack_base(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:
     """Fold conditioned logs into triangular factors of a model's base columns."""
     reduction = base.reduction
     observer = base.model.observer(reduction.base)
-    return stack(sources, observer, reduction.base_names, base.robot.joint_names, progress)
+    progress.stage("stack")
+    found = stack(logs, observer, reduction.base_names, base.robot.joint_names, progress)
+    rows = f"{found.samples} samples x {len(found.joints)} joints"
+    progress.stage("stacked", f"{rows} -> W {int(found.rows.sum())} x {len(found.names)}")
+    return found
 
 
 def stack(
-    sources: Sequence[Source],
+    logs: Sequence[ConditionedLog],
     observer: Observer,
     names: tuple[str, ...],
     joints: tuple[str, ...],
@@ -303,7 +293,7 @@ def stack(
     """Fold conditioned logs into triangular factors.
 
     Args:
-        sources: conditioned logs.
+        logs: conditioned logs.
         observer: evaluator of the base columns.
         names: names of the base parameters.
         joints: joint names.
@@ -312,34 +302,34 @@ def stack(
     n, size = len(joints), len(names) + 1
     factors: list[Floats] = []
     counts: list[NDArray[np.int64]] = []
-    logs: list[int] = []
+    log_of_block: list[int] = []
     start: list[float] = []
-    expected_rows = sum(len(s) // source.chosen.second_step for source in sources for s in source.segments)
+    expected_rows = sum(len(s) // log.filter.second_step for log in logs for s in log.segments)
     single = 8 * expected_rows * len(observer.rows) > KEPT_BYTES
     keep = 4 * expected_rows * len(observer.rows) <= 2 * KEPT_BYTES
-    kept: list[list[Packed]] = [[] for _ in sources]
+    kept: list[list[Packed]] = [[] for _ in logs]
     active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
-    for number, source in enumerate(sources):
+    for number, log in enumerate(logs):
         first = len(factors)
-        expected = sum(len(s) for s in source.segments)
+        expected = sum(len(s) for s in log.segments)
         done = 0
-        for packed in _packed(source, observer):
+        for packed in _packed(log, observer):
             if keep:
                 kept[number].append(packed.single() if single else packed)
             rows = packed.rows(observer)
             if rows.block + first == len(factors):
                 factors.append(np.zeros((n, size, size)))
                 counts.append(np.zeros(n, dtype=np.int64))
-                logs.append(number)
+                log_of_block.append(number)
                 start.append(float(rows.t[0]))
             for j in range(n):
                 counts[-1][j] += _fold(factors[-1][j], rows, j, active[j])
-            done += len(rows.t) * source.chosen.second_step
-            progress.advance(number + min(1.0, done / expected), len(sources), source.name)
+            done += len(rows.t) * log.filter.second_step
+            progress.advance(number + min(1.0, done / expected), len(logs), log.name)
     shape = (len(factors), n, size, size)
     return Stack(
         names, joints, np.array(factors).reshape(shape), np.array(counts, dtype=np.int64).reshape(shape[:2]),
-        np.array(logs), np.array(start), tuple(sources), observer,
+        np.array(log_of_block), np.array(start), tuple(logs), observer,
         tuple(tuple(part) for part in kept) if keep else None,
     )  # fmt: skip
 

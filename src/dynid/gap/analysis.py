@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid.errors import PackageMissing
-from dynid.estimation.stack import Source
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
@@ -50,14 +50,14 @@ class GapAnalysis:
 
 
 def analyse_gap(
-    sources: Sequence[Source],
+    sources: Sequence[ConditionedLog],
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
     progress: Progress = SILENT,
     *,
     simulate: bool = True,
-    earlier: Sequence[Source] = (),
+    earlier: Sequence[ConditionedLog] = (),
 ) -> GapAnalysis:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
@@ -126,7 +126,7 @@ def simulation_errors(
     return None if before is None or after is None else (before.rms, after.rms)
 
 
-def on_one_clock(sources: Sequence[Source]) -> list[Source]:
+def on_one_clock(sources: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
     begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in sources]
     ends = [s.segments[-1].t[-1] for s in sources]

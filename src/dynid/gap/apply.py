@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from dynid.errors import CannotWrite
-from dynid.estimation.effect_columns import on_time, scaled, settled, with_effects
+from dynid.estimation.conditioned_log import ConditionedLog, on_time, with_effects
+from dynid.estimation.effect_columns import scaled, settled
 from dynid.estimation.estimate import HoldOut, estimate
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.result import Identification
-from dynid.estimation.stack import Source, stack_base
+from dynid.estimation.stack import stack_base
 from dynid.files.artifact import write_text
 from dynid.gap.problem import GapProblem
 from dynid.gap.refit import FittedEffect
@@ -54,7 +55,7 @@ def specs_of(fitted: Sequence[FittedEffect], robot: Robot) -> list[EffectSpec]:
 
 
 def identify_again(
-    sources: Sequence[Source], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
+    sources: Sequence[ConditionedLog], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
 ) -> tuple[BaseModel, Identification]:
     """Identify the arm with effects on the training rows alone; the held-out rows judge it.
 
@@ -79,7 +80,7 @@ def identify_again(
     return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 
-def only(sources: Sequence[Source], problem: GapProblem, chosen: Sequence[Mask]) -> list[Source]:
+def only(sources: Sequence[ConditionedLog], problem: GapProblem, chosen: Sequence[Mask]) -> list[ConditionedLog]:
     """Return logs of which only the chosen rows count, one mask per segment."""
     spans = {
         (s.log, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dynid.estimation.conditioned_log import arm_motion
 from dynid.estimation.consistent import fit_pooled
-from dynid.estimation.effect_columns import arm_motion
 from dynid.estimation.physical_parameters import physics_of
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
@@ -50,7 +50,7 @@ def simulate_held_out(
     segment = rows.source.segments[0]
     first, last = rows.t[problem.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
-    motion = arm_motion(segment, rows.source.chosen, base.model, model_torques(base.model, base.reduction, theta))
+    motion = arm_motion(segment, rows.source.filter, base.model, model_torques(base.model, base.reduction, theta))
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
     extra = own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
     tau = segment.tau[part] - extra[part]

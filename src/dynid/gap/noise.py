@@ -125,7 +125,7 @@ def measure_noise(
     if seconds >= SHORTEST_REPEAT:
         return _from_repeats(parts, segments[0].rate, seconds)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True) if rows.any()]
-    return _from_spectrum(segments[0].source.chosen, parts)
+    return _from_spectrum(segments[0].source.filter, parts)
 
 
 def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair) -> tuple[Floats, Mask]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.effect_columns import fitted, scale_with_model, settled, with_effects
+from dynid.estimation.conditioned_log import ConditionedLog, with_effects
+from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
-from dynid.estimation.stack import Source
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
@@ -131,7 +131,7 @@ def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats
 
 
 def make_problem(
-    sources: Sequence[Source], base: BaseModel, kept: KeptModel | None, earlier: Sequence[Source] = ()
+    sources: Sequence[ConditionedLog], base: BaseModel, kept: KeptModel | None, earlier: Sequence[ConditionedLog] = ()
 ) -> GapProblem:
     """Arrange a search over conditioned logs.
 
@@ -166,7 +166,7 @@ def make_problem(
     return with_noise(found, noise, residuals)
 
 
-def first_guess(sources: Sequence[Source], base: BaseModel) -> Floats:
+def first_guess(sources: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
         return np.zeros(base.reduction.rank)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.effect_columns import on_time
-from dynid.estimation.stack import Source
+from dynid.estimation.conditioned_log import ConditionedLog, on_time
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
@@ -57,14 +56,14 @@ class EffectSearch:
 
 
 def search_effects(
-    sources: Sequence[Source],
+    sources: Sequence[ConditionedLog],
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
     progress: Progress = SILENT,
     *,
     first: GapProblem | None = None,
-    earlier: Sequence[Source] = (),
+    earlier: Sequence[ConditionedLog] = (),
 ) -> EffectSearch:
     """Search logs for what the model lacks.
 

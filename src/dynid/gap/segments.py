@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.effect_columns import arm_motion, with_effects
-from dynid.estimation.stack import Source, rows_of
+from dynid.estimation.conditioned_log import ConditionedLog, arm_motion, with_effects
+from dynid.estimation.stack import rows_of
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.model.store import BaseModel
 from dynid.signals.filters import decimate
@@ -40,7 +40,7 @@ class SegmentRows:
         use: rows that count: not clipped, not at rest, (M, n).
     """
 
-    source: Source
+    source: ConditionedLog
     motion: ArmMotion
     log: int
     t: Floats
@@ -57,16 +57,16 @@ class SegmentRows:
     @property
     def rate(self) -> float:
         """Rate of the rows [Hz]."""
-        return self.source.chosen.kept_rate
+        return self.source.filter.kept_rate
 
     def filtered(self, signals: Floats) -> Floats:
         """Return signals of the motion under the parallel filter, (C, N) -> (C, M)."""
-        kernel, step = self.source.chosen.second_kernel, self.source.chosen.second_step
+        kernel, step = self.source.filter.second_kernel, self.source.filter.second_step
         kept: Floats = decimate(np.ascontiguousarray(signals), kernel, step)[0]
         return kept
 
 
-def segments_of(sources: Sequence[Source], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
+def segments_of(sources: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
     """Return the rows of conditioned logs, segment by segment.
 
     Args:
@@ -82,7 +82,7 @@ def segments_of(sources: Sequence[Source], base: BaseModel, reference: Reference
             rows = list(rows_of(alone, observer))
             if not rows:
                 continue
-            motion = arm_motion(segment, source.chosen, base.model, reference)
+            motion = arm_motion(segment, source.filter, base.model, reference)
             W, tau = np.concatenate([r.W for r in rows]), np.concatenate([r.tau for r in rows])
             t = np.concatenate([r.t for r in rows]) - segment.t[0] + segment.elapsed[0]
             empty = SegmentRows(alone, motion, number, t, W, tau, tau, tau, np.concatenate([r.mask for r in rows]))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.estimation.sources import Conditioning, conditioned_source
-from dynid.estimation.stack import Source
+from dynid.estimation.conditioned_log import ConditionedLog, condition_logs
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
@@ -56,10 +55,9 @@ def self_test(model: Model, plant: Plant, seed: int, cases: tuple[Hidden, ...] =
         yield SelfTestCase(hidden, seen.verdict.word, named, right(hidden, seen.verdict.word, named))
 
 
-def sources_of(logs: list[Log], model: Model) -> list[Source]:
+def sources_of(logs: list[Log], model: Model) -> list[ConditionedLog]:
     """Condition logs in memory, whose columns are DH quantities already."""
-    reading = Conditioning(cutoff=CUTOFF)
-    return [conditioned_source(log, model, reading, f"log {k + 1}") for k, log in enumerate(logs)]
+    return condition_logs(logs, model, cutoff=CUTOFF)
 
 
 def right(hidden: Hidden, verdict: str, named: tuple[tuple[str, tuple[int, ...]], ...]) -> bool:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.observation_rows import Rows
-from dynid.estimation.stack import Source
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.signals.conditioning import Filter, Segment
 from dynid.signals.filters import decimate
@@ -52,17 +52,17 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-def predict(source: Source, rows: Iterable[Rows], theta: Floats) -> EstimatedMotion:
+def predict(log: ConditionedLog, rows: Iterable[Rows], theta: Floats) -> EstimatedMotion:
     """Predict the torques of one log.
 
     Args:
-        source: the conditioned log.
+        log: the conditioned log.
         rows: its rows, from ``rows_of`` or a stack; walked once.
         theta: base parameters, (p,).
     """
     torques = [(part.t, part.tau, part.W @ theta, part.mask) for part in rows]
     t, measured, estimated, usable = (np.concatenate(column) for column in zip(*torques, strict=True))
-    pieces = [piece for segment in source.segments for piece in _pieces(segment, source.chosen)]
+    pieces = [piece for segment in log.segments for piece in _pieces(segment, log.filter)]
     q, qd, qdd, raw_q, raw_qd, raw_qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
 

@@ -13,7 +13,6 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
 from dynid.workflows.model import base_model
-from dynid.workflows.parameters import stack_sources
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains, Load
@@ -57,6 +56,7 @@ def find_drive_gains(
     import numpy as np
 
     from dynid.estimation.drive_gains import find_gains
+    from dynid.estimation.stack import stack_base
 
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
@@ -68,11 +68,11 @@ def find_drive_gains(
     known = np.array([np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n])
     plain = as_list(logs)
     checked = [checked_log(log, robot, options) for log in (*plain, *([loaded] if loaded is not None else ()))]
-    sources, _ = condition_logs(checked, base.model, options, progress)
-    stack = stack_sources(base, sources[: len(plain)], progress)
+    conditioned = condition_logs(checked, base.model, options, progress)
+    stack = stack_base(conditioned[: len(plain)], base, progress)
     load = None
     if loaded is not None:
-        load = _loaded_by(base, stack_sources(base, sources[len(plain) :], progress), load_mass)
+        load = _loaded_by(base, stack_base(conditioned[len(plain) :], base, progress), load_mass)
     return find_gains(stack, known, load)
 
 

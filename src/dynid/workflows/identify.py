@@ -13,7 +13,7 @@ from dynid.options import option, share
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
-from dynid.workflows.parameters import Observations, observe, stack_logs, stack_sources
+from dynid.workflows.parameters import Observations, observe, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
 
 if TYPE_CHECKING:
@@ -169,6 +169,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import HoldOut, last_share
     from dynid.estimation.least_squares import weighted
+    from dynid.estimation.stack import stack_base
 
     kept, base = options.holdout, seen.base
     if kept is None:
@@ -177,8 +178,8 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
         return last_share(stack, kept)
     assert isinstance(kept, Log), "a held-out log is read before it gets here"
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
-    sources, _ = condition_logs([checked_log(kept, base.robot, same)], base.model, same, progress)
-    test = stack_sources(base, scaled(sources, base, weighted(*stack.whole).theta), progress)
+    conditioned = condition_logs([checked_log(kept, base.robot, same)], base.model, same, progress)
+    test = stack_base(scaled(conditioned, base, weighted(*stack.whole).theta), base, progress)
     return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), str(kept.source or "log"))
 
 
@@ -197,9 +198,7 @@ def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None
     assert seen is not None
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     header = {**(facts or {}), **result.header}
-    motions = [
-        predict.predict(source, seen.stack.rows_of_log(k), found.theta) for k, source in enumerate(seen.stack.sources)
-    ]
+    motions = [predict.predict(log, seen.stack.rows_of_log(k), found.theta) for k, log in enumerate(seen.stack.logs)]
     wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
     predict.save(wrote[0], motions, {**header, "joints": list(seen.stack.joints), "torque_from": "identified"})
     table = {

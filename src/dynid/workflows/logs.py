@@ -14,7 +14,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
-    from dynid.estimation.stack import Source
+    from dynid.estimation.conditioned_log import ConditionedLog
     from dynid.model.regressor import Model
 
 
@@ -117,7 +117,7 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
 
 def condition_logs(
     logs: Sequence[Log], model: Model, options: LogOptions, progress: Progress = SILENT
-) -> tuple[list[Source], list[Finding]]:
+) -> list[ConditionedLog]:
     """Filter checked logs, all with the same cut-off, and say what was noticed in them.
 
     Args:
@@ -126,31 +126,16 @@ def condition_logs(
         options: filter, delay and velocity; a delay of None counts as zero.
         progress: told what was read and how it is filtered.
     """
-    from dynid.estimation.sources import Conditioning, conditioned_source
-    from dynid.signals.conditioning import choose_filter
-    from dynid.signals.spikes import despiked
+    from dynid.estimation import conditioned_log
 
-    robot = model.robot
-    cutoff = max(choose_filter(log, robot, options.cutoff).cutoff for log in logs)
-    how = Conditioning(cutoff, options.delay or 0.0, options.velocity == "measured")
-    sources: list[Source] = []
-    findings: list[Finding] = []
-    for log in logs:
-        with located(str(log.source or "log")):
-            clean, spikes = despiked(log, cutoff)
-            sources.append(conditioned_source(clean, model, how, name_of(log)))
-        said = (*log.findings, *spikes)
-        findings += said
-        progress.stage("log", f"{log.source or 'log'}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
-        progress.findings(said)
-    chosen = sources[0].chosen
-    why = "from the motion's band" if options.cutoff is None else "as given"
-    progress.stage(
-        "filter",
-        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({why}; positions at "
-        f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
+    return conditioned_log.condition_logs(
+        logs,
+        model,
+        cutoff=options.cutoff,
+        delay=options.delay or 0.0,
+        measured_velocity=options.velocity == "measured",
+        progress=progress,
     )
-    return sources, findings
 
 
 def as_list(logs: Log | Iterable[Log]) -> list[Log]:

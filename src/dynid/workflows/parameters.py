@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,16 +11,13 @@ from dynid.errors import Finding, LogNotFound
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
-from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
+from dynid.workflows.logs import LogOptions, as_list, checked_log
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
     from dynid.estimation.delay import Delay
-    from dynid.estimation.stack import Source, Stack
+    from dynid.estimation.stack import Stack
     from dynid.model.store import BaseModel
-
-#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
-DELAY_FOUND, DELAY_ROUNDS = 2e-4, 3
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class Observations:
     @property
     def cutoff(self) -> float:
         """Cut-off of the filter over torques and columns [Hz]."""
-        return self.stack.sources[0].chosen.cutoff
+        return self.stack.logs[0].filter.cutoff
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
@@ -75,7 +72,7 @@ class Observations:
         """Return what the JSON answer of ``dynid parameters`` says."""
         from dynid.estimation.least_squares import merge, solve
 
-        solution, chosen, header = solve(merge(self.stack.whole[0])), self.stack.sources[0].chosen, self.header()
+        solution, chosen, header = solve(merge(self.stack.whole[0])), self.stack.logs[0].filter, self.header()
         return {
             "schema": "dynid/parameters/1",
             "robot": self.base.robot.name,
@@ -106,9 +103,7 @@ class Observations:
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
         prior = np.nan_to_num(prior_base(self.base))
-        motions = [
-            predict.predict(source, self.stack.rows_of_log(k), prior) for k, source in enumerate(self.stack.sources)
-        ]
+        motions = [predict.predict(log, self.stack.rows_of_log(k), prior) for k, log in enumerate(self.stack.logs)]
         estimated = {
             **header,
             "joints": list(self.stack.joints),
@@ -156,46 +151,24 @@ def observe(
         log_sha256=tuple(log.sha256 for log in checked),
         delay=delay,
         applied_delay=applied,
-        findings=tuple(findings),
+        findings=findings,
     )
 
 
 def stack_logs(
     logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
-) -> tuple[Stack, Delay | None, float, list[Finding]]:
+) -> tuple[Stack, Delay | None, float, tuple[Finding, ...]]:
     """Stack checked logs; return the stack, the estimated delay, what of it was corrected [s], and findings."""
-    from dynid.estimation.delay import Delay, delay_findings, estimate_delay
-    from dynid.estimation.effect_columns import settled
+    from dynid.estimation.delay import stack_with_delay
 
-    sources, findings = condition_logs(logs, base.model, options, progress)
-    stack = stack_sources(base, settled(sources, base), progress)
-    if options.delay is not None:
-        return stack, None, options.delay, findings
-    found, applied = estimate_delay(stack), 0.0
-    for _ in range(DELAY_ROUNDS if found.clear else 0):
-        applied = found.seconds
-        again = replace(options, delay=applied, cutoff=sources[0].chosen.cutoff)
-        stack = stack_sources(base, settled(condition_logs(logs, base.model, again)[0], base))
-        left = estimate_delay(stack)
-        found = Delay(applied + left.seconds, left.std_error)
-        if abs(found.seconds - applied) < DELAY_FOUND:
-            break
-    size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
-    progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
-    said = delay_findings(found, applied)
-    progress.findings(said)
-    return stack, found, applied, [*findings, *said]
-
-
-def stack_sources(base: BaseModel, sources: Sequence[Source], progress: Progress = SILENT) -> Stack:
-    """Stack conditioned logs."""
-    from dynid.estimation.stack import stack_base
-
-    progress.stage("stack")
-    result = stack_base(sources, base, progress)
-    rows = f"{result.samples} samples x {len(result.joints)} joints"
-    progress.stage("stacked", f"{rows} -> W {int(result.rows.sum())} x {len(result.names)}")
-    return result
+    return stack_with_delay(
+        logs,
+        base,
+        cutoff=options.cutoff,
+        delay=options.delay,
+        measured_velocity=options.velocity == "measured",
+        progress=progress,
+    )
 
 
 def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) -> Observations:
@@ -207,14 +180,15 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
     from dynid.estimation import observation_files
     from dynid.estimation.delay import Delay
     from dynid.estimation.effect_columns import settled
+    from dynid.estimation.stack import stack_base
 
     stored_key(path, base.robot)
-    sources, header = observation_files.load(path)
+    conditioned, header = observation_files.load(path)
     progress.stage("log", f"from {path}: {', '.join(header['logs'])}")
     error = header.get("delay_std_error_s")
     return Observations(
         base=base,
-        stack=stack_sources(base, settled(sources, base), progress),
+        stack=stack_base(settled(conditioned, base), base, progress),
         logs=tuple(header["logs"]),
         log_sha256=tuple(header["log_sha256"]),
         delay=None if error is None else Delay(header["delay_s"], error),

@@ -155,14 +155,14 @@ def validate(
         delay=result.delay if options.delay is None else options.delay,
     )
     checked = checked_log(log, base.robot, options, identify=False)
-    source = scaled(condition_logs([checked], base.model, options, progress)[0], base, theta)[0]
+    replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
-    rows = list(rows_of(source, base.model.observer(base.reduction.base)))
-    motion = predict.predict(source, rows, theta)
+    rows = list(rows_of(replayed, base.model.observer(base.reduction.base)))
+    motion = predict.predict(replayed, rows, theta)
     baseline, what = baseline_torque(base, result, rows, motion)
     joints, total = metrics.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or name_of(log))
-    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, source.chosen.cutoff)
+    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff)
 
 
 def base_model_of(result: StoredResult, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:

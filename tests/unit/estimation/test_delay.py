@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from test_stack import motion, truth
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.delay import estimate_delay
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -23,7 +24,7 @@ def base():
 
 def stacked(base, log):
     chosen = choose_filter(log, base.robot)
-    source, observer = Source(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
+    source, observer = ConditionedLog(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
     return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
 
 

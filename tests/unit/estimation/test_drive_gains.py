@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from loaded_arm import LOAD, recorded
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.drive_gains import Load, find_gains
 from dynid.estimation.payload import last_link
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.reduce import reduce
 from dynid.model.store import BaseModel
@@ -27,7 +28,7 @@ def currents(base, seed, load=None):
     log = recorded(seed, load)[1]
     log = replace(log, tau=log.tau / GAINS, tau_unit="A")
     chosen = choose_filter(log, base.robot, 6.0)
-    source, observer = Source(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
+    source, observer = ConditionedLog(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
     return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from loaded_arm import LOAD, recorded
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.physical_constraints import is_consistent
 from dynid.estimation.result import StoredResult
-from dynid.estimation.stack import Source, stack
+from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.reduce import reduce
 from dynid.model.store import BaseModel
@@ -27,7 +28,7 @@ def base():
 def identified(base, log):
     chosen = choose_filter(log, base.robot, 6.0)
     source, observer = (
-        Source(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"),
+        ConditionedLog(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"),
         base.model.observer(base.reduction.base),
     )
     stacked = stack([source], observer, base.reduction.base_names, base.robot.joint_names)

@@ -7,12 +7,12 @@ import pytest
 
 from dynid.errors import NothingChanged, RankDeficient
 from dynid.estimation import observation_files
+from dynid.estimation.conditioned_log import ConditionedLog, without_known
 from dynid.estimation.estimate import estimate, last_share, prior_base
 from dynid.estimation.estimators import Part, wls
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import load, save
-from dynid.estimation.sources import without_known
-from dynid.estimation.stack import Source, rows_of, stack
+from dynid.estimation.stack import rows_of, stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -66,7 +66,7 @@ def stacked(base, *logs, cutoff=None):
     sources = []
     for log in logs:
         chosen = choose_filter(log, base.robot, cutoff)
-        sources.append(Source(without_known(condition(log, chosen), base.model), chosen, "log"))
+        sources.append(ConditionedLog(without_known(condition(log, chosen), base.model), chosen, "log"))
     return stack(sources, base.model.observer(base.reduction.base), base.reduction.base_names, base.robot.joint_names)
 
 
@@ -83,12 +83,12 @@ def test_factors_hold_the_same_normal_equations_as_all_rows(base):
 def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
     log = simulated(base)
     chosen = choose_filter(log, base.robot)
-    source = Source(condition(log, chosen), chosen, "log")
+    source = ConditionedLog(condition(log, chosen), chosen, "log")
     observer = base.model.observer(base.reduction.base)
     whole = np.concatenate([r.W for r in rows_of(source, observer)])
     monkeypatch.setattr("dynid.estimation.stack._EVALUATED", 150)
     monkeypatch.setattr("dynid.signals.conditioning.BLOCK", 300)
-    pieces = Source(condition(log, chosen), chosen, "log")
+    pieces = ConditionedLog(condition(log, chosen), chosen, "log")
     assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(whole, abs=1e-9)
 
 

@@ -1,0 +1,221 @@
+"""A conditioned log: motion and torques after the filters, from which the rows of the observation matrix are made.
+
+A prepared log (checked, in DH quantities) is freed of spikes, corrected for a known delay of its torques, filtered and
+differentiated (``dynid.signals.conditioning``). The torques of links that keep their prior values are subtracted, and
+the columns of the robot file's effects are evaluated: they depend on the order of the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError, Finding
+from dynid.log import Log
+from dynid.model.effects.catalogue import delay_of
+from dynid.model.effects.interface import ArmMotion, ReferenceTorques
+from dynid.model.prior import prior_parameters
+from dynid.model.reference import prior_torques
+from dynid.model.regressor import Model
+from dynid.progress import SILENT, Progress
+from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
+from dynid.signals.delay import without_delay
+from dynid.signals.filters import decimate
+from dynid.signals.spikes import despiked
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ConditionedLog:
+    """One log after the filters.
+
+    Attributes:
+        segments: intervals without gaps, in order of time.
+        filter: the filters that they went through.
+        name: name of the log for people, such as that of its file; "" where it has none.
+        path: where the log was read from; "" for arrays.
+        sha256: hash of that file; "" for arrays.
+        delay: by how much the torques were moved back [s].
+        findings: what was noticed while the log was read, checked and conditioned.
+    """
+
+    segments: Sequence[Segment]
+    filter: Filter
+    name: str
+    path: str = ""
+    sha256: str = ""
+    delay: float = 0.0
+    findings: tuple[Finding, ...] = ()
+
+
+def condition_log(
+    log: Log,
+    model: Model,
+    *,
+    cutoff: float | None = None,
+    delay: float = 0.0,
+    measured_velocity: bool = False,
+) -> ConditionedLog:
+    """Condition one log for the rows of a model.
+
+    Args:
+        log: a prepared log, in DH quantities.
+        model: the model whose rows are wanted.
+        cutoff: cut-off frequency of the filter over torques and columns [Hz]; from the band of the motion when None.
+        delay: how much later than the positions the torques are stamped; they are moved back by it [s].
+        measured_velocity: use the velocities of the driver where there are any, and differentiate only those.
+
+    Returns:
+        The conditioned log; spikes that were removed are among its findings.
+
+    Raises:
+        LogTooShort: no interval without gaps is longer than the filters.
+    """
+    robot = model.robot
+    try:
+        chosen = choose_filter(log, robot, cutoff)
+        clean, spikes = despiked(log, chosen.cutoff)
+        coulomb = robot.coulomb_shape
+        speeds = zip(coulomb.velocity, robot.joints, strict=True)
+        rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in speeds])
+        segments = condition(
+            without_delay(clean, delay), chosen, measured_velocity=measured_velocity, coulomb=coulomb, rest_speed=rest
+        )
+    except DynidError as error:
+        error.where = error.where or str(log.source or "")
+        raise
+    late = delay_of(robot)
+    conditioned = ConditionedLog(
+        segments=[on_time(segment, late) for segment in without_known(segments, model)],
+        filter=chosen,
+        name=log.source.name if log.source else "",
+        path=str(log.source or ""),
+        sha256=log.sha256,
+        delay=delay,
+        findings=(*log.findings, *spikes),
+    )
+    return with_effects(conditioned, model)
+
+
+def condition_logs(
+    logs: Sequence[Log],
+    model: Model,
+    *,
+    cutoff: float | None = None,
+    delay: float = 0.0,
+    measured_velocity: bool = False,
+    progress: Progress = SILENT,
+) -> list[ConditionedLog]:
+    """Condition several logs with one filter, which has to serve all that are stacked.
+
+    Args:
+        logs: prepared logs.
+        model: the model whose rows are wanted.
+        cutoff: as for ``condition_log``; the largest that the band of any motion asks for when None [Hz].
+        delay: as for ``condition_log`` [s].
+        measured_velocity: as for ``condition_log``.
+        progress: told what was noticed in the logs and how they are filtered.
+    """
+    shared = max(choose_filter(log, model.robot).cutoff for log in logs) if cutoff is None else cutoff
+    found = []
+    for k, log in enumerate(logs, start=1):
+        each = condition_log(log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity)
+        found.append(replace(each, name=each.name or f"log {k}"))
+        where = found[-1].path or found[-1].name
+        progress.stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+        progress.findings(each.findings)
+    how = "from the motion's band" if cutoff is None else "as given"
+    chosen = found[0].filter
+    progress.stage(
+        "filter",
+        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}; positions at "
+        f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
+    )
+    return found
+
+
+def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:
+    """Subtract the torques of links that keep their prior values, so that the rest fits the identified columns."""
+    if len(model.robot.identified_links) == model.robot.n:
+        return list(segments)
+    return [replace(s, tau=s.tau - known_torque(model, s.q, s.qd, s.qdd)) for s in segments]
+
+
+def known_torque(model: Model, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return the torques of the links that keep their prior values, zero where all are identified.
+
+    Args:
+        model: the model.
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+
+    Returns:
+        tau, (N, n) [N m or N].
+    """
+    others = tuple(k for k in range(1, model.robot.n + 1) if k not in model.robot.identified_links)
+    if not others:
+        return np.zeros_like(q)
+    frozen = tuple(replace(joint, friction=(), motor_inertia=False) for joint in model.robot.joints)
+    rest = Model(replace(model.robot, links=others, joints=frozen, coupling=None), model.rigid)
+    prior = prior_parameters(model.robot).reshape(-1, 10)[np.array(others) - 1].ravel()
+    return rest.observer().torque(prior, q, qd, qdd)
+
+
+# ---------------------------------------------------------------- effects of the robot file
+def with_effects(log: ConditionedLog, model: Model, reference: ReferenceTorques | None = None) -> ConditionedLog:
+    """Return a log with the columns of the effects that the robot file lists.
+
+    Args:
+        log: the conditioned log.
+        model: the model.
+        reference: torques that effects scale with; those of the prior when None.
+    """
+    if not model.added:
+        return log
+    reference = reference or prior_torques(model)
+    motions = [arm_motion(segment, log.filter, model, reference) for segment in log.segments]
+    segments = [replace(s, effects=model.added_entries(c).T) for s, c in zip(log.segments, motions, strict=True)]
+    return replace(log, segments=segments)
+
+
+def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: ReferenceTorques) -> ArmMotion:
+    """Return a segment as effects want it.
+
+    Args:
+        segment: conditioned motion without gaps.
+        chosen: the filters that it went through.
+        model: the model.
+        reference: torques that effects scale with.
+    """
+    kernel = chosen.second_kernel
+
+    def smooth(x: Floats) -> Floats:
+        half = (kernel.shape[1] - 1) // 2
+        return np.asarray(decimate(np.pad(x, half, mode="edge")[None], kernel, 1)[0, 0])
+
+    return ArmMotion(
+        segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign
+    )
+
+
+def on_time(segment: Segment, delay: float) -> Segment:
+    """Return a segment whose torques, which came late, belong to its positions again; the end counts no more.
+
+    Args:
+        segment: conditioned motion without gaps.
+        delay: how late the torques are [s].
+    """
+    if not delay:
+        return segment
+    from scipy.interpolate import CubicSpline
+
+    t = segment.t + delay
+    inside = (t >= segment.t[0]) & (t <= segment.t[-1])
+    wanted = np.clip(t, segment.t[0], segment.t[-1])
+    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
+    return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
