@@ -1,7 +1,97 @@
 """dynid identifies the dynamic parameters of robot arms and finds what the model still misses.
 
-Three loops and a fourth: ``model`` (DH file to base regressor), ``trajectory`` and ``record`` (excitation),
-``parameters`` and ``identify`` (least squares on a log), and ``gap`` (name the effect that is missing).
+Three loops and a fourth: ``base_model`` (DH file to base regressor), ``plan_trajectory`` (excitation), ``identify`` and
+``validate`` (least squares on a log), and ``find_gap`` (name the effect that is missing). Each of them takes objects and
+returns objects; the command line calls the same functions.
+
+    import dynid
+    arm = dynid.load_robot("kuka_lwr4plus")
+    result = dynid.identify(arm, [dynid.load_log("run1.bag", arm)])
+    result.table()
+
+Names are imported when they are first used, so ``import dynid`` costs nothing.
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
+    from dynid.log import Log
+    from dynid.model.store import BaseModel
+    from dynid.motion import Motion
+    from dynid.robot import Robot
+    from dynid.workflows.drive_gains import find_drive_gains
+    from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
+    from dynid.workflows.logs import LogOptions, load_log
+    from dynid.workflows.model import base_model
+    from dynid.workflows.parameters import Observations, observe
+    from dynid.workflows.results import load
+    from dynid.workflows.robots import load_robot
+    from dynid.workflows.validate import ValidateOptions, Validation, validate
+
 __version__ = "0.1.0"
+
+#: Where each public name lives.
+_HOMES = {
+    "BaseModel": "dynid.model.store",
+    "Identification": "dynid.estimation.result",
+    "IdentifyOptions": "dynid.workflows.identify",
+    "Log": "dynid.log",
+    "LogOptions": "dynid.workflows.logs",
+    "Motion": "dynid.motion",
+    "Observations": "dynid.workflows.parameters",
+    "Robot": "dynid.robot",
+    "ValidateOptions": "dynid.workflows.validate",
+    "Validation": "dynid.workflows.validate",
+    "base_model": "dynid.workflows.model",
+    "find_drive_gains": "dynid.workflows.drive_gains",
+    "find_payload": "dynid.workflows.identify",
+    "identify": "dynid.workflows.identify",
+    "load": "dynid.workflows.results",
+    "load_log": "dynid.workflows.logs",
+    "load_robot": "dynid.workflows.robots",
+    "observe": "dynid.workflows.parameters",
+    "sensitivity": "dynid.workflows.identify",
+    "validate": "dynid.workflows.validate",
+}
+
+__all__ = [
+    "BaseModel",
+    "Identification",
+    "IdentifyOptions",
+    "Log",
+    "LogOptions",
+    "Motion",
+    "Observations",
+    "Robot",
+    "ValidateOptions",
+    "Validation",
+    "base_model",
+    "find_drive_gains",
+    "find_payload",
+    "identify",
+    "load",
+    "load_log",
+    "load_robot",
+    "observe",
+    "sensitivity",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    """Import a public name when it is first used."""
+    if name == "errors":
+        return importlib.import_module("dynid.errors")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dynid' has no attribute '{name}'")
+    found = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__", "errors"])

@@ -101,7 +101,7 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
     """
     from dynid.signals.checks import prepare
 
-    if "clipped" in log.extra:
+    if log.checked:
         return log
     if options.velocity == "derived":
         log = replace(log, qd=None)
@@ -110,7 +110,7 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
     if options.velocity == "measured" and log.qd is None:
-        text = f"{name_of(log)} has no velocity; the derived one is used"
+        text = f"{log.name} has no velocity; the derived one is used"
         log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
     return log
 
@@ -141,11 +141,6 @@ def condition_logs(
 def as_list(logs: Log | Iterable[Log]) -> list[Log]:
     """Return one or several logs as a list."""
     return [logs] if isinstance(logs, Log) else list(logs)
-
-
-def name_of(log: Log) -> str:
-    """Return a short name of a log for people."""
-    return log.source.name if log.source is not None else "log"
 
 
 class located:  # noqa: N801

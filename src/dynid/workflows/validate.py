@@ -11,7 +11,7 @@ from dynid.log import Log
 from dynid.options import option
 from dynid.progress import SILENT, Progress
 from dynid.workflows.drive_gains import in_amperes
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs, name_of
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 
 if TYPE_CHECKING:
     import numpy as np
@@ -161,7 +161,7 @@ def validate(
     motion = predict.predict(replayed, rows, theta)
     baseline, what = baseline_torque(base, result, rows, motion)
     joints, total = metrics.check(motion, baseline, base.robot.joint_names)
-    where = str(log.source or name_of(log))
+    where = str(log.source or log.name)
     return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff)
 
 

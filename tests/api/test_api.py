@@ -1,0 +1,69 @@
+"""dynid as a library: what a notebook calls, without the command line and without files where there are arrays."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynid
+
+ROOT = Path(__file__).parents[2]
+LOGS = ROOT / "trajectories"
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return dynid.load_robot("kuka_lwr4plus")
+
+
+@pytest.fixture(scope="module")
+def log(arm):
+    return dynid.load_log(LOGS / "lwr4plus_identify.bag", arm)
+
+
+@pytest.fixture(scope="module")
+def result(arm, log):
+    return dynid.identify(arm, [log])
+
+
+def test_importing_dynid_imports_nothing_heavy():
+    code = "import sys, dynid; print([m for m in ('numpy', 'scipy', 'click', 'rich', 'yaml') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_documented():
+    for name in dynid.__all__:
+        assert getattr(dynid, name).__doc__, name
+    assert set(dynid.__all__) <= set(dir(dynid))
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="identifi"):
+        dynid.identifi  # noqa: B018
+
+
+def test_arrays_give_the_parameters_of_the_file(arm, log, result):
+    """The log's arrays are DH quantities here because the driver map of this arm is the identity."""
+    again = dynid.identify(arm, dynid.Log(t=log.t, q=log.q, tau=log.tau, qd=log.qd, names=arm.joint_names))
+    assert np.array_equal(again.identification.theta, result.identification.theta)
+
+
+def test_a_result_holds_on_another_motion(arm, result):
+    checked = dynid.validate(result, dynid.load_log(LOGS / "lwr4plus_validate.bag", arm))
+    assert checked.relative_error_percent < 0.5
+
+
+def test_mistakes_are_exceptions_of_the_catalogue(arm):
+    with pytest.raises(dynid.errors.RobotNotFound, match="kuka_lwr4plus"):
+        dynid.load_robot("kuka_lwr4pluss")
+    with pytest.raises(dynid.errors.WrongUsage, match="cutoff"):
+        dynid.IdentifyOptions(cutoff=-1.0)
+
+
+def test_options_read_text_and_values_alike():
+    assert dynid.IdentifyOptions(holdout="20%", exclude="1-2,3-4") == dynid.IdentifyOptions(
+        holdout=0.2, exclude=[(1.0, 2.0), (3.0, 4.0)]
+    )
