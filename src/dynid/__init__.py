@@ -1,8 +1,8 @@
 """dynid identifies the dynamic parameters of robot arms and finds what the model still misses.
 
 Three loops and a fourth: ``base_model`` (DH file to base regressor), ``plan_trajectory`` (excitation), ``identify`` and
-``validate`` (least squares on a log), and ``find_gap`` (name the effect that is missing). Each of them takes objects and
-returns objects; the command line calls the same functions.
+``validate`` (least squares on a log), and ``find_gap`` (name the effect that is missing). Each of them takes objects
+and returns objects; the command line calls the same functions.
 
     import dynid
     arm = dynid.load_robot("kuka_lwr4plus")
