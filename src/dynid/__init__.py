@@ -17,6 +17,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from dynid.version import __version__
+
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.log import Log
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from dynid.workflows.robots import load_robot
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
-__version__ = "0.1.0"
 
 #: Where each public name lives.
 _HOMES = {
@@ -69,6 +70,7 @@ __all__ = [
     "Robot",
     "ValidateOptions",
     "Validation",
+    "__version__",
     "base_model",
     "find_drive_gains",
     "find_payload",
@@ -94,4 +96,4 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__", "errors"])
+    return sorted([*__all__, "errors"])

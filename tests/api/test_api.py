@@ -35,7 +35,7 @@ def test_importing_dynid_imports_nothing_heavy():
 
 
 def test_every_public_name_is_there_and_documented():
-    for name in dynid.__all__:
+    for name in set(dynid.__all__) - {"__version__"}:
         assert getattr(dynid, name).__doc__, name
     assert set(dynid.__all__) <= set(dir(dynid))
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from dynid import __version__
 from dynid.errors import DynidError, ExitStatus
 from dynid.files.batchfile import Job, folder_name
+from dynid.version import __version__
 
 #: What a job leaves in its folder, so that it need not run again.
 RECORD = "job.json"

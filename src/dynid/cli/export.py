@@ -95,8 +95,8 @@ def parameters_of(run: Path) -> Path:
 
 def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> Source:
     """Return what is exported, from a stored result."""
-    from dynid import __version__
     from dynid.exporters import Source, whole_arm
+    from dynid.version import __version__
     from dynid.workflows.validate import base_model_of
 
     base, found = base_model_of(stored, stored.path.parent), stored.identification

@@ -19,9 +19,9 @@ from typing import Any, NoReturn
 
 import click
 
-from dynid import __version__
 from dynid.cli import failure
 from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, WrongUsage
+from dynid.version import __version__
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from dynid import __version__
 from dynid.errors import WrongUsage
+from dynid.version import __version__
 
 NAME = "run.yaml"
 #: Of the common options only these change a result; the others are about the terminal.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
-from dynid import __version__
 from dynid.drivers.ros import missing_modules
+from dynid.version import __version__
 
 
 def version_of(package: str) -> str | None:

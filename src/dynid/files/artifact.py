@@ -22,8 +22,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import __version__
 from dynid.errors import CannotWrite, NewerSchema, NotAnArtifact
+from dynid.version import __version__
 
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from dynid import __version__
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.artifact import HEADER, Artifact, sha256, write_artifact
 from dynid.log import Log
+from dynid.version import __version__
 
 SCHEMA = "dynid/log/1"
 

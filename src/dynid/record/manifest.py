@@ -10,10 +10,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dynid import __version__
 from dynid.drivers.ros import Node
 from dynid.files.artifact import sha256, write_text
 from dynid.robot import Robot
+from dynid.version import __version__
 
 SCHEMA = "dynid/manifest/1"
 
