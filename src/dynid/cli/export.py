@@ -13,7 +13,7 @@ from dynid.errors import ExitStatus, Finding, NotPhysical, WrongUsage
 
 if TYPE_CHECKING:
     from dynid.estimation.result import StoredResult
-    from dynid.exporters import Agreement, Exporter, Source
+    from dynid.exporters import Agreement, Format, IdentifiedArm
 
 #: The names of ``dynid.exporters.FORMATS``, repeated here so that help needs no import.
 NAMES = ("urdf", "mjcf", "sdf", "yaml", "c", "python", "matlab")
@@ -69,8 +69,8 @@ def command(
     files: list[dict[str, Any]] = []
     agreed = True
     for name, exporter in wanted.items():
-        path = write(common, folder / f"{stored.robot.slug}{exporter.suffix}", texts[name])
-        facts, fine = checked(common, name, exporter, path, source)
+        path = write(common, folder / f"{source.file_stem}{exporter.suffix}", texts[name])
+        facts, fine = checked(common, exporter, path, texts[name], source)
         files.append(facts)
         agreed = agreed and fine
     show(common, files)
@@ -93,23 +93,20 @@ def parameters_of(run: Path) -> Path:
     return run / "parameters.npz" if run.is_dir() else run
 
 
-def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> Source:
+def source_of(common: Common, stored: StoredResult, which: str, urdf: Path | None) -> IdentifiedArm:
     """Return what is exported, from a stored result."""
-    from dynid.exporters import Source, whole_arm
+    from dynid.exporters import IdentifiedArm, Provenance, full_model
     from dynid.version import __version__
     from dynid.workflows.validate import base_model_of
 
     base, found = base_model_of(stored, stored.path.parent), stored.identification
     theta = found.physical.theta if which == "physical" else found.plain
-    hashes = ", ".join(sha[:12] for sha in stored.log_sha256)
-    made_from = (
-        f"{stored.robot.name}, identified by dynid {stored.header.get('dynid', __version__)} ({found.method}, "
-        f"{which} set, relative error {found.relative_error_percent:.3g} %) from logs with sha256 {hashes}"
-    )
-    return Source(base, theta, found.knowledge, whole_arm(base, found.physical, theta), made_from, urdf)
+    version = str(stored.header.get("dynid", __version__))
+    made = Provenance(version, found.method, which, found.relative_error_percent, stored.log_sha256)
+    return IdentifiedArm(base, theta, found.knowledge, full_model(base, found.physical, theta), made, urdf)
 
 
-def possible(source: Source, wanted: dict[str, Exporter], allowed: bool) -> list[Finding]:
+def possible(source: IdentifiedArm, wanted: dict[str, Format], allowed: bool) -> list[Finding]:
     """Refuse bodies that cannot exist in formats that need bodies, or warn when they are wanted all the same."""
     impossible = source.full.impossible_links()
     holding = [name for name, exporter in wanted.items() if exporter.needs_bodies]
@@ -139,8 +136,10 @@ def write(common: Common, path: Path, text: str) -> Path:
     return path
 
 
-def checked(common: Common, name: str, exporter: Exporter, path: Path, source: Source) -> tuple[dict[str, Any], bool]:
-    """Load a written file back and return what came out, and whether it agrees."""
+def checked(
+    common: Common, exporter: Format, path: Path, text: str, source: IdentifiedArm
+) -> tuple[dict[str, Any], bool]:
+    """Load a written text and return what came out, and whether it agrees."""
     from dynid.exporters import LoadingFailed
 
     refused = ""
@@ -148,10 +147,10 @@ def checked(common: Common, name: str, exporter: Exporter, path: Path, source: S
     with common.terminal.progress() as progress:
         progress.stage("compare", path.name)
         try:
-            agreements = exporter.check(path, source, common.seed)
+            agreements = exporter.check(text, source, common.seed)
         except LoadingFailed as error:
             refused = str(error)
-    fine = not refused and all(agreement.largest <= exporter.allowed(agreement) for agreement in agreements)
+    fine = not refused and all(agreement.agrees for agreement in agreements)
     if not fine:
         worst = refused or ", ".join(f"{a.engine} differs by {a.largest:.3g}" for a in agreements)
         common.terminal.finding(Finding("W408", "warning", f"{path}: {worst}", {}))
@@ -162,13 +161,13 @@ def checked(common: Common, name: str, exporter: Exporter, path: Path, source: S
             "largest_difference_nm": a.largest,
             "torque_rms_nm": a.torque_rms,
             "states": a.states,
-            "agrees": a.largest <= exporter.allowed(a),
+            "agrees": a.agrees,
         }
         for a in agreements
     ]
     leaves_out = list(exporter.leaves_out(source))
     return {
-        "format": name,
+        "format": exporter.name,
         "path": str(path),
         "checks": checks,
         "refused": refused or None,

@@ -18,6 +18,7 @@ from typing import IO, Any, NoReturn, TextIO
 import click
 
 from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
+from dynid.text import visible
 from dynid.xdg import cache_folder
 
 #: Errors of the machine that a person can do something about; anything else is a mistake of dynid.
@@ -99,11 +100,6 @@ def leave(status: int) -> NoReturn:
         # ends by the signal although it was caught; a shell then sees a killed program instead of status 130.
         os._exit(status)
     sys.exit(status)
-
-
-def visible(text: str) -> str:
-    """Return text on one line with control characters written out, so that a name cannot steer the terminal."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text)
 
 
 def report(error: DynidError, told: Told) -> int:

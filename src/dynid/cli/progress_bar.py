@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from dynid.cli.failure import visible
 from dynid.errors import Finding
+from dynid.text import visible
 
 if TYPE_CHECKING:
     import rich.progress

@@ -17,9 +17,10 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from dynid.cli.failure import is_terminal, visible
+from dynid.cli.failure import is_terminal
 from dynid.cli.options import Common
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
+from dynid.text import visible
 
 #: After so many answers that are none, the terminal is taken to be a machine.
 ATTEMPTS = 5

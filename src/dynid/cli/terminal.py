@@ -21,9 +21,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dynid.cli.failure import is_terminal, silence_streams, use_color, visible
+from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
+from dynid.text import visible
 
 if TYPE_CHECKING:
     from dynid.cli.options import Common

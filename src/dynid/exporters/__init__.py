@@ -1,10 +1,17 @@
-"""Identified parameters in the formats that simulators and controllers read: one file a format.
+"""Identified parameters in the formats that simulators and controllers read.
 
 ``parameters.npz -> arm.urdf, arm.xml, arm.sdf, arm.yaml, arm.c, arm.py, arm.m``
 """
 
-from dynid.exporters.formats import FORMATS
-from dynid.exporters.full_model import WholeArm, whole_arm
-from dynid.exporters.interface import Agreement, Exporter, LoadingFailed, Source
+from dynid.exporters.full_model import FullModel, full_model
+from dynid.exporters.interface import Agreement, Format, IdentifiedArm, LoadingFailed, Provenance
+from dynid.exporters.languages import C_FORMAT, MATLAB_FORMAT, PYTHON_FORMAT
+from dynid.exporters.mjcf import MJCF
+from dynid.exporters.sdf import SDF
+from dynid.exporters.urdf import URDF
+from dynid.exporters.yaml import YAML
 
-__all__ = ["FORMATS", "Agreement", "Exporter", "LoadingFailed", "Source", "WholeArm", "whole_arm"]
+#: The formats by name.
+FORMATS = {each.name: each for each in (URDF, MJCF, SDF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)}
+
+__all__ = ["FORMATS", "Agreement", "Format", "FullModel", "IdentifiedArm", "LoadingFailed", "Provenance", "full_model"]

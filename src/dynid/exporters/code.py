@@ -1,160 +1,209 @@
-"""The base model as plain statements in a programming language: what the C, Python and MATLAB exporters share.
+"""The base model as source code: one description of the statements, and a table of each language's spellings.
 
 Geometry is folded into numbers; gravity is multiplied by a switch ``g``, so that one regressor serves gravity (no
-motion), mass matrix (unit accelerations, no gravity) and Coriolis terms (velocities, no gravity).
+motion), mass matrix (unit accelerations, no gravity) and Coriolis terms (velocities, no gravity). Statements are made
+from numbers and from names of this module only; names that come from files stand in comments, escaped.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from string import Template
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.exporters.interface import Source
-from dynid.model.kernels import geometry
+from dynid.exporters.interface import IdentifiedArm
+from dynid.model.kernels import FOLD, geometry
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
+from dynid.text import code, identifier
+
+Floats = NDArray[np.float64]
 
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
+#: Inputs of the program that move, and the array or the function of an array that they are.
+_ARRAYS = ("q", "qd", "qdd")
+_FUNCTIONS = {"c": "cos", "s": "sin"}
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """How a language writes things; ``i``, ``row`` and ``col`` count from ``first``.
+class Language:
+    """How a language spells the statements; ``i``, ``row`` and ``col`` count from ``first``.
 
     Attributes:
+        template: file in ``templates/`` with the functions around the statements.
         declare: a new variable, with {name} and {value}.
         store: an entry of the regressor, with {row}, {col}, {flat} and {value}.
         item: an element of a vector, with {array} and {i}.
         call: a function of one number, with {function} and {x}.
         threshold: Coulomb sign that is zero below a limit, with {x} and {limit}.
         first: number of a vector's first element.
+        comment: what stands before a line of the comment at the file's head.
+        value: a base parameter in the vector of all, with {value} and the comment {name}.
+        between: what stands between two of them.
     """
 
+    template: str
     declare: str
     store: str
     item: str
     call: str
     threshold: str
     first: int
+    comment: str
+    value: str
+    between: str
 
 
-@dataclass(frozen=True)
-class BaseCode:
-    """Statements for the base regressor.
-
-    Attributes:
-        inertial: statements that store what moves masses and rotors.
-        friction: statements that store the rest.
-        names: base parameters in the order of the columns.
-        moving: how many of the columns are inertial; they come first.
-    """
-
-    inertial: tuple[str, ...]
-    friction: tuple[str, ...]
-    names: tuple[str, ...]
-    moving: int
-
-
-def base_code(source: Source, dialect: Dialect) -> BaseCode:
-    """Return the base regressor of a source as statements."""
-    model, reduction = source.base.model, source.base.reduction
-    links = len(model.link_columns)
-    rigid = reduction.base < links
-    program = model.rigid.restricted(model.link_columns[reduction.base[rigid]])
-    inertial = _statements(program, model.robot, dialect, len(reduction.base))
-    friction: list[str] = []
-    for col in np.flatnonzero(~rigid):
-        column = model.extra[reduction.base[col] - links]
-        target = inertial if column.name.startswith("Imc") else friction
-        for row, value in _entries(column.name, model.robot, dialect):
-            target.append(_stored(dialect, row, int(col), len(reduction.base), value))
-    return BaseCode(tuple(inertial), tuple(friction), reduction.base_names, int(rigid.sum()))
-
-
-def _stored(dialect: Dialect, row: int, col: int, width: int, value: str) -> str:
-    return dialect.store.format(row=row + dialect.first, col=col + dialect.first, flat=row * width + col, value=value)
-
-
-def _statements(program: Program, robot: Robot, dialect: Dialect, width: int) -> list[str]:
-    """Return the program with everything that does not move computed beforehand."""
-    fixed = geometry(robot)
-    lines: list[str] = []
-    value: list[float | str] = []
-    for name in program.inputs:
-        if name in fixed and name[0] != "g":
-            value.append(fixed[name])
-            continue
-        value.append(name)
-        lines.append(dialect.declare.format(name=name, value=_input(name, robot, dialect, fixed)))
-    value += [float(constant) for constant in program.constants]
-    for k in range(program.flops):
-        op, a, b = int(program.op[k]), value[program.lhs[k]], value[program.rhs[k]]
-        if isinstance(a, float) and (op == NEG or isinstance(b, float)):
-            value.append(_folded(op, a, b if isinstance(b, float) else 0.0))
-            continue
-        value.append(f"t{k}")
-        text = f"-{_written(a)}" if op == NEG else f"{_written(a)} {_SIGN[op]} {_written(b)}"
-        lines.append(dialect.declare.format(name=f"t{k}", value=text))
-    entries = zip(program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True)
-    return lines + [_stored(dialect, row, col, width, _written(value[slot])) for row, col, slot in entries]
-
-
-def _folded(op: int, a: float, b: float) -> float:
-    return {ADD: a + b, SUB: a - b, MUL: a * b, NEG: -a}[op]
-
-
-def _written(value: float | str) -> str:
-    if isinstance(value, str):
-        return value
-    return repr(value) if value >= 0 else f"({value!r})"
-
-
-def _input(name: str, robot: Robot, dialect: Dialect, fixed: dict[str, float]) -> str:
-    """Return an input that moves, or gravity behind its switch."""
-    if name in fixed:
-        return f"g * {_written(fixed[name])}"
-    kind = name.rstrip("0123456789")
-    i = int(name[len(kind) :]) - 1
-    if kind not in ("c", "s"):
-        return dialect.item.format(array=kind, i=i + dialect.first)
-    offset = robot.joints[i].theta_offset
-    angle = dialect.item.format(array="q", i=i + dialect.first) + (f" + {_written(offset)}" if offset else "")
-    return dialect.call.format(function={"c": "cos", "s": "sin"}[kind], x=angle)
-
-
-def _entries(name: str, robot: Robot, dialect: Dialect) -> list[tuple[int, str]]:
-    """Return rows and values of a friction or coupled-motor column."""
-    kind = name.rstrip("0123456789")
-    j = int(name[len(kind) :]) - 1
-    speed = dialect.item.format(array="qd", i=j + dialect.first)
-    if kind == "fv":
-        return [(j, speed)]
-    if kind == "fo":
-        return [(j, "1.0")]
-    if kind == "fc":
-        return [(j, _coulomb(robot, j, speed, dialect))]
-    if kind in ("Imc", "fvc", "fcc") and robot.coupling is not None:
-        row = np.array(robot.coupling.matrix)[j]
-        share = row / row[j] if row[j] else row
-        array = "qdd" if kind == "Imc" else "qd"
-        each = [
-            f"{_written(float(share[k]))} * {dialect.item.format(array=array, i=k + dialect.first)}"
-            for k in np.flatnonzero(share)
-        ]
-        total = f"({' + '.join(each)})"
-        signal = _coulomb(robot, j, total, dialect) if kind == "fcc" else total
-        return [(int(k), f"{_written(float(share[k]))} * {signal}") for k in np.flatnonzero(share)]
-    raise WrongUsage(
-        f"the effect behind parameter {name} cannot be written as code",
-        fix="export another format, or without the effect",
+def source_code(arm: IdentifiedArm, language: Language) -> str:
+    """Return the base model of an arm as a file of source code."""
+    writer = _Writer(language, arm.base.robot, len(arm.theta))
+    inertial, friction = writer.statements(arm)
+    names = [code(name) for name in arm.base.reduction.base_names]
+    values = zip(names, arm.theta.tolist(), strict=True)
+    template = Template((Path(__file__).parent / "templates" / language.template).read_text(encoding="utf-8"))
+    return template.substitute(
+        head=arm.head(code),
+        file=code(arm.file_stem),
+        name=identifier(arm.file_stem),
+        table="\n".join(language.comment + line for line in parameter_lines(arm)),
+        n=arm.robot.n,
+        p=len(names),
+        names=ascii(tuple(names)),
+        values=language.between.join(language.value.format(value=repr(value), name=name) for name, value in values),
+        inertial="\n".join(inertial),
+        friction="\n".join(friction),
     )
 
 
-def _coulomb(robot: Robot, joint: int, speed: str, dialect: Dialect) -> str:
-    shape = robot.coulomb_shape
-    limit = _written(shape.velocity[joint])
-    if shape.shape == "smooth":
-        return dialect.call.format(function="tanh", x=f"{speed} / {limit}")
-    return dialect.threshold.format(x=speed, limit=limit)
+def parameter_lines(arm: IdentifiedArm) -> list[str]:
+    """Return one line of a comment per base parameter: value, how well it is known, what it is made of."""
+    reduction = arm.base.reduction
+    lines = []
+    for row, (name, value, known) in enumerate(zip(reduction.base_names, arm.theta, arm.known, strict=True)):
+        terms = [f"{factor:+.6g} {code(term)}" for term, factor in reduction.terms(row).items()]
+        formula = f"  = {' '.join(terms)}" if len(terms) > 1 else ""
+        origin = "not determined by the data" if known == "not determined" else f"from the data, known {code(known)}"
+        lines.append(f"{code(name):<7} {float(value): .6e}  {origin}{formula}")
+    return lines
+
+
+class _Writer:
+    """Writes statements in one language.
+
+    Args:
+        language: the language.
+        robot: the arm whose geometry is folded in.
+        width: number of columns of the regressor.
+    """
+
+    def __init__(self, language: Language, robot: Robot, width: int) -> None:
+        self.language, self.robot, self.width = language, robot, width
+
+    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str]]:
+        """Return the statements that store what moves masses and rotors, and those that store the rest."""
+        model, base = arm.base.model, arm.base.reduction.base
+        links = len(model.link_columns)
+        rigid = base < links
+        inertial = self._program(model.rigid.restricted(model.link_columns[base[rigid]]))
+        friction: list[str] = []
+        for col in np.flatnonzero(~rigid):
+            name = model.extra[base[col] - links].name
+            target = inertial if name.startswith("Imc") else friction
+            target += [self._stored(row, int(col), value) for row, value in self._entries(name)]
+        return inertial, friction
+
+    def _program(self, program: Program) -> list[str]:
+        """Return the program with everything that does not move computed beforehand."""
+        fixed = geometry(self.robot)
+        lines: list[str] = []
+        slots: list[float | str] = []
+
+        def declared(name: str, value: str) -> str:
+            lines.append(self.language.declare.format(name=name, value=value))
+            return name
+
+        for name in program.inputs:
+            if name not in fixed:
+                slots.append(declared(name, self._input(name)))
+            elif name[0] == "g":
+                slots.append(declared(name, f"g * {_number(fixed[name])}"))
+            else:
+                slots.append(fixed[name])
+        slots += [float(constant) for constant in program.constants]
+        for k in range(program.flops):
+            op, a, b = int(program.op[k]), slots[program.lhs[k]], slots[program.rhs[k]]
+            if isinstance(a, float) and (op == NEG or isinstance(b, float)):
+                slots.append(FOLD[op](a, b if isinstance(b, float) else 0.0))
+            else:
+                text = f"-{_written(a)}" if op == NEG else f"{_written(a)} {_SIGN[op]} {_written(b)}"
+                slots.append(declared(f"t{k}", text))
+        entries = zip(program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True)
+        return lines + [self._stored(row, col, _written(slots[slot])) for row, col, slot in entries]
+
+    def _stored(self, row: int, col: int, value: str) -> str:
+        first, flat = self.language.first, row * self.width + col
+        return self.language.store.format(row=row + first, col=col + first, flat=flat, value=value)
+
+    def _item(self, array: str, joint: int) -> str:
+        return self.language.item.format(array=array, i=joint + self.language.first)
+
+    def _input(self, name: str) -> str:
+        """Return an input that moves: a position, velocity or acceleration, or cosine or sine of a joint angle."""
+        kind, joint = _kind_and_joint(name)
+        if kind in _ARRAYS:
+            return self._item(kind, joint)
+        offset = self.robot.joints[joint].theta_offset
+        angle = self._item("q", joint) + (f" + {_number(offset)}" if offset else "")
+        return self.language.call.format(function=_FUNCTIONS[kind], x=angle)
+
+    def _entries(self, name: str) -> list[tuple[int, str]]:
+        """Return rows and values of a friction or coupled-motor column."""
+        kind, joint = _kind_and_joint(name)
+        speed = self._item("qd", joint)
+        if kind == "fv":
+            return [(joint, speed)]
+        if kind == "fo":
+            return [(joint, "1.0")]
+        if kind == "fc":
+            return [(joint, self._coulomb(joint, speed))]
+        if kind in ("Imc", "fvc", "fcc") and self.robot.coupling is not None:
+            return self._coupled(kind, joint, np.array(self.robot.coupling.matrix)[joint])
+        raise WrongUsage(
+            f"the effect behind parameter {name} cannot be written as code",
+            fix="export another format, or without the effect",
+        )
+
+    def _coupled(self, kind: str, motor: int, row: Floats) -> list[tuple[int, str]]:
+        """Return the column of a motor that drives several joints, whose speeds are mixed by a row of the coupling."""
+        share = row / row[motor] if row[motor] else row
+        array = "qdd" if kind == "Imc" else "qd"
+        joints = np.flatnonzero(share).tolist()
+        signal = f"({' + '.join(f'{_number(share[k])} * {self._item(array, k)}' for k in joints)})"
+        if kind == "fcc":
+            signal = self._coulomb(motor, signal)
+        return [(k, f"{_number(share[k])} * {signal}") for k in joints]
+
+    def _coulomb(self, joint: int, speed: str) -> str:
+        shape = self.robot.coulomb_shape
+        limit = _number(shape.velocity[joint])
+        if shape.shape == "smooth":
+            return self.language.call.format(function="tanh", x=f"{speed} / {limit}")
+        return self.language.threshold.format(x=speed, limit=limit)
+
+
+def _kind_and_joint(name: str) -> tuple[str, int]:
+    """Split a name such as ``qd3`` into its kind and the index of its joint, from 0."""
+    kind = name.rstrip("0123456789")
+    return kind, int(name[len(kind) :] or 0) - 1
+
+
+def _number(value: float) -> str:
+    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
+
+
+def _written(value: float | str) -> str:
+    return value if isinstance(value, str) else _number(value)

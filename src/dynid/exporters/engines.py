@@ -1,4 +1,4 @@
-"""Inverse dynamics of written files in other people's engines, where installed: Pinocchio, PyBullet, MuJoCo.
+"""Inverse dynamics of written files in Pinocchio, PyBullet and MuJoCo, where installed, and dynid's own by parts.
 
 Positions are those of the robot file; ``JointMap`` says how the file's own joint values follow from them.
 """
@@ -13,16 +13,35 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.exporters.full_model import FullModel
+from dynid.model.regressor import Model
 from dynid.robot import JointMap
 
 Floats = NDArray[np.float64]
+#: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
 Torques = Callable[[Floats, Floats, Floats], Floats]
+
+#: Parts of the torque by the prefix of their parameters.
+RIGID = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+ROTORS = ("Im",)
+VISCOUS = ("fv",)
+
+
+def part(model: Model, full: FullModel, kinds: Sequence[str]) -> Torques:
+    """Return dynid's own torques that only the parameters of these kinds make."""
+    whole = Model(replace(model.robot, links=()), model.rigid)
+    names = whole.parameter_names
+    wanted = np.array([name.rstrip("0123456789") in kinds for name in names])
+    chosen = full.values(names)[wanted]
+    observer = whole.observer(np.flatnonzero(wanted))
+    return lambda q, qd, qdd: observer.torque(chosen, q, qd, qdd)
 
 
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types

@@ -1,4 +1,4 @@
-"""All parameters of an arm as simulators need them: one body a link, rotors, friction, and the origin of each number.
+"""All parameters of an arm as simulators need them: one body per link, rotors, friction, and the origin of each number.
 
 Reads an identification. The physical set is possible by construction; the plain estimate gets the set nearest to it.
 """
@@ -28,12 +28,12 @@ _SIZE = {
 
 
 @dataclass(frozen=True)
-class WholeArm:
+class FullModel:
     """All parameters of an arm.
 
     Attributes:
         robot: the arm.
-        bodies: one a link in its DH frame, n.
+        bodies: one per link in its DH frame, n.
         rotor_inertia: seen from the joint side, (n,) [kg m^2 or kg].
         friction: parameters beyond the links' and rotors', by name.
         origin: ``"data"`` or ``"prior"`` by parameter name.
@@ -74,7 +74,7 @@ def smallest_eigenvalue(body: Body) -> float:
     return float(smallest_eigenvalues(body.parameters()))
 
 
-def whole_arm(base: BaseModel, physical: FullSet, theta: Floats) -> WholeArm:
+def full_model(base: BaseModel, physical: FullSet, theta: Floats) -> FullModel:
     """Return all parameters behind base parameters; links that were not identified keep the prior's bodies.
 
     Args:
@@ -90,7 +90,7 @@ def whole_arm(base: BaseModel, physical: FullSet, theta: Floats) -> WholeArm:
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
         bodies[link - 1] = body_of(np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]]))
-    return WholeArm(
+    return FullModel(
         robot=robot,
         bodies=tuple(bodies),
         rotor_inertia=tuple(values.get(f"Im{i + 1}", 0.0) for i in range(robot.n)),

@@ -1,46 +1,90 @@
-"""What an exporter takes and gives: text, what the format cannot hold, and a check by loading the file again."""
+"""What a format takes and gives: the text of a file, what the format has no place for, and a check by loading it."""
 
 from __future__ import annotations
 
 import subprocess
-from abc import ABC, abstractmethod
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters.full_model import WholeArm
+from dynid.exporters.engines import Torques
+from dynid.exporters.full_model import FullModel
 from dynid.model.reduce import random_states
 from dynid.model.store import BaseModel
+from dynid.robot import Robot
+from dynid.text import file_name
 
-Floats = NDArray[np.float64]
-Torques = Callable[[Floats, Floats, Floats], Floats]
-
-#: Random states that a written file is compared on.
+#: Number of random states that a written file is compared on.
 STATES = 1000
 
 
 @dataclass(frozen=True)
-class Source:
+class Provenance:
+    """Where the numbers of a file come from.
+
+    Attributes:
+        version: dynid that identified them.
+        method: estimator.
+        parameter_set: ``"physical"`` or ``"plain"``.
+        relative_error_percent: 100 |tau - W theta| / |tau| of the fit [%].
+        log_sha256: hashes of the logs.
+    """
+
+    version: str
+    method: str
+    parameter_set: str
+    relative_error_percent: float
+    log_sha256: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class IdentifiedArm:
     """What is exported.
 
     Attributes:
         base: model and base parameters.
         theta: values of the base parameters, (p,).
         known: how well each is known, ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
-        full: one body a link; None for formats that need only base parameters.
-        made_from: one line for the file's head: robot, method, logs.
+        full: one body per link.
+        provenance: where the numbers come from.
         urdf: the user's own URDF, None to make one.
     """
 
     base: BaseModel
-    theta: Floats
+    theta: NDArray[np.float64]
     known: tuple[str, ...]
-    full: WholeArm
-    made_from: str
+    full: FullModel
+    provenance: Provenance
     urdf: Path | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.full.robot
+
+    @property
+    def file_stem(self) -> str:
+        """Name of its files, without suffix."""
+        return file_name(self.robot.slug)
+
+    def head(self, escape: Callable[[str], str]) -> str:
+        """Return the line at the head of every file: robot, method, logs.
+
+        Args:
+            escape: function of ``dynid.text`` for the place where the line is written.
+        """
+        made = self.provenance
+        hashes = ", ".join(escape(sha[:12]) for sha in made.log_sha256)
+        return (
+            f"{escape(self.robot.name)}, identified by dynid {escape(made.version)} ({escape(made.method)}, "
+            f"{escape(made.parameter_set)} set, relative error {made.relative_error_percent:.3g} %) "
+            f"from logs with sha256 {hashes}"
+        )
 
 
 @dataclass(frozen=True)
@@ -48,11 +92,12 @@ class Agreement:
     """How well a written file agrees with dynid's own torques.
 
     Attributes:
-        engine: who loaded it.
+        engine: program that loaded the file.
         largest: largest difference of a torque [N m or N].
-        torque_rms: size of the torques compared [N m or N].
+        torque_rms: root mean square of the torques that were compared [N m or N].
         states: number of random states.
         what: what was compared, such as ``"rigid body"``.
+        agrees: whether the difference is within the tolerance of the format.
     """
 
     engine: str
@@ -60,57 +105,70 @@ class Agreement:
     torque_rms: float
     states: int
     what: str
+    agrees: bool
 
 
 class LoadingFailed(Exception):
     """A program refused the file or could not compute with it; the message is the program's own."""
 
 
-class Exporter(ABC):
+class Loaded(NamedTuple):
+    """A file in one engine: the engine, what is compared, its torques and dynid's own."""
+
+    engine: str
+    what: str
+    theirs: Torques
+    ours: Torques
+
+
+@dataclass(frozen=True)
+class Format:
     """One format.
 
     Attributes:
-        suffix: of the file.
-        help: what it is for.
-        needs_bodies: whether it holds one body a link, so that the set must be physically possible.
-        tolerance: largest difference of a torque that counts as agreement, relative to their size.
+        name: name of the format.
+        suffix: suffix of its files.
+        text: returns the text of the file.
+        leaves_out: returns what the format has no place for, one phrase each.
+        loaded: loads a file with that text in each engine that is installed.
+        needs_bodies: whether it holds one body per link, so that the parameters must be physically possible.
+        tolerance: largest difference of a torque that counts as agreement, relative to the torques' root mean square.
     """
 
+    name: str
     suffix: str
-    help: str
-    needs_bodies = True
-    tolerance = 1e-6
+    text: Callable[[IdentifiedArm], str]
+    leaves_out: Callable[[IdentifiedArm], tuple[str, ...]]
+    loaded: Callable[[Path, IdentifiedArm], Iterator[Loaded]]
+    needs_bodies: bool = True
+    tolerance: float = 1e-6
 
-    @abstractmethod
-    def text(self, source: Source) -> str:
-        """Return the file's text."""
+    def check(self, text: str, arm: IdentifiedArm, seed: int = 0) -> list[Agreement]:
+        """Compare the torques of a file's text with dynid's on random states.
 
-    @abstractmethod
-    def leaves_out(self, source: Source) -> tuple[str, ...]:
-        """Return what the format has no place for, one sentence each."""
+        The text is loaded from a private folder: what lies in the folder of the results is never run.
 
-    @abstractmethod
-    def loaded(self, path: Path, source: Source) -> Iterator[tuple[str, str, Torques, Torques]]:
-        """Load the file in each engine that is installed; yield its name, what is compared, its torques, dynid's."""
-
-    def allowed(self, agreement: Agreement) -> float:
-        """Return the largest difference that counts as agreement [N m or N]."""
-        return self.tolerance * max(1.0, agreement.torque_rms)
-
-    def check(self, path: Path, source: Source, seed: int = 0) -> list[Agreement]:
-        """Compare the file's torques with dynid's on random states.
+        Args:
+            text: the file's text, as ``Format.text`` made it.
+            arm: what it was made from.
+            seed: seed of the random states.
 
         Raises:
             LoadingFailed: a program refused the file.
         """
-        q, qd, qdd = random_states(source.base.robot, STATES, seed)
+        q, qd, qdd = random_states(arm.robot, STATES, seed)
         found = []
-        try:
-            for engine, what, theirs, ours in self.loaded(path, source):
-                expected = ours(q, qd, qdd)
-                largest = float(np.abs(theirs(q, qd, qdd) - expected).max())
-                size = float(np.sqrt(np.mean(expected**2)))
-                found.append(Agreement(engine, largest if np.isfinite(largest) else np.inf, size, STATES, what))
-        except (ValueError, RuntimeError, subprocess.CalledProcessError) as error:
-            raise LoadingFailed(" ".join(str(error).split())) from error
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"arm{self.suffix}"
+            path.write_text(text, encoding="utf-8")
+            try:
+                for engine, what, theirs, ours in self.loaded(path, arm):
+                    expected = ours(q, qd, qdd)
+                    difference = float(np.abs(theirs(q, qd, qdd) - expected).max())
+                    largest = difference if np.isfinite(difference) else np.inf
+                    size = float(np.sqrt(np.mean(expected**2)))
+                    agrees = largest <= self.tolerance * max(1.0, size)
+                    found.append(Agreement(engine, largest, size, STATES, what, agrees))
+            except (ValueError, RuntimeError, subprocess.CalledProcessError) as error:
+                raise LoadingFailed(" ".join(str(error).split())) from error
         return found

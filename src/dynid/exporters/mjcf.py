@@ -9,78 +9,68 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters.engines import mujoco, pinocchio
+from dynid.exporters.engines import RIGID, ROTORS, VISCOUS, mujoco, part, pinocchio
 from dynid.exporters.frames import joint_poses, moving_bodies, numbers, world_gravity
-from dynid.exporters.interface import Exporter, Source, Torques
-from dynid.exporters.torques import RIGID, ROTORS, VISCOUS, part
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
 from dynid.model.kinematics import fixed_poses
 from dynid.model.prior import Cylinder, link_cylinders
 from dynid.robot import Body, Joint
+from dynid.text import xml, xml_comment
 
 Floats = NDArray[np.float64]
 
 
-class MjcfExporter(Exporter):
-    """The format of MuJoCo."""
-
-    suffix = ".xml"
-    help = "MuJoCo, with rotor inertia and friction"
-
-    def text(self, source: Source) -> str:
-        """Return the MJCF."""
-        full, robot = source.full, source.full.robot
-        root = ET.Element("mujoco", model=robot.slug)
-        root.append(ET.Comment(f" {source.made_from.replace('--', '- -')} "))
-        ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-        ET.SubElement(root, "option", gravity=numbers(world_gravity(robot)))
-        world = ET.SubElement(root, "worldbody")
-        # Why no body for the base: Pinocchio's reader loses the pose of a body without a joint.
-        parent, poses, shapes = world, joint_poses(robot), link_cylinders(robot)
-        fv, fc = full.joint_friction("fv"), full.joint_friction("fc")
-        for i, (joint, body) in enumerate(zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)):
-            parent.append(ET.Comment(f" link {i + 1}: {full.origin_of_link(i + 1)} "))
-            parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **_place(poses[i])})
-            _inertial(parent, body)
-            _joint(parent, joint, armature=full.rotor_inertia[i], damping=float(fv[i]), frictionloss=float(fc[i]))
-            _shape(parent, shapes[i], fixed_poses(joint, robot.convention)[1])
-        ET.indent(root)
-        return ET.tostring(root, encoding="unicode") + "\n"
-
-    def leaves_out(self, source: Source) -> tuple[str, ...]:
-        """Return what an MJCF has no place for."""
-        full = source.full
-        gone = []
-        if any(full.joint_friction("fo")):
-            gone.append("torque offsets fo")
-        if any(full.joint_friction("fc")):
-            gone.append("the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint")
-        negative = [name for name, value in _drive_numbers(source) if value < 0]
-        if negative:
-            gone.append(f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero")
-        return (*gone, *beyond_joints(source))
-
-    def loaded(self, path: Path, source: Source) -> Iterator[tuple[str, str, Torques, Torques]]:
-        """Load it in MuJoCo and Pinocchio."""
-        robot, model = source.full.robot, source.base.model
-        gravity = world_gravity(robot)
-        found = mujoco(path, robot.joint_names, gravity)
-        if found:
-            negative = any(value < 0 for _, value in _drive_numbers(source))
-            kinds, what = (
-                (RIGID, "rigid body")
-                if negative
-                else ((*RIGID, *ROTORS, *VISCOUS), "rigid body, rotors, viscous friction")
-            )
-            if not negative:
-                yield found[0], what, found[1], part(model, source.full, kinds)
-        found = pinocchio(path, robot.joint_names, gravity, mjcf=True)
-        if found and not any(rotor < 0 for rotor in source.full.rotor_inertia):
-            yield found[0], "rigid body, rotors", found[1], part(model, source.full, (*RIGID, *ROTORS))
+def text(arm: IdentifiedArm) -> str:
+    """Return the MJCF."""
+    full, robot = arm.full, arm.robot
+    root = ET.Element("mujoco", model=xml(robot.slug))
+    root.append(ET.Comment(xml_comment(arm.head(str))))
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(root, "option", gravity=numbers(world_gravity(robot)))
+    world = ET.SubElement(root, "worldbody")
+    # Why no body for the base: Pinocchio's reader loses the pose of a body without a joint.
+    parent, poses, shapes = world, joint_poses(robot), link_cylinders(robot)
+    fv, fc = full.joint_friction("fv"), full.joint_friction("fc")
+    for i, (joint, body) in enumerate(zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)):
+        parent.append(ET.Comment(xml_comment(f"link {i + 1}: {full.origin_of_link(i + 1)}")))
+        parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **_place(poses[i])})
+        _inertial(parent, body)
+        _joint(parent, joint, armature=full.rotor_inertia[i], damping=float(fv[i]), frictionloss=float(fc[i]))
+        _shape(parent, shapes[i], fixed_poses(joint, robot.convention)[1])
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _drive_numbers(source: Source) -> list[tuple[str, float]]:
-    full = source.full
+def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    """Return what an MJCF has no place for."""
+    full = arm.full
+    gone = []
+    if any(full.joint_friction("fo")):
+        gone.append("torque offsets fo")
+    if any(full.joint_friction("fc")):
+        gone.append("the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint")
+    negative = [name for name, value in _drive_numbers(arm) if value < 0]
+    if negative:
+        gone.append(f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero")
+    return (*gone, *beyond_joints(arm))
+
+
+def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+    """Load it in MuJoCo and Pinocchio."""
+    names, gravity, model = tuple(map(xml, arm.robot.joint_names)), world_gravity(arm.robot), arm.base.model
+    # Why: what is negative was written as zero, so that the torques cannot agree.
+    found = mujoco(path, names, gravity)
+    if found and not any(value < 0 for _, value in _drive_numbers(arm)):
+        ours = part(model, arm.full, (*RIGID, *ROTORS, *VISCOUS))
+        yield Loaded(found[0], "rigid body, rotors, viscous friction", found[1], ours)
+    found = pinocchio(path, names, gravity, mjcf=True)
+    if found and not any(rotor < 0 for rotor in arm.full.rotor_inertia):
+        yield Loaded(found[0], "rigid body, rotors", found[1], part(model, arm.full, (*RIGID, *ROTORS)))
+
+
+def _drive_numbers(arm: IdentifiedArm) -> list[tuple[str, float]]:
+    full = arm.full
     rows = {"Im": full.rotor_inertia, "fv": full.joint_friction("fv"), "fc": full.joint_friction("fc")}
     return [(f"{prefix}{i}", float(value)) for prefix, row in rows.items() for i, value in enumerate(row, start=1)]
 
@@ -118,7 +108,7 @@ def _inertial(parent: ET.Element, body: Body) -> None:
 
 def _joint(parent: ET.Element, joint: Joint, **drive: float) -> None:
     limits = joint.limits
-    facts = {"name": joint.name, "type": "hinge" if joint.revolute else "slide", "axis": "0 0 1"}
+    facts = {"name": xml(joint.name), "type": "hinge" if joint.revolute else "slide", "axis": "0 0 1"}
     if limits.position:
         facts["range"] = numbers(limits.position)
     if limits.torque:
@@ -132,3 +122,6 @@ def _shape(parent: ET.Element, cylinder: Cylinder, to_dh: Floats) -> None:
     look = {"mass": "0", "contype": "0", "conaffinity": "0", "group": "1", "rgba": "0.6 0.65 0.7 1"}
     shape = {"type": "cylinder", "size": repr(cylinder.radius), "fromto": numbers(ends)}
     ET.SubElement(parent, "geom", shape | look)
+
+
+MJCF = Format("mjcf", ".xml", text, leaves_out, loaded)

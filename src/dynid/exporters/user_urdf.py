@@ -22,9 +22,10 @@ from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.prior import body_of, moved
 from dynid.robot import Body, JointMap, Prior, Robot
+from dynid.text import xml_comment
 
 if TYPE_CHECKING:
-    from dynid.exporters.interface import Source
+    from dynid.exporters.interface import IdentifiedArm
 
 Floats = NDArray[np.float64]
 
@@ -129,17 +130,17 @@ def _compared(chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap) -> 
     return tuple(own[0] for own in seen), miss
 
 
-def rewritten(path: Path, source: Source) -> str:
+def rewritten(path: Path, arm: IdentifiedArm) -> str:
     """Return the text of a URDF with the inertial blocks of the identified links replaced."""
-    full = source.full
-    place = attached(path, full.robot)
+    full = arm.full
+    place = attached(path, arm.robot)
     new: dict[str, tuple[Body, str]] = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
         own, emptied = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
         new[joint.child] = (own, full.origin_of_link(i))
         for link in emptied:
             new[link] = (Body(0.0), f"its mass is in {joint.child}: link {i} was identified as one body")
-    return _replaced(path, new, source.made_from)
+    return _replaced(path, new, arm.head(str))
 
 
 def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:
@@ -178,7 +179,8 @@ def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
             pieces.append((start, end, text.strip().encode()))
     first = re.search(rb"<robot\b", raw)
     assert first is not None
-    comment = f"<!-- inertial blocks of {', '.join(new)} by dynid: {head.replace('--', '- -')} -->\n"
+    names = ", ".join(new)
+    comment = f"<!--{xml_comment(f'inertial blocks of {names} by dynid: {head}')}-->\n"
     pieces.append((first.start(), first.start(), comment.encode()))
     for start, end, text_bytes in sorted(pieces, reverse=True):
         raw = raw[:start] + text_bytes + raw[end:]
@@ -223,7 +225,7 @@ def _inertial(body: Body, note: str, indent: str) -> str:
     tensor = " ".join(f'{name}="{value!r}"' for name, value in zip(names, map(float, body.inertia_com), strict=True))
     lines = (
         "<inertial>",
-        f"  <!-- {note} -->",
+        f"  <!--{xml_comment(note)}-->",
         f'  <origin xyz="{numbers(body.com)}" rpy="0 0 0"/>',
         f'  <mass value="{float(body.mass)!r}"/>',
         f"  <inertia {tensor}/>",

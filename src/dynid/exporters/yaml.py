@@ -9,78 +9,74 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters.interface import Exporter, Source, Torques
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.robot import LINK_PARAMETERS
+from dynid.text import yaml_text
 
 Floats = NDArray[np.float64]
 
 
-class YamlExporter(Exporter):
-    """All parameters of the full model, exactly."""
+def text(arm: IdentifiedArm) -> str:
+    """Return the YAML."""
+    return yaml_text(_document(arm), arm.head(str))
 
-    suffix = ".yaml"
-    help = "all numbers with units and origin; holds the whole model"
-    needs_bodies = False
 
-    def text(self, source: Source) -> str:
-        """Return the YAML."""
-        import yaml
+def _document(arm: IdentifiedArm) -> dict[str, Any]:
+    full, robot = arm.full, arm.robot
+    links = []
+    for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
+        names = [f"{name}{i}" for name in LINK_PARAMETERS]
+        tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(float, body.inertia_com), strict=True))
+        links.append(
+            {
+                "joint": joint.name,
+                "dh": {
+                    "type": joint.type,
+                    "a": joint.a,
+                    "twist": joint.twist,
+                    "d": joint.d,
+                    "theta_offset": joint.theta_offset,
+                },
+                "mass_kg": body.mass,
+                "com_m": [float(value) for value in body.com],
+                "inertia_com_kg_m2": tensor,
+                "rotor_inertia": full.rotor_inertia[i - 1],
+                "parameters": dict(zip(names, full.values(names).tolist(), strict=True)),
+                "origin": {name: full.origin.get(name, "prior") for name in names},
+                "possible": i not in full.impossible_links(),
+            }
+        )
+    shape = robot.coulomb_shape
+    return {
+        "schema": "dynid/full/1",
+        "robot": robot.name,
+        "convention": robot.convention,
+        "angles": "rad",
+        "gravity_frame_0": list(robot.gravity),
+        "links": links,
+        "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
+        "friction": {name: float(value) for name, value in full.friction.items()},
+        "base_parameters": dict(zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)),
+    }
 
-        document = self._document(source)
-        body = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-        return f"# {source.made_from}\n{body}"
 
-    def _document(self, source: Source) -> dict[str, Any]:
-        full, robot = source.full, source.full.robot
-        links = []
-        for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
-            names = [f"{name}{i}" for name in LINK_PARAMETERS]
-            tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(float, body.inertia_com), strict=True))
-            links.append(
-                {
-                    "joint": joint.name,
-                    "dh": {
-                        "type": joint.type,
-                        "a": joint.a,
-                        "twist": joint.twist,
-                        "d": joint.d,
-                        "theta_offset": joint.theta_offset,
-                    },
-                    "mass_kg": body.mass,
-                    "com_m": [float(value) for value in body.com],
-                    "inertia_com_kg_m2": tensor,
-                    "rotor_inertia": full.rotor_inertia[i - 1],
-                    "parameters": dict(zip(names, full.values(names).tolist(), strict=True)),
-                    "origin": {name: full.origin.get(name, "prior") for name in names},
-                    "possible": i not in full.impossible_links(),
-                }
-            )
-        shape = robot.coulomb_shape
-        return {
-            "schema": "dynid/full/1",
-            "robot": robot.name,
-            "convention": robot.convention,
-            "angles": "rad",
-            "gravity_frame_0": list(robot.gravity),
-            "links": links,
-            "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
-            "friction": {name: float(value) for name, value in full.friction.items()},
-            "base_parameters": dict(zip(source.base.reduction.base_names, source.theta.tolist(), strict=True)),
-        }
+def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    """Return nothing but the effects, which stay in the robot file."""
+    return tuple(f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects)
 
-    def leaves_out(self, source: Source) -> tuple[str, ...]:
-        """Return nothing but the effects, which stay in the robot file."""
-        return tuple(f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in source.full.robot.effects)
 
-    def loaded(self, path: Path, source: Source) -> Iterator[tuple[str, str, Torques, Torques]]:
-        """Read the numbers back and evaluate dynid's full regressor with them."""
-        import yaml
+def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+    """Read the numbers back and evaluate dynid's full regressor with them."""
+    import yaml
 
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-        values = dict(document["friction"])
-        for link in document["links"]:
-            values |= link["parameters"]
-        base, model = source.base, source.base.model
-        gamma = np.array([values[name] for name in model.parameter_names])
-        full, minimal = model.observer(), model.observer(base.reduction.base)
-        yield "dynid", "all", (lambda *s: full.torque(gamma, *s)), (lambda *s: minimal.torque(source.theta, *s))
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    values = dict(document["friction"])
+    for link in document["links"]:
+        values |= link["parameters"]
+    base, model = arm.base, arm.base.model
+    gamma = np.array([values[name] for name in model.parameter_names])
+    full, minimal = model.observer(), model.observer(base.reduction.base)
+    yield Loaded("dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s))
+
+
+YAML = Format("yaml", ".yaml", text, leaves_out, loaded, needs_bodies=False)

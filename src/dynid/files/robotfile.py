@@ -46,6 +46,8 @@ SNAP_RAD = 1e-4
 SNAP_STEP = math.pi / 12
 #: Gravity on Earth lies between 9.76 and 9.84; the band leaves room for rounded values.
 GRAVITY_BAND = (9.6, 9.9)
+#: Characters of the longest name of a robot or joint.
+LONGEST_NAME = 100
 
 DRIVER_KINDS = ("kinova_gen2", "lwr4plus", "generic")
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
@@ -113,7 +115,7 @@ def _robot(root: Value, path: Path) -> Robot:
     base_xyz, base_rpy = _base(top.get("base"), unit)
     gravity = _gravity(top.get("gravity"), top.get("mount"), base_rpy, findings)
     return Robot(
-        name=top["name"].text(),
+        name=_name(top["name"]),
         convention=cast(Literal["standard", "modified"], top["convention"].choice(("standard", "modified"))),
         joints=joints,
         gravity=gravity,
@@ -146,7 +148,7 @@ def _joint(value: Value, unit: str, index: int, findings: list[Finding]) -> Join
     length = {key: keys[key].number() if key in keys else 0.0 for key in ("a", "d")}
     turn = {key: _dh_angle(keys[key], unit, findings) if key in keys else 0.0 for key in ("twist", "theta_offset")}
     return Joint(
-        name=keys["name"].text() if "name" in keys else f"joint_{index + 1}",
+        name=_name(keys["name"]) if "name" in keys else f"joint_{index + 1}",
         type=cast(Literal["revolute", "prismatic"], kind),
         a=length["a"],
         twist=turn["twist"],
@@ -206,6 +208,15 @@ def _limits(value: Value, unit: str) -> Limits:
                 )
             sizes[key] = size
     return Limits(position, **sizes)
+
+
+def _name(value: Value) -> str:
+    """Return a name that a page can show and a simulator can hold: PyBullet ends the process on others."""
+    name = value.text()
+    if not 1 <= len(name) <= LONGEST_NAME:
+        what = f"{value.where}: {value.path} has {len(name)} characters; a name has 1 to {LONGEST_NAME}"
+        raise WrongRobotFile(what, where=value.where)
+    return name
 
 
 def _unique(joints: tuple[Joint, ...], value: Value) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dynid.model.kernels import geometry
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.model.regressor import Model
+from dynid.text import code
 
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 
@@ -18,7 +19,7 @@ def as_python(model: Model) -> str:
     program, robot = model.rigid, model.robot
     name, fixed = _slots(program), geometry(robot)
     lines = [
-        f"# Regressor of {robot.name}: tau = P(q, qd, qdd) gamma.".replace("\n", " "),
+        f"# Regressor of {code(robot.name)}: tau = P(q, qd, qdd) gamma.",
         "# Columns: m mcx mcy mcz Ixx Ixy Ixz Iyy Iyz Izz Im of link 1, then of link 2, and so on.",
         "import numpy as np",
         "",

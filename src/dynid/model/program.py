@@ -6,6 +6,7 @@ earlier slots. Each non-zero entry of the regressor names its row, its column an
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 Ints = NDArray[np.int32]
 
 ADD, SUB, MUL, NEG = range(4)
+#: Names of inputs; nothing else may become a variable when a program is written as code.
+_INPUT = re.compile(r"(?:c|s|q|qd|qdd|a|d|ca|sa)[1-9][0-9]{0,3}|g[xyz]")
 
 
 @dataclass(frozen=True)
@@ -44,12 +47,13 @@ class Program:
     shape: tuple[int, int]
 
     def __post_init__(self) -> None:
-        """Check that no operation reads a slot that is not yet there: arrays may come from a file."""
+        """Check names, and that no operation reads a slot that is not yet there: all may come from a file."""
         first = len(self.inputs) + len(self.constants)
         slots = first + np.arange(len(self.op))
         arrays = (self.op, self.lhs, self.rhs, self.rows, self.cols, self.outputs)
         sound = (
-            all(array.ndim == 1 and np.issubdtype(array.dtype, np.integer) for array in arrays)
+            all(_INPUT.fullmatch(name) for name in self.inputs)
+            and all(array.ndim == 1 and np.issubdtype(array.dtype, np.integer) for array in arrays)
             and len(self.op) == len(self.lhs) == len(self.rhs)
             and len(self.rows) == len(self.cols) == len(self.outputs)
             and all(_within(operand, slots) for operand in (self.lhs, self.rhs))
@@ -65,6 +69,11 @@ class Program:
     def first(self) -> int:
         """Slot of the first operation."""
         return len(self.inputs) + len(self.constants)
+
+    @property
+    def joints(self) -> int:
+        """Largest number of a joint that an input names."""
+        return max((int(name.lstrip("acdqs")) for name in self.inputs if name[0] != "g"), default=0)
 
     @property
     def flops(self) -> int:

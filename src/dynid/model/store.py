@@ -93,6 +93,8 @@ def load_model(path: Path, robot: Robot) -> Model:
         )  # fmt: skip
     except (KeyError, ValueError, IndexError, TypeError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+    if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
+        raise NotAnArtifact(f"{path} is damaged: it belongs to an arm with other joints", where=str(path))
     return Model(robot, program)
 
 

@@ -18,6 +18,7 @@ from dynid.files.artifact import write_text
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Robot, roll_pitch_yaw, rotation_rpy
+from dynid.text import xml
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
 
 def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
     """Return the text that ``write_urdf`` writes."""
-    root = ET.Element("robot", name=robot.slug)
+    root = ET.Element("robot", name=xml(robot.slug))
     base = ET.SubElement(root, "link", name="base")
     # Why: Bullet complains on standard output about a link without mass, which would break --json.
     _inertial(base, Body(1.0, inertia_com=(1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), np.eye(4))
@@ -60,7 +61,7 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
 def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
     limits = joint.limits
     kind = "prismatic" if not joint.revolute else "continuous" if limits.position is None else "revolute"
-    element = ET.SubElement(root, "joint", name=joint.name, type=kind)
+    element = ET.SubElement(root, "joint", name=xml(joint.name), type=kind)
     ET.SubElement(element, "parent", link=f"link_{i}" if i else "base")
     ET.SubElement(element, "child", link=f"link_{i + 1}")
     _origin(element, origin)

@@ -3,7 +3,7 @@
 import numpy as np
 from arms import random_bodies, random_robot
 
-from dynid.exporters import Source, WholeArm
+from dynid.exporters import FullModel, IdentifiedArm, Provenance
 from dynid.files.robotfile import load_robot
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -13,12 +13,12 @@ SHIPPED = ("kuka_lwr4plus", "kinova_gen2", "scara", "staubli_tx40", "franka_pand
 
 
 def made(robot, seed=1, bodies=None, urdf=None):
-    """A source whose parameters are random but possible."""
+    """An identified arm whose parameters are random but possible."""
     rng = np.random.default_rng(seed)
     model = build_model(robot)
     reduction = reduce(model)
     rotors = rng.uniform(0.01, 0.2, robot.n)
-    full = WholeArm(
+    full = FullModel(
         robot=robot,
         bodies=bodies or random_bodies(rng, robot.n),
         rotor_inertia=tuple(float(x) if j.motor_inertia else 0.0 for x, j in zip(rotors, robot.joints, strict=True)),
@@ -26,7 +26,8 @@ def made(robot, seed=1, bodies=None, urdf=None):
         origin=dict.fromkeys(model.parameter_names, "data"),
     )
     theta = reduction.K @ full.values(model.parameter_names)
-    return Source(BaseModel(model, reduction), theta, ("well",) * len(theta), full, f"{robot.name} -- a test", urdf)
+    provenance = Provenance("0.1.0", "wls", "physical", 1.5, ("ab" * 32,))
+    return IdentifiedArm(BaseModel(model, reduction), theta, ("well",) * len(theta), full, provenance, urdf)
 
 
 def shipped(name):

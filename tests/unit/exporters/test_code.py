@@ -11,8 +11,7 @@ from arms import pinocchio_model
 from export_cases import SHIPPED, made, random, shipped
 
 from dynid.exporters import FORMATS
-from dynid.exporters.c import compiled, pointer
-from dynid.exporters.python import imported
+from dynid.exporters.languages import compiled, imported, pointer
 from dynid.files.robotfile import load_robot
 from dynid.model.reduce import random_states
 from dynid.robot import Coulomb
@@ -26,10 +25,10 @@ def written(source, name, folder):
 
 @pytest.mark.parametrize("format", ["c", "python"])
 @pytest.mark.parametrize("robot", SHIPPED)
-def test_written_code_gives_dynids_torques(robot, format, tmp_path):
+def test_written_code_gives_dynids_torques(robot, format):
     """1000 states, friction included, coupled motors of the TX40 too: 1e-10 N m."""
     source = shipped(robot)
-    (agreement,) = FORMATS[format].check(written(source, format, tmp_path), source)
+    (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
     assert agreement.states == 1000
     assert agreement.largest < 1e-10
 
@@ -37,10 +36,10 @@ def test_written_code_gives_dynids_torques(robot, format, tmp_path):
 @pytest.mark.optional
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
 @pytest.mark.parametrize("robot", ["scara", "staubli_tx40"])
-def test_the_matlab_file_gives_dynids_torques_in_octave(robot, tmp_path):
+def test_the_matlab_file_gives_dynids_torques_in_octave(robot):
     """1000 states: 1e-10 N m."""
     source = shipped(robot)
-    (agreement,) = FORMATS["matlab"].check(written(source, "matlab", tmp_path), source)
+    (agreement,) = FORMATS["matlab"].check(FORMATS["matlab"].text(source), source)
     assert agreement.largest < 1e-10
 
 
@@ -77,7 +76,7 @@ def test_the_c_functions_are_those_of_the_python_module(tmp_path):
     """Regressor, gravity, friction, mass matrix, Coriolis torques and matrix."""
     source = shipped("kuka_lwr4plus")
     module = imported(written(source, "python", tmp_path))
-    library = compiled(written(source, "c", tmp_path), tmp_path, "cc")
+    library = compiled(written(source, "c", tmp_path))
     q, qd, qdd = (row[0] for row in random_states(source.base.robot, 1, 5))
 
     def called(name, shape, *inputs):
@@ -99,11 +98,11 @@ def test_the_c_functions_are_those_of_the_python_module(tmp_path):
 
 
 @pytest.mark.parametrize("format", ["c", "python"])
-def test_the_papers_coulomb_threshold_is_written_too(format, tmp_path):
+def test_the_papers_coulomb_threshold_is_written_too(format):
     """Eq. 7: no friction below the velocity limit."""
     robot = replace(load_robot("scara"), coulomb=Coulomb("threshold", (0.5,) * 4))
     source = made(robot)
-    (agreement,) = FORMATS[format].check(written(source, format, tmp_path), source)
+    (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
     assert agreement.largest < 1e-10
 
 

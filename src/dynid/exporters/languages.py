@@ -1,0 +1,163 @@
+"""C, Python and MATLAB: how each spells the base model, and how a written file is run to prove it."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.exporters.code import Language, source_code
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.text import identifier
+
+Floats = NDArray[np.float64]
+
+C = Language(
+    template="c.txt",
+    declare="    const double {name} = {value};",
+    store="    Y[{flat}] = {value};",
+    item="{array}[{i}]",
+    call="{function}({x})",
+    threshold="(fabs({x}) >= {limit} ? (({x}) > 0 ? 1.0 : -1.0) : 0.0)",
+    first=0,
+    comment=" *   ",
+    value="    {value} /* {name} */",
+    between=",\n",
+)
+PYTHON = Language(
+    template="python.txt",
+    declare="    {name} = {value}",
+    store="    Y[..., {row}, {col}] = {value}",
+    item="{array}[..., {i}]",
+    call="np.{function}({x})",
+    threshold="(np.abs({x}) >= {limit}) * np.sign({x})",
+    first=0,
+    comment="    ",
+    value="    {value},  # {name}",
+    between="\n",
+)
+MATLAB = Language(
+    template="matlab.txt",
+    declare="    {name} = {value};",
+    store="    Y({row}, {col}) = {value};",
+    item="{array}({i})",
+    call="{function}({x})",
+    threshold="(abs({x}) >= {limit}) * sign({x})",
+    first=1,
+    comment="%   ",
+    value="        {value} % {name}",
+    between="\n",
+)
+
+
+def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    return arm.base.model.observer(arm.base.reduction.base).torque(arm.theta, q, qd, qdd)
+
+
+def _leaves_out_nothing(arm: IdentifiedArm) -> tuple[str, ...]:
+    return ()
+
+
+# ---------------------------------------------------------------- C
+def compiled(path: Path, compiler: str = "cc") -> ctypes.CDLL:
+    """Compile a C file to a shared library beside it and load it."""
+    library = path.with_suffix(".so")
+    words = [compiler, "-O1", "-std=c99", "-shared", "-fPIC", str(path), "-o", str(library), "-lm"]
+    subprocess.run(words, check=True, capture_output=True)
+    return ctypes.CDLL(str(library))
+
+
+def pointer(row: Floats) -> object:
+    """Return the address of a contiguous array."""
+    return row.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        return
+    library = compiled(path, compiler)
+
+    def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        tau = np.empty_like(q)
+        for k in range(len(q)):
+            library.dynid_inverse_dynamics(*(pointer(row[k]) for row in (q, qd, qdd)), pointer(tau[k]))
+        return tau
+
+    yield Loaded(Path(compiler).name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state))
+
+
+# ---------------------------------------------------------------- Python
+def imported(path: Path) -> ModuleType:
+    """Return a module from its file, without a cache beside it."""
+    module = ModuleType("dynid_exported")
+    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)
+    return module
+
+
+def _loaded_python(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+    yield Loaded("NumPy", "all", imported(path).inverse_dynamics, lambda *state: _ours(arm, *state))
+
+
+# ---------------------------------------------------------------- MATLAB
+def _matlab_leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    name = identifier(arm.file_stem)
+    return () if name == arm.file_stem else (f"the file must be called {name}.m to be found by MATLAB",)
+
+
+def _loaded_octave(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+    octave = shutil.which("octave-cli")
+    if octave is None:
+        return
+    name = identifier(arm.file_stem)
+
+    def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        return run_octave(octave, path, name, q, qd, qdd)
+
+    yield Loaded("Octave", "all", theirs, lambda *state: _ours(arm, *state))
+
+
+def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return the torques (N, n) [N m or N] of a function file in Octave.
+
+    Args:
+        octave: the program.
+        path: the function file.
+        name: the function.
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(path, Path(folder) / f"{name}.m")
+        np.savetxt(Path(folder) / "states.txt", np.hstack([q, qd, qdd]))
+        n = q.shape[1]
+        script = (
+            f"s = load('states.txt'); t = zeros(size(s, 1), {n}); "
+            f"for k = 1:size(s, 1) r = reshape(s(k, :), {n}, 3); "
+            f"t(k, :) = {name}('inverse_dynamics', r(:, 1), r(:, 2), r(:, 3)); end; "
+            "save('-ascii', '-double', 'tau.txt', 't');"
+        )
+        subprocess.run([octave, "--norc", "--quiet", "--eval", script], cwd=folder, check=True, capture_output=True)
+        return np.loadtxt(Path(folder) / "tau.txt", ndmin=2)
+
+
+C_FORMAT = Format(
+    "c", ".c", partial(source_code, language=C), _leaves_out_nothing, _loaded_c, needs_bodies=False, tolerance=1e-12
+)
+PYTHON_FORMAT = Format(
+    "python", ".py", partial(source_code, language=PYTHON), _leaves_out_nothing, _loaded_python,
+    needs_bodies=False, tolerance=1e-12,
+)  # fmt: skip
+MATLAB_FORMAT = Format(
+    "matlab", ".m", partial(source_code, language=MATLAB), _matlab_leaves_out, _loaded_octave,
+    needs_bodies=False, tolerance=1e-12,
+)  # fmt: skip

@@ -1,0 +1,120 @@
+"""Text that came from outside, made harmless for the place it is written to: one function for each kind of place.
+
+Names of robots, joints, links, parameters and logs come from files that anybody may have written. Nothing that these
+functions return can end a comment, a string, a cell or an element, start a formula or a command, or reorder the text
+around it. Letters, digits, ``_``, ``-``, ``.`` and the space stay as they are everywhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+#: What a name may hold in source code without being written out; ASCII, because compilers guess the encoding.
+_CODE = frozenset("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-. +(),")
+#: What LaTeX gives a meaning, a ligature or another glyph.
+_LATEX = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
+    ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"{''}", "[": "{[}", "]": "{]}", "*": "{*}", "`": "{`}",
+    **{c: f"\\{c}" for c in "_&%$#{}"},
+}  # fmt: skip
+#: A sign that starts a formula, where a spreadsheet may start a cell: at the beginning or behind a separator.
+_FORMULA = re.compile(r"(^|[;|\t])(\s*)(?=[=+\-@＝＋－＠])")
+#: Longest label of a figure and longest name of a file, in characters; what is longer is cut.
+LABEL_LENGTH, FILE_LENGTH = 60, 100
+
+
+def printable(text: str) -> str:
+    """Return text with control characters, line separators and invisible or reordering characters as ``<U+202E>``."""
+    return "".join(c if c.isprintable() else _written_out(c) for c in text)
+
+
+def _written_out(c: str) -> str:
+    return f"<U+{ord(c):04X}>"
+
+
+def visible(text: str) -> str:
+    """Return text for the terminal: one line, control characters written out, so that a name cannot steer it."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text)
+
+
+def shell(*words: object) -> str:
+    """Return words as a command that a person can paste into a shell."""
+    from shlex import join  # here and below: help must be fast
+
+    return visible(join(str(word) for word in words))
+
+
+def code(text: str) -> str:
+    r"""Return text for a comment of C, Python or MATLAB: ASCII without quotes, ``* / \ ? %`` and line ends."""
+    return "".join(c if c in _CODE else _written_out(c) for c in text)
+
+
+def identifier(text: str) -> str:
+    """Return a name that C, Python and MATLAB accept for a function: ASCII letters, digits and ``_``."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)[:FILE_LENGTH]
+    return name if name[:1].isalpha() else f"arm_{name}"
+
+
+def file_name(text: str) -> str:
+    """Return the name of a file without suffix: letters, digits, ``_``, ``-``, ``.`` and spaces, not hidden."""
+    name = "".join(c if c.isalnum() or c in "_-. " else "_" for c in text)[:FILE_LENGTH].strip(" .")
+    return name or "arm"
+
+
+def xml(text: str) -> str:
+    """Return text for an attribute or an element that an XML library writes, without characters that XML forbids."""
+    return printable(text)
+
+
+def xml_comment(text: str) -> str:
+    """Return the inside of an XML comment, which must not hold ``--`` nor end in ``-``."""
+    return re.sub("-(?=-|$)", "- ", f" {printable(text).strip()} ")
+
+
+def html(text: str) -> str:
+    """Return text for an HTML or SVG element or a quoted attribute of one."""
+    from html import escape
+
+    return escape(printable(text), quote=True)
+
+
+def markdown(text: str) -> str:
+    """Return text that Markdown shows as it is, on one line."""
+    line = printable(" ".join(text.split()))
+    return "".join(f"\\{c}" if c in "\\`*_[]<>|#~&!" else c for c in line)
+
+
+def latex(text: str) -> str:
+    """Return text with the characters that mean something in LaTeX written out."""
+    return "".join(_LATEX.get(c, c) for c in printable(text))
+
+
+def csv_cell(text: str) -> str:
+    """Return the text of a CSV cell that no spreadsheet takes for a formula: ``'`` stands before ``= + - @``."""
+    return _FORMULA.sub(r"\1'\2", printable(text))
+
+
+def yaml_text(document: Mapping[str, Any], head: str) -> str:
+    """Return a YAML document under one line of comment; text in it is read back exactly.
+
+    Args:
+        document: mappings, sequences, text and numbers.
+        head: the comment, without ``#``.
+    """
+    import yaml
+
+    style: dict[str, Any] = {"sort_keys": False, "width": 120, "default_flow_style": None}
+    body = yaml.safe_dump(document, allow_unicode=True, **style)
+    # Why: PyYAML writes characters that reorder a line as they are, unless all that is not ASCII is written out.
+    if not body.replace("\n", "").isprintable():
+        body = yaml.safe_dump(document, allow_unicode=False, **style)
+    return f"# {printable(head)}\n{body}"
+
+
+def label(text: str) -> str:
+    """Return a label of a figure: one line of limited length without the ``$`` that would start a formula."""
+    line = printable(text)
+    line = line if len(line) <= LABEL_LENGTH else f"{line[: LABEL_LENGTH - 1]}…"
+    return line.replace("$", r"\$")
