@@ -31,7 +31,7 @@ from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.stack import stack
 from dynid.log import Log
 from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.spikes import despiked
+from dynid.signals.filters import despiked
 
 PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
 #: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.

@@ -31,7 +31,7 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel
 from dynid.robot import Coulomb
-from dynid.signals.stamps import evened
+from dynid.signals.stamps import with_even_clock
 
 CUTOFF = 10.0
 #: Where each effect can be seen: joints (0-based) that carry it well on these arms.
@@ -58,7 +58,7 @@ def sources_of(logs, model):
     start = logs[0][0][0]
     found = []
     for k, (t, q, tau) in enumerate(logs):
-        log = evened(Log(t, q, tau, model.robot.joint_names))
+        log = with_even_clock(Log(t, q, tau, model.robot.joint_names))
         one = replace(condition_log(log, model, cutoff=CUTOFF), name=f"log {k + 1}")
         found.append(replace(one, segments=[replace(s, elapsed=s.elapsed + t[0] - start) for s in one.segments]))
     return found

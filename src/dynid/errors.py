@@ -208,7 +208,7 @@ class NotFinite(DynidError):
 
     code, status = "E306", ExitStatus.INPUT
     why = "one such value spoils every parameter"
-    fix = "leave the stretch out with --exclude T0-T1"
+    fix = "leave that time out with --exclude T0-T1"
 
 
 class PositionInDegrees(DynidError):
@@ -248,7 +248,7 @@ class TimeNotIncreasing(DynidError):
 
     code, status = "E311", ExitStatus.INPUT
     why = "derivatives over such a step are meaningless"
-    fix = "leave the stretch out with --exclude, or use --sort-time if stamps are only shuffled"
+    fix = "leave the overlap out with --exclude T0-T1, or use --sort-time if stamps are only shuffled"
 
 
 class TooManyLost(DynidError):

@@ -22,9 +22,8 @@ from dynid.model.reference import prior_torques
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
-from dynid.signals.delay import without_delay
-from dynid.signals.filters import decimate
-from dynid.signals.spikes import despiked
+from dynid.signals.delay import segment_without_delay, without_delay
+from dynid.signals.filters import decimate, despiked
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +89,7 @@ def condition_log(
         raise
     late = delay_of(robot)
     conditioned = ConditionedLog(
-        segments=[on_time(segment, late) for segment in without_known(segments, model)],
+        segments=[segment_without_delay(segment, late) for segment in without_known(segments, model)],
         filter=chosen,
         name=log.source.name if log.source else "",
         path=str(log.source or ""),
@@ -201,21 +200,3 @@ def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: Refere
     return ArmMotion(
         segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign
     )
-
-
-def on_time(segment: Segment, delay: float) -> Segment:
-    """Return a segment whose torques, which came late, belong to its positions again; the end counts no more.
-
-    Args:
-        segment: conditioned motion without gaps.
-        delay: how late the torques are [s].
-    """
-    if not delay:
-        return segment
-    from scipy.interpolate import CubicSpline
-
-    t = segment.t + delay
-    inside = (t >= segment.t[0]) & (t <= segment.t[-1])
-    wanted = np.clip(t, segment.t[0], segment.t[-1])
-    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
-    return replace(segment, tau=tau, usable=segment.usable & inside[:, None])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dynid.errors import CannotWrite
-from dynid.estimation.conditioned_log import ConditionedLog, on_time, with_effects
+from dynid.estimation.conditioned_log import ConditionedLog, with_effects
 from dynid.estimation.effect_columns import scaled, settled
 from dynid.estimation.estimate import HoldOut, estimate
 from dynid.estimation.least_squares import weighted
@@ -26,6 +26,7 @@ from dynid.model.regressor import Model
 from dynid.model.store import BaseModel
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioning import Segment
+from dynid.signals.delay import segment_without_delay
 
 
 def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
@@ -70,7 +71,7 @@ def identify_again(
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
-    late = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
+    late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in sources]
     first = model_torques(base.model, base.reduction, problem.theta)
     made = settled(only([with_effects(s, added.model, first) for s in late], problem, problem.train), added)
     train = stack_base(made, added)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.conditioned_log import ConditionedLog, on_time
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
@@ -18,6 +18,7 @@ from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import Floats
 from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
+from dynid.signals.delay import segment_without_delay
 
 #: Most selections: three for a delay, because each shift makes the next one exact to second order, one with the noise
 #: of the first selection, and one more.
@@ -89,7 +90,7 @@ def search_effects(
         if late is not None:
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late
-            shifted = [replace(s, segments=[on_time(x, delay) for x in s.segments]) for s in sources]
+            shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in sources]
             problem = make_problem(shifted, base, kept, earlier)
             continue
         floor = problem.noise.floor

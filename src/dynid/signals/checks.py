@@ -15,17 +15,24 @@ from dynid.drivers.registry import driver_of
 from dynid.errors import Finding
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.columns import in_si, joint_of_motor, selected, to_dh
+from dynid.signals.columns import in_si, joint_of_motor, robot_columns, to_dh
 from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.motion import check_amount
-from dynid.signals.stamps import check_gaps, check_rate, evened, noted, ordered, without
+from dynid.signals.stamps import (
+    check_gaps,
+    check_rate,
+    with_even_clock,
+    with_findings,
+    with_rising_time,
+    without_intervals,
+)
 from dynid.signals.values import (
     check_degrees,
     check_finite,
     check_repeats,
     check_torque_scale,
-    clipped,
-    credible,
+    clipped_samples,
+    measurable,
     unwrapped,
 )
 from dynid.signals.velocity import check_order, check_slopes, slopes
@@ -45,7 +52,7 @@ def prepare(
         log: as read from disk or made from arrays; of one that is checked already only ``exclude`` and ``identify``
             are looked at.
         robot: the arm, with its driver map.
-        exclude: stretches to leave out, first and last time in the log's own clock [s].
+        exclude: intervals to leave out, first and last time in the log's own clock [s].
         sort_time: whether samples are put in the order of their stamps.
         identify: whether the log must also move enough to identify from (E313, E401).
 
@@ -56,20 +63,20 @@ def prepare(
     Raises:
         DynidError: the first serious fault, by code E303 to E401 of the catalogue.
     """
-    log = without(log, exclude)
+    log = without_intervals(log, exclude)
     if log.checked:
-        log = selected(log, robot)
+        log = robot_columns(log, robot)
         if identify:
             check_amount(log, robot)
         return log
-    log = _usable_velocity(selected(log, robot), robot)
-    log = ordered(log, sort_time=sort_time)
+    log = _usable_velocity(robot_columns(log, robot), robot)
+    log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
     log = in_si(log, robot)
     check_degrees(log, robot)
-    flat, flat_findings = clipped(log, robot)
-    log = evened(unwrapped(to_dh(log, robot), robot))
+    flat, flat_findings = clipped_samples(log, robot)
+    log = with_even_clock(unwrapped(to_dh(log, robot), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
     check_torque_scale(log, robot)
@@ -80,7 +87,7 @@ def prepare(
     if identify:
         check_amount(log, robot)
     log = replace(log, checked=True, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
-    return _trusted_velocity(noted(log, *findings, *flat_findings), robot)
+    return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 
 
 def _usable_velocity(log: Log, robot: Robot) -> Log:
@@ -90,7 +97,7 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
     """
     if log.qd is None:
         return log
-    whole = credible(log.qd)
+    whole = measurable(log.qd)
     empty = not (whole.any() if driver_of(robot).velocity_trusted else whole.all()) or (
         not np.any(log.qd) and bool(np.any(np.diff(log.q, axis=0)))
     )
@@ -108,4 +115,4 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
     evidence = {"slope": [None if np.isnan(value) else float(value) for value in ratio]}
     kept = [finding for finding in log.findings if finding.code != "W308"]
     log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
-    return noted(log, Finding("W308", "info", text, evidence))
+    return with_findings(log, Finding("W308", "info", text, evidence))

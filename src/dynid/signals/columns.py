@@ -17,7 +17,7 @@ from dynid.units import EFFORT, POSITION, VELOCITY
 Floats = NDArray[np.float64]
 
 
-def matched(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
+def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
     """Return the column of each joint of the robot, and the names of the columns that are left over.
 
     Raises:
@@ -74,9 +74,9 @@ def in_amperes(log: Log, robot: Robot) -> bool:
     return units(log, robot)["effort"] in ("A", "mA") or robot.torque.source == "motor_current"
 
 
-def selected(log: Log, robot: Robot) -> Log:
+def robot_columns(log: Log, robot: Robot) -> Log:
     """Return the log with the robot's columns only, in chain order, still in the driver's quantities."""
-    columns, _ = matched(log, robot)
+    columns, _ = matching_columns(log, robot)
     if list(columns) == list(range(log.n)):
         return replace(log, names=robot.joint_names)
     extra = {key: value[:, columns] if key == "q_ref" else value for key, value in log.extra.items()}

@@ -1,13 +1,14 @@
 """A clean log becomes motion: resampled by time stamp, filtered without delay, differentiated twice, thinned.
 
 Two filters: one on the positions, wide, so that velocity and acceleration can be formed; one, narrower, over torques
-and regressor columns alike (``dynid.estimation.stack``). Gaps are cut, never bridged.
+and regressor columns alike (``dynid.estimation.stack``). Gaps are cut, never bridged. What is excluded was taken out of
+the log before (``stamps.without_intervals``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from dynid.errors import LogTooShort
 from dynid.log import Log
 from dynid.robot import Coulomb, Robot
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
-from dynid.signals.motion import bandwidth
-from dynid.signals.reversal import NOISE_SAMPLES, Reversals, reversals
+from dynid.signals.motion import bandwidth, runs
+from dynid.signals.velocity_sign import NOISE_SAMPLES, VelocitySign, choose_velocity_sign
 
 Floats = NDArray[np.float64]
 
@@ -83,23 +84,23 @@ class Filter:
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a log without gaps, after the position filter.
+    """Part of a log without gaps, after the position filter; N samples of n joints.
 
     Attributes:
-        t: (N,) [s].
-        q: (N, n).
-        qd: (N, n).
-        qdd: (N, n).
-        tau: torques under the same filter, (N, n).
-        usable: False where a sample under the filter was clipped or excluded, (N, n).
-        raw_q: unfiltered position at the same times, (N, n).
-        raw_qd: unfiltered velocity: the driver's where there is one, otherwise plain differences, (N, n).
-        command_q: commanded positions under the same filter, (N, n); empty where the log has none.
-        command_qd: commanded velocities, (N, n).
-        command_qdd: commanded accelerations, (N, n).
-        effects: entries of the columns of added effects, (N, E).
+        t: time in the log's clock, (N,) [s].
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+        tau: torques under the same filter, (N, n) [N m, N or A].
+        usable: False where a sample under the filter was clipped, or the joint rests, (N, n).
+        raw_q: unfiltered position at the same times, (N, n) [rad or m].
+        raw_qd: unfiltered velocity: the driver's where there is one, otherwise differences, (N, n) [rad/s or m/s].
+        command_q: commanded positions under the same filter, (N, n) [rad or m]; (N, 0) where the log has none.
+        command_qd: commanded velocities, (N, n) [rad/s or m/s].
+        command_qdd: commanded accelerations, (N, n) [rad/s^2 or m/s^2].
+        effects: entries of the columns of added effects, (N, E) [N m or N per unit of the parameter].
         elapsed: time since the log began, (N,) [s].
-        coulomb_sign: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); empty where it is
+        coulomb_sign: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); (N, 0) where it is
             to be taken of ``qd``.
         command_coulomb_sign: the same of the commanded motion, (N, n).
     """
@@ -165,40 +166,35 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
 def condition(
     log: Log,
     chosen: Filter,
-    exclude: Sequence[tuple[float, float]] = (),
     *,
     measured_velocity: bool = False,
     coulomb: Coulomb | None = None,
     rest_speed: Floats | None = None,
 ) -> list[Segment]:
-    """Resample, filter and differentiate a log, one segment a stretch without gaps.
+    """Resample, filter and differentiate a log: one segment for each part without gaps.
 
     Args:
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
-        exclude: stretches to leave out, in seconds of the log's own time.
         coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
             sign to those who evaluate the columns.
-        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,); rows
-            of a joint that stays slower for a while do not count.
+        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
+            [rad/s or m/s]; samples of a joint that stays slower for ``LEAST_REST`` are not usable.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
 
     Raises:
-        LogTooShort: no stretch is longer than the filters.
+        LogTooShort: no part is longer than the filters.
     """
-    keep = np.ones(len(log), dtype=bool)
-    for start, end in exclude:
-        keep &= ~((log.t - log.t[0] >= start) & (log.t - log.t[0] <= end))
-    index = np.flatnonzero(keep)
     step = 1.0 / chosen.rate
-    cuts = np.flatnonzero((np.diff(index) > 1) | (np.diff(log.t[index]) > (GAP_SAMPLES + 0.5) * step)) + 1
+    cuts = np.flatnonzero(np.diff(log.t) > (GAP_SAMPLES + 0.5) * step) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
-    parts = [part for part in np.split(index, cuts) if len(part) > needed]
+    edges = [0, *cuts.tolist(), len(log)]
+    parts = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
     segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb) for part in parts]
     if not segments:
-        longest = max((len(part) for part in np.split(index, cuts)), default=0) * step
+        longest = max(end - start for start, end in pairwise(edges)) * step
         raise LogTooShort(
-            f"the longest stretch without a gap has {longest:.2f} s; "
+            f"the longest part without a gap has {longest:.2f} s; "
             f"the filters at {chosen.cutoff:.3g} Hz need {needed * step:.2f} s",
             where=str(log.source or ""),
             fix="record a longer motion, or raise --cutoff",
@@ -207,122 +203,114 @@ def condition(
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
-    """Mark the rows of joints at rest: static friction holds any torque up to its limit, which no column describes."""
+    """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
     still = np.abs(segment.qd) < rest_speed
     least = max(1, round(LEAST_REST / (segment.t[1] - segment.t[0]))) if len(segment) > 1 else 1
     usable = segment.usable.copy()
     for j in np.flatnonzero(still.any(axis=0)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still[:, j], [False]]).astype(int)))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            if end - start >= least:
-                usable[start:end, j] = False
+        for rest in runs(still[:, j], least):
+            usable[rest, j] = False
     return replace(segment, usable=usable)
 
 
 @dataclass(frozen=True)
-class _Stretch:
-    """One stretch of a log on an even grid.
+class _OnGrid:
+    """Part of a log without gaps, seen on an even grid.
 
     Attributes:
         log: the log.
-        index: its samples, (N,).
+        part: its samples.
         grid: the even times, (count,) [s].
         even: whether the samples lie on the grid as they are.
     """
 
     log: Log
-    index: NDArray[np.intp]
+    part: slice
     grid: Floats
     even: bool
 
     def column(self, x: NDArray[Any], wanted: slice) -> NDArray[Any]:
         """Return a signal of the log on part of the grid."""
         if self.even:
-            return x[self.index[wanted]]
-        return resampled(self.log.t[self.index], x[self.index], self.grid[wanted])
+            return x[self.part][wanted]
+        return resampled(self.log.t[self.part], x[self.part], self.grid[wanted])
 
 
-def _segment(log: Log, index: NDArray[np.intp], chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
-    """Filter one stretch, block by block so that only the thinned result is stored."""
-    t = log.t[index]
+def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
+    """Filter one part, block by block so that only the thinned result is stored."""
+    t = log.t[part]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
     grid = t[0] + np.arange(count) / chosen.rate
     even = count == len(t) and float(np.abs(t - grid).max()) < EVEN / chosen.rate
-    stretch = _Stretch(log, index, grid, even)
+    on_grid = _OnGrid(log, part, grid, even)
     kernels, step = chosen.first_kernels, chosen.first_step
     taps = kernels.shape[1]
     outputs = (count - taps) // step + 1
     per_block = max(1, BLOCK // step)
-    sharp = None
+    velocity_sign = None
     if coulomb is not None:
-        some = stretch.column(log.qd if measured and log.qd is not None else log.q, slice(0, NOISE_SAMPLES))
-        sharp = reversals(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
+        some = on_grid.column(log.qd if measured and log.qd is not None else log.q, slice(0, NOISE_SAMPLES))
+        velocity_sign = choose_velocity_sign(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
     # Why filled in place: of a long log, pieces and joined arrays would not fit into memory together.
     joined: list[Any] = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        block = _block(stretch, wanted, kernels, step, measured, sharp)
+        block = _block(on_grid, wanted, kernels, step, measured, velocity_sign)
         joined = joined or [np.empty((outputs, *x.shape[1:]), dtype=x.dtype) for x in block]
-        for whole, part in zip(joined, block, strict=True):
-            whole[first:last] = part
+        for whole, piece in zip(joined, block, strict=True):
+            whole[first:last] = piece
     joined[-2:-2] = [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
     return Segment(*joined)
 
 
 def _block(
-    stretch: _Stretch, wanted: slice, kernels: Floats, step: int, measured: bool, sharp: Reversals | None
+    on_grid: _OnGrid, wanted: slice, kernels: Floats, step: int, measured: bool, velocity_sign: VelocitySign | None
 ) -> tuple[NDArray[Any], ...]:
-    log, grid, taps = stretch.log, stretch.grid[wanted], kernels.shape[1]
+    log, grid, taps = on_grid.log, on_grid.grid[wanted], kernels.shape[1]
     half = (taps - 1) // 2
-    q, tau = stretch.column(log.q, wanted), stretch.column(log.tau, wanted)
-    filtered = decimate(np.ascontiguousarray(q.T), kernels, step)
+
+    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
+        """Return a signal on the grid under kernels, (K, n, M)."""
+        return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
+
+    q = on_grid.column(log.q, wanted)
+    motion = filtered(q, kernels)
     if measured and log.qd is not None:
-        filtered[1:] = decimate(np.ascontiguousarray(stretch.column(log.qd, wanted).T), kernels[:2], step)
-    smooth_tau = decimate(np.ascontiguousarray(tau.T), kernels[:1], step)[0]
-    centres = slice(half, half + (filtered.shape[2] - 1) * step + 1, step)
-    clipped = log.extra.get("clipped")
-    usable = np.ones(tau.shape, dtype=bool)[centres]
+        motion[1:] = filtered(on_grid.column(log.qd, wanted), kernels[:2])
+    count = motion.shape[2]
+    centres = slice(half, half + (count - 1) * step + 1, step)
+    clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
+    usable = np.ones((count, log.n), dtype=bool)
     if clipped is not None:
-        invalid = stretch.column(clipped, wanted).astype(float)
-        usable = decimate(np.ascontiguousarray(invalid.T), np.ones((1, taps)), step)[0].T < 0.5
-    raw_qd = stretch.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
-    command = log.extra.get("q_ref")
+        usable = filtered(on_grid.column(clipped, wanted), np.ones((1, taps)))[0].T < 0.5
+    raw_qd = on_grid.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
     # Why: a command has no noise, but where it is a staircase its corners are no reversals.
-    of_command = None if command is None or sharp is None else replace(sharp, measured=False)
+    sign_of_command = None if command is None or velocity_sign is None else replace(velocity_sign, measured=False)
+    commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid.column(command, wanted), kernels)
     return (
         grid[centres],
-        *(np.ascontiguousarray(x.T) for x in filtered),
-        np.ascontiguousarray(smooth_tau.T),
+        *(np.ascontiguousarray(x.T) for x in motion),
+        np.ascontiguousarray(filtered(on_grid.column(log.tau, wanted), kernels[:1])[0].T),
         usable,
         q[centres],
         raw_qd[centres],
-        *_command(stretch, wanted, kernels, step, len(grid[centres])),
-        _coulomb_sign(stretch, log.qd if measured else log.q, wanted, kernels, step, sharp),
-        _coulomb_sign(stretch, command, wanted, kernels, step, of_command),
+        *(np.ascontiguousarray(x.T) for x in commanded),
+        _coulomb_sign(on_grid, log.qd if measured else log.q, wanted, kernels, step, velocity_sign),
+        _coulomb_sign(on_grid, command, wanted, kernels, step, sign_of_command),
     )
 
 
 def _coulomb_sign(
-    stretch: _Stretch, x: Floats | None, wanted: slice, kernels: Floats, step: int, sharp: Reversals | None
+    on_grid: _OnGrid, x: Floats | None, wanted: slice, kernels: Floats, step: int, velocity_sign: VelocitySign | None
 ) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter; an empty array without ``sharp``."""
-    if sharp is None or x is None:
+    """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without ``velocity_sign``."""
+    if velocity_sign is None or x is None:
         return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
-    start = max(0, wanted.start - sharp.margin)
-    around = stretch.column(x, slice(start, wanted.stop + sharp.margin))
-    signs = sharp.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
+    start = max(0, wanted.start - velocity_sign.margin)
+    around = on_grid.column(x, slice(start, wanted.stop + velocity_sign.margin))
+    signs = velocity_sign.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
     return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
-
-
-def _command(stretch: _Stretch, wanted: slice, kernels: Floats, step: int, count: int) -> tuple[Floats, Floats, Floats]:
-    """Return the commanded motion under the position filter; empty arrays where the log has none."""
-    command = stretch.log.extra.get("q_ref")
-    if command is None:
-        return (np.empty((count, 0)),) * 3
-    on_grid = np.ascontiguousarray(stretch.column(command, wanted).T)
-    q, qd, qdd = (np.ascontiguousarray(x.T) for x in decimate(on_grid, kernels, step))
-    return q, qd, qdd
 
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:

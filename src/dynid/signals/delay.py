@@ -1,4 +1,4 @@
-"""Torques moved to the time of the positions that they belong to."""
+"""Torques moved back to the time of the positions that they belong to: of whole logs, and of conditioned segments."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.log import Log
-from dynid.signals.conditioning import GAP_SAMPLES, resampled
+from dynid.signals.conditioning import GAP_SAMPLES, Segment, resampled
 
 
 def without_delay(log: Log, delay: float) -> Log:
@@ -37,3 +37,24 @@ def without_delay(log: Log, delay: float) -> Log:
     extra["clipped"] = before | unknown[:, None]
     tau = resampled(log.t, log.tau, wanted[inside])
     return replace(log, t=log.t[inside], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
+
+
+def segment_without_delay(segment: Segment, delay: float) -> Segment:
+    """Return a segment whose torque at t is the filtered one at t + delay; the end is not usable any more.
+
+    Why a spline here: filtered torques are thinned, so that four samples no longer carry them, and a search over delays
+    needs a torque that is smooth in the delay.
+
+    Args:
+        segment: the segment.
+        delay: by how much the torques are late [s].
+    """
+    if not delay:
+        return segment
+    from scipy.interpolate import CubicSpline
+
+    t = segment.t + delay
+    inside = (t >= segment.t[0]) & (t <= segment.t[-1])
+    wanted = np.clip(t, segment.t[0], segment.t[-1])
+    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
+    return replace(segment, tau=tau, usable=segment.usable & inside[:, None])

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.columns import in_si, matched, selected, to_dh
+from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from dynid.signals.motion import speed
-from dynid.signals.stamps import GAP_SAMPLES, rows
-from dynid.signals.values import credible, unwrapped
+from dynid.signals.stamps import GAP_SAMPLES, take_samples
+from dynid.signals.values import measurable, unwrapped
 from dynid.signals.velocity import slopes
 
 Floats = NDArray[np.float64]
@@ -64,9 +64,9 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         JointCountDiffers: fewer columns than joints.
         JointNamesDiffer: names of the robot file are not in the log.
     """
-    columns, ignored = matched(log, robot)
+    columns, ignored = matching_columns(log, robot)
     samples = len(log)
-    clean = unwrapped(to_dh(in_si(_whole_rows(selected(log, robot)), robot), robot), robot)
+    clean = unwrapped(to_dh(in_si(_whole_rows(robot_columns(log, robot)), robot), robot), robot)
     step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
     usual = float(np.median(step)) or float("nan")
     low, high = np.percentile(step, [2.5, 97.5])
@@ -99,7 +99,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
 def _whole_rows(log: Log) -> Log:
     """Return the samples that are numbers throughout and later than the one before."""
     latest = np.fmax.accumulate(np.concatenate([[-np.inf], log.t[:-1]]))
-    good = np.isfinite(log.t) & (log.t > latest) & credible(log.q).all(axis=1) & credible(log.tau).all(axis=1)
-    if log.qd is not None and not credible(log.qd).all():
+    good = np.isfinite(log.t) & (log.t > latest) & measurable(log.q).all(axis=1) & measurable(log.tau).all(axis=1)
+    if log.qd is not None and not measurable(log.qd).all():
         log = replace(log, qd=None)
-    return rows(log, np.flatnonzero(good))
+    return take_samples(log, np.flatnonzero(good))

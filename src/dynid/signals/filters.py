@@ -2,16 +2,21 @@
 
 Symmetric windowed-sinc kernels delay nothing, and because their memory is finite a long log can be filtered piece by
 piece with exactly the result of filtering it whole. The same kernel goes over the torques and over the columns of the
-regressor (parallel filtering), so what it removes, it removes on both sides of tau = W theta.
+regressor (parallel filtering), so what it removes, it removes on both sides of tau = W theta. Before them, torque
+samples that no arm can have produced are replaced: a filter would smear a spike over its whole length.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dynid.errors import Finding
+from dynid.log import Log
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +25,15 @@ KAISER_BETA = 5.65
 KAISER_TAPS = 3.6
 #: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
 _TOGETHER = 16
+#: Samples on either side that a torque sample is compared with.
+REACH = 2
+#: A spike is this many standard deviations of such differences away from the median, and this share of the joint's
+#: range: noise is not the first, what is not the second does no harm.
+DEVIATIONS, OF_RANGE = 8.0, 0.05
+#: Where more samples than this share look like it, they are no accidents.
+MOST = 0.03
+#: The window is at most this share of the period of the cut-off: a slower log may show a motion in five samples.
+OF_PERIOD = 0.25
 
 
 @lru_cache(maxsize=32)
@@ -84,6 +98,9 @@ def derivative_kernels(kernel: Floats, rate: float) -> Floats:
 def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
     """Weight windows of x with kernels at every ``step``-th sample, without padding at the ends.
 
+    Why not scipy.signal: of 7 joints at 200 Hz and three kernels of 41 taps, upfirdn and oaconvolve take four times as
+    long at a step of 1 and ten times at 4, and importing scipy.signal takes half a second.
+
     Args:
         x: signals, (C, L).
         kernels: weights, (K, taps) with taps <= L.
@@ -110,3 +127,31 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
     product = np.ascontiguousarray(windows).reshape(-1, width) @ weights
     shaped = product.reshape(len(x), chunks * together, count)[:, :outputs]
     return np.ascontiguousarray(shaped.transpose(2, 0, 1))
+
+
+def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
+    """Replace spikes of the torques by the median around them; a log without spikes comes back as it is.
+
+    Source: Hampel 1974 (identifier by median and median deviation).
+
+    Args:
+        log: a prepared log.
+        cutoff: of the filter over the torques [Hz].
+    """
+    if len(log) <= 2 * REACH or (2 * REACH + 1) * cutoff > OF_PERIOD * log.rate:
+        return log, ()
+    tau, count = None, np.zeros(log.tau.shape[1], dtype=int)
+    for j, x in enumerate(log.tau.T):
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, REACH, mode="edge"), 2 * REACH + 1)
+        # Why not scipy.ndimage: its median filter gives the same in the same time, and importing it takes 0.06 s.
+        medians = np.partition(windows, REACH, axis=1)[:, REACH]
+        away = np.abs(x - medians)
+        spikes = (away > DEVIATIONS * 1.4826 * np.median(away)) & (away > OF_RANGE * np.ptp(x))
+        if spikes.any() and np.mean(spikes) <= MOST:
+            tau = log.tau.copy() if tau is None else tau
+            tau[spikes, j], count[j] = medians[spikes], np.sum(spikes)
+    if tau is None:
+        return log, ()
+    counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
+    text = f"torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
+    return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count.tolist()}),)

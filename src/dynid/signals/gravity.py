@@ -16,7 +16,7 @@ from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
-from dynid.signals.motion import MOVING_SPEED, moving, per_joint, rests
+from dynid.signals.motion import MOVING_SPEED, moving, per_joint, rest_slices
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
     """
     if robot.torque.source == "gravity_free" or log.tau_unit == "A":
         return
-    poses = rests(log, robot)
+    poses = rest_slices(log, robot)
     at_rest = len(poses) >= LEAST_POSES
     if at_rest:
         q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
@@ -154,7 +154,7 @@ def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
 
     Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
     """
-    poses = rests(log, robot)
+    poses = rest_slices(log, robot)
     if robot.torque.source not in ("joint_sensor", "gravity_free") or log.tau_unit == "A" or not poses:
         return ()
     q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))

@@ -38,7 +38,7 @@ STRAIGHTER = 0.5
 WORTH_SAYING = 0.05
 
 
-def ordered(log: Log, *, sort_time: bool) -> Log:
+def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     """Return the log with increasing time: sorted if asked for, samples with a repeated stamp dropped (W311).
 
     Raises:
@@ -53,7 +53,7 @@ def ordered(log: Log, *, sort_time: bool) -> Log:
     if len(log) < LEAST_SAMPLES:
         raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
     if sort_time:
-        log = rows(log, np.argsort(log.t, kind="stable"))
+        log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
     fresh = np.concatenate([[True], np.diff(log.t) > 0])
     repeated = int(np.sum(~fresh))
@@ -64,7 +64,9 @@ def ordered(log: Log, *, sort_time: bool) -> Log:
         raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
     first = float(log.t[np.flatnonzero(~fresh)[0]])
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
-    return noted(rows(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated}))
+    return with_findings(
+        take_samples(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated})
+    )
 
 
 def _check_order(log: Log) -> None:
@@ -92,7 +94,7 @@ def _up(t: float) -> str:
     return f"{np.ceil(t * 1000) / 1000:.3f}"
 
 
-def evened(log: Log) -> Log:
+def with_even_clock(log: Log) -> Log:
     """Return the log on an even clock where its samples were taken evenly and only the stamps came late (W323).
 
     A recorder on a busy machine stamps what arrives. Whether stamps or samples are uneven is asked of the positions: a
@@ -118,7 +120,9 @@ def evened(log: Log) -> Log:
     if late < WORTH_SAYING * slope:
         return replace(log, t=t)
     text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
-    return noted(replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}))
+    return with_findings(
+        replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)})
+    )
 
 
 def _samples_between(step: Floats) -> Floats | None:
@@ -142,8 +146,13 @@ def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
     return np.asarray(np.mean(away[close] ** 2, axis=0)) if close.any() else np.zeros(q.shape[1])
 
 
-def without(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
-    """Return the log without the samples of the stretches, ends included.
+def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
+    """Return the log without the samples of some intervals: the one place where ``--exclude`` takes effect.
+
+    Args:
+        log: a raw or a checked log.
+        exclude: first and last time of each interval, both included, in the log's own clock, which is that of messages
+            and tables; not the time since the first sample [s].
 
     Raises:
         LogTooShort: nothing is left.
@@ -155,11 +164,11 @@ def without(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
         keep &= ~((log.t >= start) & (log.t <= end))
     if not keep.any():
         raise LogTooShort("--exclude leaves no sample", fix="exclude less")
-    return rows(log, np.flatnonzero(keep))
+    return take_samples(log, np.flatnonzero(keep))
 
 
 def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Finding, ...]:
-    """Return finding W312 for gaps of a log with increasing time; excluded stretches are none.
+    """Return finding W312 for gaps of a log with increasing time; excluded intervals are none.
 
     Raises:
         TooManyLost: more than one sample in twenty is missing.
@@ -208,14 +217,14 @@ def check_rate(log: Log, robot: Robot) -> None:
         )
 
 
-def rows(log: Log, keep: NDArray[np.intp]) -> Log:
+def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
     """Return the log with some of its rows, in the given order."""
     extra = {key: value[keep] if _has_rows(value, len(log)) else value for key, value in log.extra.items()}
     qd = log.qd[keep] if log.qd is not None else None
     return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)
 
 
-def noted(log: Log, *findings: Finding) -> Log:
+def with_findings(log: Log, *findings: Finding) -> Log:
     """Return the log with further findings."""
     return replace(log, findings=(*log.findings, *findings))
 

@@ -11,8 +11,8 @@ from dynid.errors import Finding, NotFinite, PositionInDegrees, TorqueScale, Wro
 from dynid.log import Log
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import moving, speed
-from dynid.signals.stamps import noted
+from dynid.signals.motion import moving, runs, speed
+from dynid.signals.stamps import with_findings
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,13 +36,13 @@ REPEAT_SHARE = 0.2
 LARGEST = 1e9
 #: A percentile of speeds needs no more samples than this.
 SPEED_SAMPLES = 100_000
-#: Bad samples closer than this [s] go into one --exclude; more stretches than MOST_STRETCHES into one for all.
-STRETCH = 0.2
-MOST_STRETCHES = 4
+#: Bad samples closer than this [s] go into one --exclude; more intervals than MOST_INTERVALS into one for all.
+TOGETHER = 0.2
+MOST_INTERVALS = 4
 _MARGIN = 0.001
 
 
-def credible(values: Floats) -> Flags:
+def measurable(values: Floats) -> Flags:
     """Return which values are finite and of a size that a sensor can read."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(values) < LARGEST, dtype=bool)
@@ -58,7 +58,7 @@ def check_finite(log: Log, robot: Robot) -> None:
     bad = np.zeros(len(log), dtype=bool)
     first: tuple[int, str] | None = None
     for quantity, values in columns.items():
-        wrong = ~credible(values)
+        wrong = ~measurable(values)
         bad |= wrong.any(axis=1)
         for j in np.flatnonzero(wrong.any(axis=0)):
             row = int(np.flatnonzero(wrong[:, j])[0])
@@ -77,13 +77,13 @@ def check_finite(log: Log, robot: Robot) -> None:
     if first is None:
         return
     row, text = first
-    fix = "record again; no sample is whole" if bad.all() else f"leave it out: {_stretches(log.t[bad])}"
+    fix = "record again; no sample is whole" if bad.all() else f"leave it out: {_exclude_options(log.t[bad])}"
     raise NotFinite(f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix)
 
 
-def _stretches(t: Floats) -> str:
-    parts = np.split(t, np.flatnonzero(np.diff(t) > STRETCH) + 1)
-    if len(parts) > MOST_STRETCHES:
+def _exclude_options(t: Floats) -> str:
+    parts = np.split(t, np.flatnonzero(np.diff(t) > TOGETHER) + 1)
+    if len(parts) > MOST_INTERVALS:
         parts = [t]
     return " ".join(f"--exclude {max(p[0] - _MARGIN, 0):.3f}-{p[-1] + _MARGIN:.3f}" for p in parts)
 
@@ -126,7 +126,7 @@ def _beyond_range(q: Floats, in_degrees: Floats, joint: Joint) -> bool:
         return False
     low, high = joint.limits.position
     slack = 0.05 * (high - low)
-    turns = _turns(q)
+    turns = _full_turns(q)
     # Why: a joint that is read modulo a full turn jumps now and then; degrees look like turns all the time.
     if np.mean(turns != 0) < RARE_TURNS:
         q = q - 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
@@ -167,7 +167,7 @@ def unwrapped(log: Log, robot: Robot) -> Log:
     for j, joint in enumerate(robot.joints):
         if not joint.revolute:
             continue
-        step, turns = np.diff(q[:, j]), _turns(q[:, j])
+        step, turns = np.diff(q[:, j]), _full_turns(q[:, j])
         where = np.flatnonzero(turns)
         if len(where):
             q[1:, j] -= 2 * np.pi * np.cumsum(turns)
@@ -175,10 +175,10 @@ def unwrapped(log: Log, robot: Robot) -> Log:
             at = float(log.t[where[0] + 1])
             text = f"{joint.name} jumps by {step[where[0]]:.2f} rad at {at:.2f} s{more}; unwrapped"
             findings.append(Finding("W315", "warning", text, {"joint": joint.name, "at_s": log.t[where + 1].tolist()}))
-    return noted(replace(log, q=q), *findings)
+    return with_findings(replace(log, q=q), *findings)
 
 
-def _turns(q: Floats) -> Floats:
+def _full_turns(q: Floats) -> Floats:
     """Return how many full turns each step of a joint jumps by, (N - 1,)."""
     step = np.diff(q)
     turns = np.round(step / (2 * np.pi))
@@ -217,7 +217,7 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             raise TorqueScale(text, where=log.topic, fix=fix)
 
 
-def clipped(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
+def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
     """Return which torques sit at their largest value, (N, n), and findings W319; in the driver's columns."""
     mask = np.zeros(log.tau.shape, dtype=bool)
     alive: Flags = np.asarray(moving(log, robot).any(axis=1))
@@ -245,11 +245,9 @@ def _flat_top(values: Floats, alive: Flags) -> Flags:
     if top <= 0:
         return np.zeros(len(values), dtype=bool)
     at_top = (values >= top - 1e-9 * abs(top)) & alive
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at_top, [False]]).astype(int)))
     flat = np.zeros(len(values), dtype=bool)
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - start >= FLAT_RUN:
-            flat[start:end] = True
+    for run in runs(at_top, FLAT_RUN):
+        flat[run] = True
     if not flat.any():
         return flat
     below = values[values < top - 1e-9 * abs(top)]

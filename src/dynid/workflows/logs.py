@@ -94,15 +94,13 @@ def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(),
 
 
 def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
-    """Return a log in DH quantities of an arm, checked; one that is so already comes back as it is.
+    """Return a log in DH quantities of an arm, checked; one that is so already is not checked again.
 
     Raises:
         DynidError: the first serious fault of the log.
     """
     from dynid.signals.checks import prepare
 
-    if log.checked:
-        return log
     if options.velocity == "derived":
         log = replace(log, qd=None)
     with located(str(log.source or "log")):
@@ -110,8 +108,9 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
     if options.velocity == "measured" and log.qd is None:
-        text = f"{log.name} has no velocity; the derived one is used"
-        log = replace(log, findings=(*log.findings, Finding("W308", "warning", text)))
+        finding = Finding("W308", "warning", f"{log.name} has no velocity; the derived one is used")
+        if finding not in log.findings:
+            log = replace(log, findings=(*log.findings, finding))
     return log
 
 

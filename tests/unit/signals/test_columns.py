@@ -14,7 +14,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
 from dynid.signals.checks import prepare
-from dynid.signals.columns import in_si, matched, selected, to_dh
+from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 TWO = Robot("two", "standard", (Joint("a"), Joint("b", type="prismatic", limits=Limits((0.0, 0.3)))))
@@ -27,7 +27,7 @@ def raw(n=2, **more):
 
 
 def converted(log, robot):
-    return to_dh(in_si(selected(log, robot), robot), robot)
+    return to_dh(in_si(robot_columns(log, robot), robot), robot)
 
 
 def driver(**more):
@@ -46,7 +46,7 @@ def test_columns_are_taken_by_name_whatever_their_order():
 
 
 def test_fingers_are_left_over():
-    columns, ignored = matched(gen2_log(), gen2())
+    columns, ignored = matching_columns(gen2_log(), gen2())
     assert columns == list(range(7))
     assert len(ignored) == 6
 
@@ -109,16 +109,16 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
 
 def test_a_log_with_fewer_joints_is_counted():
     with pytest.raises(JointCountDiffers, match=r"the log has 6 joints, KUKA LWR4\+ has 7"):
-        matched(Log(np.zeros(3), np.zeros((3, 6)), np.zeros((3, 6))), lwr())
+        matching_columns(Log(np.zeros(3), np.zeros((3, 6)), np.zeros((3, 6))), lwr())
 
 
 def test_other_names_are_listed_with_the_line_that_maps_them():
     log = replace(lwr_log(), names=tuple(f"right_arm_{i}_joint" for i in range(7)), source=None)
     with pytest.raises(JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint") as caught:
-        matched(log, lwr())
+        matching_columns(log, lwr())
     assert "joint_names: [right_arm_0_joint, right_arm_1_joint" in caught.value.fix
     robot = replace(lwr(), driver=replace(lwr().driver, joint_names=log.names))
-    assert matched(log, robot)[0] == list(range(7))
+    assert matching_columns(log, robot)[0] == list(range(7))
 
 
 @pytest.mark.data

@@ -1,12 +1,15 @@
 """Filters against the laws they must obey: nothing delayed, polynomials kept, pieces equal the whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dynid.log import Log
 from dynid.robot import Joint, Robot
 from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
+from dynid.signals.filters import decimate, derivative_kernels, despiked, lowpass_kernel
+from dynid.signals.stamps import without_intervals
 
 ARM = Robot("two", "standard", (Joint("first"), Joint("second")))
 
@@ -91,9 +94,62 @@ def test_a_gap_is_cut_and_not_bridged():
     assert parts[1].t[0] > 9
 
 
-def test_excluded_stretches_leave_no_trace():
+def test_what_was_excluded_leaves_no_trace():
     log = sine_log()
     q = log.q.copy()
     q[(log.t > 10) & (log.t < 10.5)] = 50.0
-    parts = condition(Log(log.t, q, log.tau), choose_filter(log, ARM), exclude=[(9.99, 10.51)])
+    clean = without_intervals(Log(log.t, q, log.tau), [(9.99, 10.51)])
+    parts = condition(clean, choose_filter(log, ARM))
+    assert [round(float(part.t[0])) for part in parts] == [0, 11]
     assert max(np.abs(part.q).max() for part in parts) < 1.01
+
+
+def test_an_exclusion_means_the_logs_own_clock_also_where_that_does_not_start_at_zero():
+    log = sine_log()
+    later = without_intervals(replace(log, t=log.t + 7.0), [(0.0, 8.0)])
+    assert later.t[0] == pytest.approx(8.005)
+    (part,) = condition(later, choose_filter(log, ARM))
+    assert part.t[0] < 8.5
+
+
+def log_with(tau, rate=200.0):
+    t = np.arange(len(tau)) / rate
+    return Log(t=t, q=np.zeros_like(tau), tau=tau, names=("a", "b"), units={}, dh=True)
+
+
+def torques(noise=0.1, samples=4000, seed=0):
+    t = np.arange(samples)[:, None] / 200.0
+    phase = 2 * np.pi * np.array([0.4, 0.7]) * t
+    clean = 10 * np.sin(phase) + 2 * np.sign(np.cos(phase))
+    return clean, clean + noise * np.random.default_rng(seed).standard_normal(clean.shape)
+
+
+def test_one_percent_of_spikes_is_found_and_replaced_by_values_like_those_around():
+    clean, tau = torques()
+    rng = np.random.default_rng(1)
+    hit = rng.random(tau.shape) < 0.01
+    spoilt = tau + hit * 5 * rng.choice([-1, 1], tau.shape)
+    cured, findings = despiked(log_with(spoilt), 5.0)
+    assert np.mean(np.abs(cured.tau - clean)[hit] < 1.0) > 0.97  # why not all: three of five may be hit
+    assert np.mean((cured.tau != spoilt)[~hit]) < 1e-3  # a sample between two spikes is taken for a third
+    assert findings[0].evidence["samples"] == pytest.approx(hit.sum(axis=0), rel=0.03)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.1, 1.0])
+def test_torques_without_spikes_come_back_as_they_are(noise):
+    log = log_with(torques(noise)[1])
+    assert despiked(log, 5.0) == (log, ())
+
+
+def test_a_log_too_slow_to_tell_a_spike_from_a_motion_is_left_alone():
+    tau = torques()[1]
+    tau[100] += 50
+    log = log_with(tau, rate=50.0)
+    assert despiked(log, 5.0) == (log, ())
+
+
+def test_spikes_that_are_too_many_are_no_accidents():
+    tau = torques()[1]
+    tau[::20] += 5
+    log = log_with(tau)
+    assert despiked(log, 5.0) == (log, ())

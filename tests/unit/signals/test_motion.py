@@ -13,8 +13,8 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.describe import describe
-from dynid.signals.motion import bandwidth, rests, speed, swings
-from dynid.signals.stamps import rows
+from dynid.signals.motion import bandwidth, rest_slices, speed, swings
+from dynid.signals.stamps import take_samples
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 ONE = replace(lwr(), joints=lwr().joints[:1], driver=None)
@@ -44,7 +44,7 @@ def test_rests_are_the_stretches_in_which_nothing_moves():
     log = tone(0.5)
     q = np.concatenate([log.q, np.repeat(log.q[-1:], 400, axis=0), log.q])
     still = Log(np.arange(len(q)) / 200, q, 0 * q)
-    (rest,) = rests(still, ONE)
+    (rest,) = rest_slices(still, ONE)
     assert 4000 <= rest.start < rest.stop <= 4400
     assert rest.stop - rest.start > 300
 
@@ -58,7 +58,7 @@ def test_a_joint_that_never_moves_is_named():
 
 
 def test_a_short_stretch_of_motion_is_too_little():
-    short = rows(lwr_log(), np.arange(400))
+    short = take_samples(lwr_log(), np.arange(400))
     with pytest.raises(LogTooShort, match=r"1\.3 s of motion; about 70 parameters need about \d+ s here"):
         prepare(short, lwr())
     prepare(short, lwr(), identify=False)

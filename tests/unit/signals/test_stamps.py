@@ -11,7 +11,7 @@ import pytest
 from dynid.errors import LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.signals.checks import prepare
-from dynid.signals.stamps import evened, rows
+from dynid.signals.stamps import take_samples, with_even_clock
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
@@ -38,7 +38,7 @@ def test_time_going_back_is_named_and_the_printed_exclude_mends_it():
 def test_shuffled_stamps_are_put_in_order_when_asked_to():
     log = lwr_log()
     order = np.arange(len(log)).reshape(-1, 4)[:, [1, 0, 3, 2]].ravel()
-    broken = rows(log, order)
+    broken = take_samples(log, order)
     with pytest.raises(TimeNotIncreasing, match="shuffled") as caught:
         prepare(broken, lwr())
     assert caught.value.fix == "--sort-time"
@@ -47,7 +47,7 @@ def test_shuffled_stamps_are_put_in_order_when_asked_to():
 
 def test_samples_with_the_stamp_of_their_predecessor_are_dropped():
     twice = np.sort(np.concatenate([np.arange(len(lwr_log())), [100, 200, 300]]))
-    log = prepare(rows(lwr_log(), twice), lwr())
+    log = prepare(take_samples(lwr_log(), twice), lwr())
     assert len(log) == len(lwr_log())
     assert "W311" in codes(log)
 
@@ -60,7 +60,7 @@ def test_stamps_too_coarse_to_tell_samples_apart_are_refused():
 def test_a_few_gaps_are_reported_with_the_longest():
     keep = np.ones(len(lwr_log()), dtype=bool)
     keep[500:510] = keep[1500:1530] = False
-    log = prepare(rows(lwr_log(), np.flatnonzero(keep)), lwr())
+    log = prepare(take_samples(lwr_log(), np.flatnonzero(keep)), lwr())
     (finding,) = log.findings
     assert finding.code == "W312"
     assert re.match(r"2 gaps, longest 15\d ms at 7\.50 s", finding.text)
@@ -69,7 +69,7 @@ def test_a_few_gaps_are_reported_with_the_longest():
 def test_more_than_one_sample_in_twenty_missing_is_too_many():
     keep = np.random.default_rng(0).random(len(lwr_log())) > 0.08
     with pytest.raises(TooManyLost, match="8 % of the samples are missing"):
-        prepare(rows(lwr_log(), np.flatnonzero(keep)), lwr())
+        prepare(take_samples(lwr_log(), np.flatnonzero(keep)), lwr())
 
 
 def test_late_stamps_are_not_lost_samples():
@@ -94,7 +94,7 @@ def test_a_stamp_that_is_no_number_is_named_with_its_row():
 
 
 def test_kinovas_default_rate_is_too_low_and_the_launch_argument_is_named():
-    slow = rows(gen2_log(), np.arange(0, len(gen2_log()), 10))
+    slow = take_samples(gen2_log(), np.arange(0, len(gen2_log()), 10))
     with pytest.raises(
         RateTooLow, match=r"joint states arrive at 10\.0 Hz; the fastest motion, .* needs >= 50 Hz"
     ) as caught:
@@ -104,7 +104,7 @@ def test_kinovas_default_rate_is_too_low_and_the_launch_argument_is_named():
 
 def test_a_handful_of_samples_is_no_recording():
     with pytest.raises(LogTooShort, match="5 samples"):
-        prepare(rows(lwr_log(), np.arange(5)), lwr())
+        prepare(take_samples(lwr_log(), np.arange(5)), lwr())
 
 
 def moved(t):
@@ -117,7 +117,7 @@ def test_stamps_that_come_late_are_put_on_an_even_clock():
     rng = np.random.default_rng(3)
     t = np.arange(4000) / 200.0
     stamps = np.maximum.accumulate(t + rng.exponential(5e-4, len(t))) + 1e-9 * np.arange(4000)
-    late = evened(replace(moved(t), t=stamps))
+    late = with_even_clock(replace(moved(t), t=stamps))
     off = late.t - t
     assert np.std(off) < 2e-5  # the mean lateness cannot be known
     assert [f.code for f in late.findings] == ["W323"]
@@ -128,14 +128,14 @@ def test_lost_samples_keep_their_places_on_the_even_clock():
     t = np.arange(4000) / 200.0
     kept = rng.random(4000) > 0.02
     log = moved(t)
-    log = evened(replace(log, t=(t + rng.uniform(0, 1e-3, 4000))[kept], q=log.q[kept], tau=log.tau[kept]))
+    log = with_even_clock(replace(log, t=(t + rng.uniform(0, 1e-3, 4000))[kept], q=log.q[kept], tau=log.tau[kept]))
     assert np.std(log.t - t[kept]) < 3e-5
 
 
 def test_samples_taken_unevenly_keep_their_stamps():
     t = np.arange(4000) / 200.0 + np.random.default_rng(5).uniform(-0.0015, 0.0015, 4000)
     log = moved(t)
-    assert evened(log) is log
+    assert with_even_clock(log) is log
 
 
 def test_coarse_encoders_that_cannot_tell_keep_their_stamps():
@@ -143,4 +143,4 @@ def test_coarse_encoders_that_cannot_tell_keep_their_stamps():
     t = np.arange(2000) / 100.0
     log = moved(t)
     log = replace(log, t=t + rng.exponential(1e-4, len(t)), q=np.round(log.q / 0.01) * 0.01)
-    assert evened(log) is log
+    assert with_even_clock(log) is log
