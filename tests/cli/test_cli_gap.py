@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import twolink
 import yaml
 
 import hidden_effects as hidden
+import twolink
 
 ROOT = Path(__file__).parents[2]
 

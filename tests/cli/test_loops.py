@@ -13,9 +13,9 @@ import time
 from pathlib import Path
 
 import pytest
-import twolink
 import yaml
 
+import twolink
 from dynid.files.artifact import read_artifact
 from runner import Runner
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import twolink
 
+import twolink
 from dynid.files.artifact import Artifact, write_artifact
 from makelogs import kinova, state_messages, write_bag
 

@@ -17,8 +17,6 @@ from dynid.gap.verdict import labels
 ARM = "lwr4plus"
 SECONDS = 15.0
 
-pytestmark = pytest.mark.slow
-
 
 def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):
     base = gap_blind.model_of(ARM)

@@ -1,0 +1,74 @@
+"""A two-link arm whose logs come from the textbook's equations, with whatever a test adds to its torques."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import twolink
+from dynid.estimation.sources import Conditioning, conditioned_source
+from dynid.files.robotfile import load_robot
+from dynid.gap.problem import make_problem
+from dynid.log import Log
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.model.store import BaseModel
+
+#: Standard deviation of the torque noise before the filter [N m].
+NOISE = 0.05
+
+
+@dataclass(frozen=True)
+class TwoLinkLogs:
+    """Conditioned logs of the two-link arm."""
+
+    base: BaseModel
+
+    def source(self, plan, noise, added=None, *, seconds=15.0, start=0.0, delay=0.0, name="log"):
+        """Return one conditioned log: motion ``plan``, its own noise, and ``added(t, q, qd, qdd)`` beside the law."""
+        t, q, qd, qdd = twolink.motion(plan, seconds)
+        tau = twolink.torque(q, qd, qdd)
+        tau = tau if added is None else tau + added(start + t, q, qd, qdd)
+        if delay:
+            tau = np.stack([np.interp(t - delay, t, column) for column in tau.T], axis=1)
+        tau = tau + NOISE * np.random.default_rng(1000 + noise).standard_normal(q.shape)
+        log = Log(start + t, q, tau, self.base.robot.joint_names)
+        source = conditioned_source(log, self.base.model, Conditioning(10.0), name)
+        return replace(source, segments=[replace(s, elapsed=s.elapsed + start) for s in source.segments])
+
+    def sources(self, added=None, *, plans=(1, 2), repeats=2, first=0, **options):
+        """Return logs of several motions, each driven several times."""
+        made = []
+        for plan in plans:
+            for _ in range(repeats):
+                k = len(made)
+                made.append(self.source(plan, first + k, added, start=20.0 * k, name=f"log {k + 1}", **options))
+        return made
+
+    def problem(self, added=None, kept=None, **options):
+        """Return the problem of such logs."""
+        return make_problem(self.sources(added, **options), self.base, kept)
+
+
+@pytest.fixture(scope="session")
+def twolinks(tmp_path_factory):
+    path = tmp_path_factory.mktemp("twolink") / "arm.yaml"
+    path.write_text(twolink.ROBOT)
+    model = build_model(load_robot(str(path)))
+    return TwoLinkLogs(BaseModel(model, reduce(model)))
+
+
+@pytest.fixture(scope="session")
+def clean(twolinks):
+    """The problem of four logs in which nothing is hidden."""
+    return twolinks.problem()
+
+
+def only_joint(j, torque):
+    """Return torques (N, 2) of which one joint has a column and the other nothing."""
+    return np.stack([torque if k == j else np.zeros_like(torque) for k in range(2)], axis=1)
+
+
+@pytest.fixture(scope="session")
+def on_joint():
+    return only_joint

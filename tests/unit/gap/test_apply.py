@@ -1,0 +1,97 @@
+"""The copy of the robot file, and the arm identified again with what was named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twolink
+from dynid.errors import CannotWrite
+from dynid.files.robotfile import load_robot
+from dynid.gap.analysis import analyse_gap, on_one_clock
+from dynid.gap.apply import identify_again, new_name, only, specs_of, with_specs, write_robot
+from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.robot import EffectSpec
+
+SPRING = EffectSpec("spring", ("elbow",), {"k1": 0.3, "c": 0.0, "order": 1.0, "constant": 1.0}, {"k1": 0.01})
+OFFSET = EffectSpec("torque_offset", ("shoulder", "elbow"), {"c": 0.1}, {})
+
+
+@pytest.fixture
+def robot(tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_text("# my arm\n" + twolink.ROBOT + "# the end\n")
+    return load_robot(str(path))
+
+
+def test_the_copy_keeps_the_file_and_has_the_effects(robot, tmp_path):
+    write_robot(robot, [SPRING], tmp_path / "new.yaml")
+    text = (tmp_path / "new.yaml").read_text()
+    assert text.startswith("# my arm\n")
+    assert "# the end" in text
+    assert load_robot(str(tmp_path / "new.yaml")).effects == (SPRING,)
+
+
+def test_effects_that_the_file_has_already_stay(robot, tmp_path):
+    write_robot(robot, [SPRING], tmp_path / "one.yaml")
+    write_robot(load_robot(str(tmp_path / "one.yaml")), [OFFSET], tmp_path / "two.yaml")
+    assert load_robot(str(tmp_path / "two.yaml")).effects == (SPRING, OFFSET)
+    assert (tmp_path / "two.yaml").read_text().count("effects:") == 1
+
+
+def test_a_robot_without_a_file_cannot_be_copied(robot, tmp_path):
+    with pytest.raises(CannotWrite):
+        write_robot(replace(robot, path=None), [SPRING], tmp_path / "new.yaml")
+
+
+def test_the_name_of_the_copy_tells_what_was_added(robot):
+    assert new_name(robot, [SPRING, OFFSET]) == "arm+spring2+torque_offset"
+
+
+def test_the_rigid_body_and_its_base_parameters_stay(twolinks):
+    base = twolinks.base
+    added = with_specs(base, [SPRING])
+    n = base.reduction.rank
+    assert added.reduction.base_names[:n] == base.reduction.base_names
+    assert added.reduction.base_names[n:] == ("spring2_k1", "spring2_c")
+    again = with_specs(added, [OFFSET])
+    assert set(again.reduction.base_names) > set(added.reduction.base_names)
+
+
+@pytest.fixture(scope="module")
+def springy(twolinks, on_joint):
+    """Logs of an arm with a spring at joint 2, and what the search says of them."""
+    sources = on_one_clock(twolinks.sources(lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])))
+    options = SelectionOptions(effects=("spring", "torque_offset", "position_friction"))
+    return sources, analyse_gap(sources, twolinks.base, None, options, simulate=False)
+
+
+def test_the_arm_identified_with_the_effect_has_its_size_and_explains_the_held_out_rows(springy, twolinks):
+    sources, seen = springy
+    assert seen.verdict.word == "named"
+    specs = specs_of(seen.verdict.named, twolinks.base.robot)
+    again, found = identify_again(sources, seen.problem, twolinks.base, specs)
+    k = found.names.index("spring2_k1")
+    assert abs(found.theta[k] - 2.0) < 3 * found.std_error[k]
+    assert found.std_error[k] < 0.1
+    assert again.robot.effects == tuple(specs)
+    for joint in found.joints:
+        assert joint.heldout_rms == pytest.approx(joint.rms, rel=0.2)
+    assert found.heldout == seen.problem.held_text
+
+
+def test_numbers_are_rounded_to_what_their_errors_leave(springy, twolinks):
+    (spec,) = specs_of(springy[1].verdict.named, twolinks.base.robot)
+    for name, error in spec.std_error.items():
+        assert error == float(f"{error:.2g}")
+        assert spec.parameters[name] == float(f"{spec.parameters[name]:.6g}")
+
+
+def test_only_chosen_rows_count(springy):
+    sources, seen = springy
+    problem = seen.problem
+    for source, mask, rows in zip(only(sources, problem, problem.held), problem.held, problem.segments, strict=True):
+        (segment,) = source.segments
+        inside = (segment.elapsed >= rows.t[mask][0]) & (segment.elapsed <= rows.t[mask][-1])
+        np.testing.assert_array_equal(segment.usable.all(axis=1), inside & segment.usable.any(axis=1))
+        assert 0 < inside.mean() < 0.3

@@ -1,0 +1,79 @@
+"""The residual is put somewhere, and the search has to say where."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.gap.localisation import REVERSAL, chi_square_between_reversals, localise_residual, near_reversal
+
+RATE = 25.0
+
+
+def with_residual(problem, where):
+    """Return a regression on white noise, and three times as much where ``where(segment, joint)`` says, (M,)."""
+    regression = problem.regression()
+    rng = np.random.default_rng(1)
+    joints = []
+    for j, rows in enumerate(regression.joints):
+        mask = np.concatenate([where(s, j) for s in regression.segments])[rows.index]
+        joints.append(replace(rows, y=rng.standard_normal(len(rows.y)) * np.where(mask, 3.0, 1.0)))
+    return replace(regression, joints=tuple(joints))
+
+
+def nowhere(segment, joint):
+    return np.zeros(len(segment.t), dtype=bool)
+
+
+def upper_third(segment, joint):
+    return segment.q[:, joint] > np.quantile(segment.q[:, joint], 2 / 3)
+
+
+CASES = {
+    "at the upper end of its travel": upper_third,
+    "when fast": lambda s, j: np.abs(s.qd[:, j]) > np.quantile(np.abs(s.qd[:, j]), 2 / 3),
+    "when moving backward": lambda s, j: s.qd[:, j] < 0,
+    "at high load": lambda s, j: np.abs(s.tau[:, j]) > np.quantile(np.abs(s.tau[:, j]), 2 / 3),
+    "late in the recording": lambda s, j: np.full(len(s.t), s.log >= 3),
+    "at reversals": lambda s, j: near_reversal(s.qd[:, j], s.rate),
+}
+
+
+def test_noise_is_nowhere(clean):
+    for gap in localise_residual(with_residual(clean, nowhere)):
+        assert gap.text == "at the noise floor"
+        assert gap.chi == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("text", CASES)
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_residual_is_found_on_its_joint_and_where_it_is(clean, text, joint):
+    regression = with_residual(clean, lambda s, j: CASES[text](s, j) if j == joint else nowhere(s, j))
+    gaps = localise_residual(regression)
+    assert gaps[joint].share > 0.95
+    assert text in gaps[joint].text
+    assert gaps[1 - joint].text == "at the noise floor"
+
+
+def test_shares_are_of_power_in_torque_not_in_noise(clean):
+    """Both joints have the same excess in units of their noise, and the first has three times the noise."""
+    regression = with_residual(clean, upper_third)
+    sigma = np.array([3.0, 1.0])
+    gaps = localise_residual(replace(regression, noise=replace(regression.noise, sigma=sigma)))
+    assert gaps[0].share == pytest.approx(0.9, abs=0.05)
+    assert sum(gap.share for gap in gaps) == pytest.approx(1.0)
+
+
+def test_a_reversal_is_short_and_begins_a_little_before():
+    qd = np.sin(2 * np.pi * 0.2 * np.arange(230) / RATE + 0.1)
+    near = near_reversal(qd, RATE)
+    turns = np.flatnonzero(np.diff(np.sign(qd)))
+    width = round(REVERSAL * RATE)
+    assert near.sum() == len(turns) * (width + width // 2)
+    assert near[turns].all()
+
+
+def test_what_is_left_at_reversals_does_not_count_between_them(clean):
+    regression = with_residual(clean, CASES["at reversals"])
+    assert np.all(regression.reduced_chi_square() > 1.5)
+    np.testing.assert_allclose(chi_square_between_reversals(regression), 1.0, atol=0.12)

@@ -1,0 +1,97 @@
+"""Sizes that were put in come back with errors that hold, and the held-out gap shrinks by what was explained."""
+
+import numpy as np
+import pytest
+
+from dynid.gap.analysis import on_one_clock
+from dynid.gap.refit import held_out_improvement, refit
+from dynid.gap.search import search_effects
+from dynid.gap.stepwise_selection import SelectionOptions
+
+OFFSET = 0.12
+
+
+def searched(twolinks, added, effects, **options):
+    sources = on_one_clock(twolinks.sources(added, **options))
+    return search_effects(sources, twolinks.base, None, SelectionOptions(effects=effects))
+
+
+@pytest.fixture(scope="module")
+def offset(twolinks, on_joint):
+    return searched(twolinks, lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)), ("torque_offset",))
+
+
+def test_an_amplitude_comes_back_within_its_error(offset):
+    (one,), _ = refit(offset)
+    assert (one.name, one.joints, one.units) == ("torque_offset", (1,), {"c": "N m"})
+    assert one.errors["c"] < 0.1 * OFFSET
+    assert abs(one.values["c"] - OFFSET) < 3 * one.errors["c"]
+
+
+def test_errors_are_the_spread_over_noise(twolinks, on_joint):
+    found = []
+    for k in range(12):
+        search = searched(
+            twolinks, lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)), ("torque_offset",),
+            plans=(1,), first=50 + 2 * k,
+        )  # fmt: skip
+        (one,), _ = refit(search)
+        found.append((one.values["c"] - OFFSET, one.errors["c"]))
+    away, errors = np.array(found).T
+    assert 0.5 < np.std(away) / np.mean(errors) < 1.6
+    assert abs(np.mean(away)) < 3 * np.mean(errors) / np.sqrt(len(away))
+
+
+SHAPES = {
+    "torque_ripple": (
+        lambda t, q, qd: 0.2 * np.cos(21.3 * q + 0.5), {"a": 0.2 * np.cos(0.5), "b": -0.2 * np.sin(0.5), "k": 21.3},
+    ),
+    "nonlinear_viscous": (lambda t, q, qd: 0.5 * np.sign(qd) * qd**2, {"a": 0.5, "p": 2.0}),
+    "warmup_friction": (
+        lambda t, q, qd: 0.6 * np.exp(-t / 20) * np.tanh(qd / 0.01), {"a1": 0.6, "a2": 0.0, "tw": 20.0},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_other(twolinks, on_joint, name):
+    law, truth = SHAPES[name]
+    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])), (name,))
+    (one,), _ = refit(search)
+    assert set(one.values) == set(truth) == set(one.errors)
+    for key, value in truth.items():
+        assert abs(one.values[key] - value) < 3 * one.errors[key], key
+        assert one.errors[key] < 0.05 * max(abs(value), 0.6), key
+
+
+def test_a_delay_comes_back_with_its_error(twolinks):
+    search = searched(twolinks, None, ("torque_delay",), delay=0.0083)
+    (one,), _ = refit(search)
+    assert (one.name, one.joints) == ("torque_delay", ())
+    assert abs(one.values["delay"] - 0.0083) < 4 * one.errors["delay"]
+    assert one.errors["delay"] < 1e-3
+
+
+def test_the_entry_of_the_robot_file_names_joints(offset, twolinks):
+    (one,), _ = refit(offset)
+    spec = one.spec(twolinks.base.robot.joint_names)
+    assert (spec.effect, spec.joints) == ("torque_offset", ("elbow",))
+    assert spec.parameters == one.values
+    assert spec.std_error == one.errors
+
+
+def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
+    fitted, _ = refit(offset)
+    found = held_out_improvement(offset.problem, offset, fitted)
+    visible = OFFSET * np.sqrt(offset.visibility["torque_offset", (1,)])
+    assert np.sqrt(found.before[1] ** 2 - found.floor[1] ** 2) == pytest.approx(visible, rel=0.5)
+    np.testing.assert_allclose(found.after, found.floor, rtol=0.15)
+    ratio = found.after / found.before
+    assert np.all((found.ratio[:, 0] < ratio) & (ratio < found.ratio[:, 1]))
+    assert found.ratio[1, 1] < 1.0
+
+
+def test_without_effects_nothing_shrinks(offset):
+    found = held_out_improvement(offset.problem, offset, [])
+    np.testing.assert_array_equal(found.before, found.after)
+    np.testing.assert_allclose(found.ratio, 1.0)

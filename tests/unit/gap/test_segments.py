@@ -1,0 +1,75 @@
+"""Rows of the two-link arm: what they hold, which count, and how time is cut into blocks."""
+
+import numpy as np
+
+import twolink
+from dynid.gap.segments import DWELL_SECONDS, cut, jackknife_blocks, moving
+
+
+def test_rows_hold_the_law_of_the_arm(clean, twolinks):
+    """Base columns times the base parameters of the true arm are the torques, but for the noise."""
+    base = twolinks.base
+    truth = dict.fromkeys(base.reduction.names, 0.0)
+    # Why less the lengths: bodies sit behind their frames in the standard convention.
+    for j, (m, r, i) in enumerate(zip(twolink.MASS, twolink.COM, twolink.INERTIA, strict=True), start=1):
+        away = r - (0.4, 0.3)[j - 1]
+        truth |= {f"m{j}": m, f"mcx{j}": m * away, f"Izz{j}": i + m * away**2}
+        truth |= {f"fv{j}": twolink.VISCOUS[j - 1], f"fc{j}": twolink.COULOMB[j - 1]}
+    theta = base.reduction.K @ np.array([truth[name] for name in base.reduction.names])
+    for s in clean.segments:
+        left = (s.tau - s.W @ theta)[s.use.all(axis=1)]
+        assert np.sqrt(np.mean(left**2)) < 0.06
+
+
+def test_positions_and_velocities_are_of_the_time_of_the_rows(clean):
+    for s in clean.segments:
+        t, q, qd, _ = twolink.motion(1 if s.log < 2 else 2, 15.0)
+        now = s.t - 20.0 * s.log
+        for j in range(2):
+            np.testing.assert_allclose(s.q[:, j], np.interp(now, t, q[:, j]), atol=0.01)
+            np.testing.assert_allclose(s.qd[:, j], np.interp(now, t, qd[:, j]), atol=0.02)
+
+
+def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
+    rate = 25.0
+    qd = np.ones((500, 2))
+    qd[100:200, 0] = 0.001
+    qd[300:303, 1] = 0.001
+    mask = moving(qd, rate)
+    around = round(DWELL_SECONDS * rate)
+    assert np.flatnonzero(~mask[:, 0]).tolist() == list(range(100 - around, 200 + around))
+    assert mask[:, 1].all(), "a reversal is no rest"
+
+
+def test_blocks_are_short_where_there_is_little_and_never_longer_than_a_second(clean):
+    blocks = jackknife_blocks(clean.segments)
+    rate = clean.segments[0].rate
+    sizes = [np.bincount(one - one.min()) for one in blocks]
+    assert max(int(s.max()) for s in sizes) == round(rate)
+    few = cut(clean.segments, [np.arange(len(s.t)) < 50 for s in clean.segments])
+    short = jackknife_blocks(few)
+    assert np.bincount(short[0] - short[0].min()).max() < round(0.5 * rate)
+
+
+def test_no_block_holds_rows_of_two_segments(clean):
+    blocks = jackknife_blocks(clean.segments)
+    names = [set(one.tolist()) for one in blocks]
+    assert sum(len(one) for one in names) == len(set.union(*names))
+
+
+def test_cut_rows_do_not_count(clean):
+    masks = [np.arange(len(s.t)) % 2 == 0 for s in clean.segments]
+    for before, after, mask in zip(clean.segments, cut(clean.segments, masks), masks, strict=True):
+        np.testing.assert_array_equal(after.use, before.use & mask[:, None])
+
+
+def test_signals_are_filtered_as_the_torques_are(clean):
+    """A constant stays, and what is far above the cut-off of 10 Hz goes."""
+    s = clean.segments[0]
+    t = s.motion.t
+    signals = np.stack([np.ones(len(t)), np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 40 * t)])
+    one, slow, fast = s.filtered(signals)
+    np.testing.assert_allclose(one, 1.0, atol=1e-9)
+    np.testing.assert_allclose(slow, np.sin(2 * np.pi * 0.5 * s.t), atol=0.01)
+    assert np.abs(fast).max() < 0.05
+    assert len(one) == len(s.t)

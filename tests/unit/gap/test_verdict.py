@@ -1,0 +1,172 @@
+"""What is said of what was found: each ending and each reason to withhold a name, from inputs made for it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dynid.gap.refit import FittedEffect
+from dynid.gap.selected_effects import SelectedEffect
+from dynid.gap.verdict import NOT_SMALLER, SMALL_DELAY, judge
+from dynid.model.effects.catalogue import CATALOGUE
+
+JOINTS = ("a", "b", "c")
+
+
+def effect(name="spring", joints=(1,), size=2.0, chow=0.5, rivals=(), joint=None):
+    test = SimpleNamespace(joint=(joints or (1,))[0] if joint is None else joint, visible_rms=size, chow_p_value=chow)
+    selected = SelectedEffect(CATALOGUE[name], joints, {}, test, 100.0, rivals)
+    return FittedEffect(selected, {}, {}, {})
+
+
+def search(
+    before=(1.0, 5.0, 1.0), after=(1.0, 1.05, 1.0), between=None, repeats=20.0, unrepeatable=(), delay=0.0, matched=0.0
+):
+    """A search on three joints whose gap is on joint b, and closed."""
+    filter_ = SimpleNamespace(chosen=SimpleNamespace(rate=200.0))
+    noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
+    problem = SimpleNamespace(noise=noise, matched=matched, segments=[SimpleNamespace(source=filter_)])
+    between = after if between is None else between
+    return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
+                           between_reversals=np.array(between), delay=delay)  # fmt: skip
+
+
+def said(found, *fitted, ratio=0.8, withdrawn=()):
+    ratios = np.tile([0.5, ratio], (3, 1))
+    return judge(found, fitted, SimpleNamespace(ratio=ratios), JOINTS, withdrawn)
+
+
+def reason(found, *fitted, **options):
+    """Return why the first effect is not named; it must not be."""
+    verdict = said(found, *fitted, **options)
+    return next(why for one, why in verdict.closest if one is fitted[0])
+
+
+def test_what_passes_everything_is_named():
+    verdict = said(search(), effect())
+    assert (verdict.word, [one.name for one in verdict.named], verdict.remainder) == ("named", ["spring"], ())
+    assert verdict.advice == "Add it with --apply and check on a new log with dynid validate."
+
+
+def test_what_is_left_on_other_joints_is_told_beside_a_name():
+    verdict = said(search(after=(1.0, 1.05, 1.6)), effect())
+    assert (verdict.word, verdict.remainder) == ("named", (2,))
+    assert "More is left on c." in verdict.advice
+
+
+def test_nothing_is_missing_where_nothing_is_above_the_noise():
+    verdict = said(search(before=(1.0, 1.2, 1.0), after=(1.0, 1.2, 1.0)))
+    assert verdict.word == "nothing_missing"
+    assert verdict.advice == "The model is as good as the noise lets anyone see."
+
+
+@pytest.mark.parametrize(
+    ("chi", "between", "repeats", "word"),
+    [
+        (1.24, 1.24, 20.0, "nothing_missing"),
+        (1.26, 1.26, 20.0, "unexplained"),
+        (1.55, 1.20, 20.0, "nothing_missing"),  # more at reversals, which are known less well
+        (1.58, 1.20, 20.0, "unexplained"),
+        (1.95, 1.95, 0.0, "nothing_missing"),  # the floor is only a lower bound
+        (2.05, 2.05, 0.0, "unexplained"),
+        (2.45, 1.95, 0.0, "nothing_missing"),
+        (2.55, 1.95, 0.0, "unexplained"),
+    ],
+)
+def test_how_much_may_be_left_depends_on_reversals_and_on_how_well_the_noise_is_known(chi, between, repeats, word):
+    verdict = said(search(before=(1, chi, 1), after=(1, chi, 1), between=(1, between, 1), repeats=repeats))
+    assert verdict.word == word
+    assert ("lower bound" in verdict.advice) == (repeats == 0)
+
+
+def test_what_the_same_motion_measured_is_no_lower_bound():
+    found = search(before=(1, 1, 1), after=(1, 1, 1), repeats=0.0, matched=1.0)
+    assert "lower bound" not in said(found).advice
+
+
+def test_a_gap_without_a_candidate_is_unexplained():
+    verdict = said(search(after=(1.0, 5.0, 1.0)))
+    assert (verdict.word, verdict.remainder) == ("unexplained", (1,))
+    assert verdict.advice.startswith("No effect of the catalogue explains it. Look at the pictures")
+
+
+def test_what_does_not_repeat_is_unexplained_and_told():
+    verdict = said(search(before=(1, 1.5, 1), after=(1, 1.1, 1), unrepeatable=[1]))
+    assert verdict.word == "unexplained"
+    assert verdict.advice.startswith("What disturbs b does not repeat")
+
+
+def test_what_repeats_and_is_larger_is_not_called_unrepeatable():
+    assert said(search(before=(1, 2.5, 1), after=(1, 1.0, 1), unrepeatable=[1]), effect()).word == "named"
+
+
+def test_rivals_make_it_ambiguous_and_the_advice_tells_them_apart():
+    verdict = said(search(), effect(rivals=(("end_stop", (1,)),)))
+    assert (verdict.word, verdict.alternatives) == ("ambiguous", (("spring", "end_stop"),))
+    assert verdict.advice.startswith("To tell spring on b and end_stop on b apart: ")
+    assert CATALOGUE["spring"].separate in verdict.advice
+
+
+def test_the_same_effect_on_other_joints_is_ambiguous_too():
+    one = effect("joint_coupling", (1, 0), rivals=(("joint_coupling", (1, 2)),))
+    verdict = said(search(), one)
+    assert (verdict.word, verdict.alternatives) == ("ambiguous", (("joint_coupling",),))
+    assert "joint_coupling on b from a and joint_coupling on b from c" in verdict.advice
+
+
+def test_most_of_the_gap_must_be_explained():
+    """70 % by one name on a joint, 85 % by two, 92 % by three; or hardly anything is left."""
+    assert reason(search(after=(1, 2.3, 1)), effect()) == "it explains 68 % of the gap of this joint"
+    assert said(search(after=(1, 2.1, 1)), effect()).named
+    two = (effect(), effect("torque_ripple"))
+    assert reason(search(after=(1, 1.7, 1)), *two) == "it explains 82 % of the gap of this joint"
+    assert len(said(search(after=(1, 1.5, 1)), *two).named) == 2
+    three = (*two, effect("load_friction"))
+    assert reason(search(after=(1, 1.4, 1)), *three) == "it explains 90 % of the gap of this joint"
+    assert said(search(before=(1, 1.2, 1), after=(1, 1.09, 1)), effect()).named, "a tenth of the noise may be left"
+
+
+def test_the_closest_candidate_is_told_with_the_reason():
+    verdict = said(search(after=(1, 3.0, 1)), effect())
+    assert verdict.word == "unexplained"
+    assert "The closest candidate is spring, but it explains 50 % of the gap of this joint." in verdict.advice
+
+
+def test_what_differs_between_parts_of_the_logs_gets_no_name():
+    assert reason(search(), effect(chow=5e-4)) == "it is not the same in all parts of the logs"
+
+
+def test_what_is_smaller_than_disturbances_that_do_not_repeat_gets_no_name():
+    found = search(before=(1, 1.8, 1), unrepeatable=[1])
+    assert reason(found, effect(size=0.9)) == "the disturbance of this joint does not repeat"
+    assert said(found, effect(size=1.1)).named
+
+
+def test_a_small_companion_of_the_same_kind_is_the_shape_of_the_larger():
+    large, small = effect("stribeck", size=4.0), effect("nonlinear_viscous", size=0.9)
+    assert large.effect.family == small.effect.family
+    assert reason(search(), small, large) == "it is the shape of a larger effect of the same kind"
+    assert len(said(search(), effect("nonlinear_viscous", size=1.1), large).named) == 2
+
+
+def test_a_trace_beside_a_much_larger_effect_gets_no_name():
+    large = effect("torque_ripple", size=10.0)
+    assert reason(search(), effect(size=1.1), large) == "it is small enough to be what a much larger effect leaves"
+    assert len(said(search(), effect(size=1.3), large).named) == 2
+
+
+def test_what_does_not_shrink_the_held_out_gap_gets_no_name():
+    assert reason(search(), effect(), ratio=1.01) == NOT_SMALLER
+
+
+def test_what_was_withdrawn_is_listed_with_its_reason():
+    verdict = said(search(), withdrawn=[effect()])
+    assert verdict.word == "unexplained"
+    assert [(one.name, why) for one, why in verdict.closest] == [("spring", NOT_SMALLER)]
+
+
+def test_a_delay_below_the_sampling_is_not_missing():
+    small = said(search(before=(1, 1, 1), after=(1, 1, 1), delay=0.001), effect("torque_delay", ()))
+    assert (small.word, [why for _, why in small.closest]) == ("nothing_missing", [SMALL_DELAY])
+    large = said(search(delay=-0.002), effect("torque_delay", ()))
+    assert [one.name for one in large.named] == ["torque_delay"]
