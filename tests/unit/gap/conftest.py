@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.estimation.sources import Conditioning, conditioned_source
+from dynid.estimation.conditioned_log import condition_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.problem import make_problem
 from dynid.log import Log
@@ -24,7 +24,7 @@ class TwoLinkLogs:
 
     base: BaseModel
 
-    def source(self, plan, noise, added=None, *, seconds=15.0, start=0.0, delay=0.0, name="log"):
+    def log(self, plan, noise, added=None, *, seconds=15.0, start=0.0, delay=0.0, name="log"):
         """Return one conditioned log: motion ``plan``, its own noise, and ``added(t, q, qd, qdd)`` beside the law."""
         t, q, qd, qdd = twolink.motion(plan, seconds)
         tau = twolink.torque(q, qd, qdd)
@@ -33,21 +33,21 @@ class TwoLinkLogs:
             tau = np.stack([np.interp(t - delay, t, column) for column in tau.T], axis=1)
         tau = tau + NOISE * np.random.default_rng(1000 + noise).standard_normal(q.shape)
         log = Log(start + t, q, tau, self.base.robot.joint_names)
-        source = conditioned_source(log, self.base.model, Conditioning(10.0), name)
-        return replace(source, segments=[replace(s, elapsed=s.elapsed + start) for s in source.segments])
+        found = condition_log(log, self.base.model, cutoff=10.0)
+        return replace(found, name=name, segments=[replace(s, elapsed=s.elapsed + start) for s in found.segments])
 
-    def sources(self, added=None, *, plans=(1, 2), repeats=2, first=0, **options):
+    def logs(self, added=None, *, plans=(1, 2), repeats=2, first=0, **options):
         """Return logs of several motions, each driven several times."""
         made = []
         for plan in plans:
             for _ in range(repeats):
                 k = len(made)
-                made.append(self.source(plan, first + k, added, start=20.0 * k, name=f"log {k + 1}", **options))
+                made.append(self.log(plan, first + k, added, start=20.0 * k, name=f"log {k + 1}", **options))
         return made
 
     def problem(self, added=None, kept=None, **options):
         """Return the problem of such logs."""
-        return make_problem(self.sources(added, **options), self.base, kept)
+        return make_problem(self.logs(added, **options), self.base, kept)
 
 
 @pytest.fixture(scope="session")

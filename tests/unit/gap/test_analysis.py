@@ -15,7 +15,7 @@ SOME = SelectionOptions(effects=("spring", "torque_offset", "asymmetric_viscous"
 
 
 def test_nothing_hidden_nothing_missing(twolinks):
-    seen = analyse_gap(twolinks.sources(), twolinks.base, None, SOME, simulate=False)
+    seen = analyse_gap(twolinks.logs(), twolinks.base, None, SOME, simulate=False)
     assert (seen.verdict.word, seen.effects) == ("nothing_missing", ())
     assert [gap.text for gap in seen.joints] == ["at the noise floor"] * 2
     np.testing.assert_array_equal(seen.improvement.before, seen.improvement.after)
@@ -24,14 +24,14 @@ def test_nothing_hidden_nothing_missing(twolinks):
 def test_what_these_logs_cannot_show_is_listed(twolinks):
     """A zero of the first joint is a turn of gravity, which the links' centres of mass take up."""
     some = SelectionOptions(effects=("encoder_offset", "asymmetric_viscous"))
-    seen = analyse_gap(twolinks.sources(), twolinks.base, None, some, simulate=False)
+    seen = analyse_gap(twolinks.logs(), twolinks.base, None, some, simulate=False)
     assert 0 in seen.invisible["encoder_offset"]
     assert "asymmetric_viscous" not in seen.invisible
 
 
 def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely(twolinks, on_joint):
     pytest.importorskip("pybullet")
-    sources = twolinks.sources(lambda t, q, qd, qdd: on_joint(1, 0.3 * np.abs(qd[:, 1])))
+    sources = twolinks.logs(lambda t, q, qd, qdd: on_joint(1, 0.3 * np.abs(qd[:, 1])))
     seen = analyse_gap(sources, twolinks.base, None, SOME)
     assert seen.verdict.word == "named"
     before, after = seen.simulation
@@ -41,7 +41,7 @@ def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely
 def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_again(twolinks, on_joint):
     """An offset that is gone in the held-out part, beside friction that stays."""
     sources = on_one_clock(
-        twolinks.sources(
+        twolinks.logs(
             lambda t, q, qd, qdd: on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
         )
     )
@@ -57,13 +57,13 @@ def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_ag
 
 
 def test_time_runs_through_logs_whose_stamps_do(twolinks):
-    made = [twolinks.source(1, k, start=100.0 * k) for k in range(3)]
+    made = [twolinks.log(1, k, start=100.0 * k) for k in range(3)]
     fresh = [replace(s, segments=[replace(x, elapsed=x.t - x.t[0]) for x in s.segments]) for s in made]
     for k, source in enumerate(on_one_clock(fresh)):
         assert source.segments[0].elapsed[0] == pytest.approx(100.0 * k, abs=0.2)
 
 
 def test_each_log_has_its_own_time_when_stamps_begin_anew(twolinks):
-    made = [twolinks.source(1, k) for k in range(2)]
+    made = [twolinks.log(1, k) for k in range(2)]
     for source in on_one_clock(made):
         assert source.segments[0].elapsed[0] < 0.2

@@ -61,7 +61,7 @@ def test_the_rigid_body_and_its_base_parameters_stay(twolinks):
 @pytest.fixture(scope="module")
 def springy(twolinks, on_joint):
     """Logs of an arm with a spring at joint 2, and what the search says of them."""
-    sources = on_one_clock(twolinks.sources(lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])))
+    sources = on_one_clock(twolinks.logs(lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])))
     options = SelectionOptions(effects=("spring", "torque_offset", "position_friction"))
     return sources, analyse_gap(sources, twolinks.base, None, options, simulate=False)
 

@@ -12,7 +12,7 @@ OFFSET = 0.12
 
 
 def searched(twolinks, added, effects, **options):
-    sources = on_one_clock(twolinks.sources(added, **options))
+    sources = on_one_clock(twolinks.logs(added, **options))
     return search_effects(sources, twolinks.base, None, SelectionOptions(effects=effects))
 
 

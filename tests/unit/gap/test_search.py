@@ -12,7 +12,7 @@ from dynid.progress import SILENT
 @pytest.fixture(scope="module")
 def both(twolinks, on_joint):
     """A delay of all torques, and an offset of joint 2."""
-    sources = twolinks.sources(lambda t, q, qd, qdd: on_joint(1, np.full(len(t), 0.15)), delay=0.008)
+    sources = twolinks.logs(lambda t, q, qd, qdd: on_joint(1, np.full(len(t), 0.15)), delay=0.008)
     options = SelectionOptions(effects=("torque_delay", "torque_offset"))
     return search_effects(on_one_clock(sources), twolinks.base, None, options)
 
@@ -43,7 +43,7 @@ def test_logs_without_an_effect_are_searched_to_the_end(twolinks):
         def advance(self, done, of, text=""):
             told.append((done, of))
 
-    found = search_effects(twolinks.sources(), twolinks.base, None, SelectionOptions(), Told())
+    found = search_effects(twolinks.logs(), twolinks.base, None, SelectionOptions(), Told())
     assert found.selected == []
     assert found.delay_test is None
     assert told[-1][0] == told[-1][1]

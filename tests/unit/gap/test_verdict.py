@@ -23,7 +23,7 @@ def search(
     before=(1.0, 5.0, 1.0), after=(1.0, 1.05, 1.0), between=None, repeats=20.0, unrepeatable=(), delay=0.0, matched=0.0
 ):
     """A search on three joints whose gap is on joint b, and closed."""
-    filter_ = SimpleNamespace(chosen=SimpleNamespace(rate=200.0))
+    filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
     noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
     problem = SimpleNamespace(noise=noise, matched=matched, segments=[SimpleNamespace(source=filter_)])
     between = after if between is None else between
