@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dynid.motion import Motion
     from dynid.robot import Robot
     from dynid.workflows.drive_gains import find_drive_gains
+    from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import base_model
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 #: Where each public name lives.
 _HOMES = {
     "BaseModel": "dynid.model.store",
+    "ExportOptions": "dynid.workflows.export",
+    "ExportedModel": "dynid.workflows.export",
     "Identification": "dynid.estimation.result",
     "IdentifyOptions": "dynid.workflows.identify",
     "Log": "dynid.log",
@@ -48,6 +51,7 @@ _HOMES = {
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
+    "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
     "find_payload": "dynid.workflows.identify",
     "identify": "dynid.workflows.identify",
@@ -61,6 +65,8 @@ _HOMES = {
 
 __all__ = [
     "BaseModel",
+    "ExportOptions",
+    "ExportedModel",
     "Identification",
     "IdentifyOptions",
     "Log",
@@ -72,6 +78,7 @@ __all__ = [
     "Validation",
     "__version__",
     "base_model",
+    "export",
     "find_drive_gains",
     "find_payload",
     "identify",

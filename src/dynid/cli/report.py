@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 @click.option("--open/--no-open", "show", default=False, help="Open it in the browser.")
 def command(common: Common, run: Path, show: bool) -> None:
     """Make the report of a result again."""
-    from dynid.cli.export import parameters_of
     from dynid.reports.sections.verdict import lights, sentences
+    from dynid.workflows.results import parameters_of
 
     parameters = parameters_of(run)
     evidence, wrote = write_report(common, parameters)

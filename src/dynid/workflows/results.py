@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.errors import NotAnArtifact
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import StoredResult
 
 
 def load(path: Path | str) -> Any:  # noqa: ANN401
@@ -19,9 +22,7 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
     """
     from dynid.files.artifact import read_header
 
-    path = Path(path)
-    if path.is_dir():
-        path /= "parameters.npz"
+    path = parameters_of(Path(path))
     schema = str((read_header(path) or {}).get("schema", ""))
     kind = schema.rsplit("/", 1)[0]
     if kind == "dynid/identification":
@@ -29,3 +30,19 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
 
         return load_result(path)
     raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))
+
+
+def load_run(run: Path) -> StoredResult:
+    """Return the result of a run, given by its folder or by its parameters.npz.
+
+    Raises:
+        NotAnArtifact: the file is none, or is damaged.
+    """
+    from dynid.estimation.result import load as load_result
+
+    return load_result(parameters_of(run))
+
+
+def parameters_of(run: Path) -> Path:
+    """Return the parameters.npz of a run given by its folder or by the file."""
+    return run / "parameters.npz" if run.is_dir() else run

@@ -1,0 +1,267 @@
+"""Write an identified model for simulators and controllers, and prove each file by loading it again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import Finding, NotPhysical, WrongUsage
+from dynid.options import Options, option
+from dynid.progress import SILENT, Progress
+from dynid.workflows.validate import base_model_of
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import StoredResult
+    from dynid.exporters import Agreement, IdentifiedArm
+    from dynid.model.store import BaseModel
+
+#: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
+SUFFIXES = {
+    "urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf", "yaml": ".yaml", "c": ".c", "python": ".py", "matlab": ".m",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ExportOptions(Options):
+    """What is exported.
+
+    Attributes:
+        parameters: ``"physical"``, ``"plain"``, or ``"auto"``: physical where bodies are written, else what is in
+            force.
+        urdf: the user's own URDF, which keeps everything but its inertial blocks.
+        allow_infeasible: write also bodies that cannot exist.
+    """
+
+    parameters: str = option(
+        "auto",
+        "Physical parameters, the plain estimate, or auto: physical where bodies are written, else what is in force.",
+        choices=("auto", "physical", "plain"), flag="--set", shown="",
+    )  # fmt: skip
+    urdf: Path | None = option(None, "Your URDF, of which everything but the inertial blocks is kept.", kind="file")
+    allow_infeasible: bool = option(False, "Write also bodies that cannot exist; simulators may refuse them.")
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """One written file.
+
+    Attributes:
+        format: name of its format.
+        path: the file.
+        text: its text.
+        leaves_out: what the format has no place for, one phrase each.
+        agreements: comparisons with dynid's torques, one per engine that is installed.
+        refused: what the engine said that refused the file, empty when none did.
+    """
+
+    format: str
+    path: Path
+    text: str = field(repr=False)
+    leaves_out: tuple[str, ...]
+    agreements: tuple[Agreement, ...] = ()
+    refused: str = ""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether no engine refused the file or differs from dynid."""
+        return not self.refused and all(each.agrees for each in self.agreements)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the warning W408 when an engine refused the file or differs."""
+        if self.agrees:
+            return ()
+        worst = self.refused or ", ".join(f"{each.engine} differs by {each.largest:.3g}" for each in self.agreements)
+        return (Finding("W408", "warning", f"{self.path}: {worst}", {}),)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the file as the JSON answer has it."""
+        return {
+            "format": self.format,
+            "path": str(self.path),
+            "checks": [
+                {
+                    "engine": each.engine,
+                    "what": each.what,
+                    "largest_difference_nm": each.largest,
+                    "torque_rms_nm": each.torque_rms,
+                    "states": each.states,
+                    "agrees": each.agrees,
+                }
+                for each in self.agreements
+            ],
+            "refused": self.refused or None,
+            "leaves_out": list(self.leaves_out),
+        }
+
+
+@dataclass(frozen=True)
+class ExportedModel:
+    """The files of one export.
+
+    Attributes:
+        arm: what was written.
+        files: one per format.
+        findings: warnings.
+    """
+
+    arm: IdentifiedArm
+    files: tuple[ExportedFile, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every engine that loaded a file has dynid's torques."""
+        return all(file.agrees for file in self.files)
+
+    def table(self) -> list[list[str]]:
+        """Return one row per comparison: format, engine, what was compared, largest difference [N m]."""
+        rows = []
+        for file in self.files:
+            for each in file.agreements:
+                shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
+                rows.append([file.format, each.engine, each.what, shown])
+            if not file.agreements:
+                rows.append([file.format, "-", "refused" if file.refused else "no program here to load it", "-"])
+        return rows
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid export`` says."""
+        return {
+            "schema": "dynid/export/1",
+            "robot": self.arm.robot.name,
+            "files": [file.facts() for file in self.files],
+            "impossible_links": list(self.arm.full.impossible_links()),
+            "origin": dict(self.arm.full.origin),
+            "findings": [asdict(finding) for finding in self.findings],
+            "wrote": [str(file.path) for file in self.files],
+        }
+
+
+def export(
+    result: StoredResult,
+    path: Path | str,
+    options: ExportOptions = ExportOptions(),
+    *,
+    formats: Iterable[str] = (),
+    base: BaseModel | None = None,
+    seed: int = 0,
+    write: Callable[[Path, str], object] | None = None,
+    progress: Progress = SILENT,
+) -> ExportedModel:
+    """Write an identified model, load each file in every engine that is installed, and compare torques.
+
+    Args:
+        result: identified parameters.
+        path: the file, whose suffix names the format: .urdf, .xml (MJCF), .sdf, .yaml, .c, .py, .m; or a folder,
+            when ``formats`` are given.
+        options: which parameters are written, and into which URDF.
+        formats: names of formats, written to the folder ``path`` under the name of the robot.
+        base: the result's base model, where it is there already.
+        seed: seed of the random states that torques are compared on.
+        write: writes a text to a file; None overwrites what is there.
+        progress: told what is compared.
+
+    Raises:
+        WrongUsage: the suffix is that of no format, or a URDF was given without the format.
+        NotPhysical: no body has the parameters, and the format needs bodies.
+    """
+    from dynid.exporters import FORMATS
+    from dynid.files.artifact import write_text
+
+    path, wanted = Path(path), tuple(formats)
+    names = wanted or (format_of(path),)
+    if options.urdf is not None and "urdf" not in names:
+        raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
+    arm = identified_arm(result, names, options, base, progress)
+    findings = possible(arm, names, options)
+    progress.findings(findings)
+    # Why all texts first: nothing is written when one of the formats cannot hold the model.
+    texts = {name: FORMATS[name].text(arm) for name in names}
+    files = []
+    for name, text in texts.items():
+        place = path / f"{arm.file_stem}{SUFFIXES[name]}" if wanted else path
+        (write or write_text)(place, text)
+        progress.stage("compare", place.name)
+        files.append(proved(name, place, text, arm, seed))
+        progress.findings(files[-1].findings())
+    return ExportedModel(arm, tuple(files), findings)
+
+
+def format_of(path: Path) -> str:
+    """Return the format that a file's suffix names.
+
+    Raises:
+        WrongUsage: there is none.
+    """
+    for name, suffix in SUFFIXES.items():
+        if path.suffix.lower() == suffix:
+            return name
+    known = ", ".join(SUFFIXES.values())
+    raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=f"a file with one of {known}")
+
+
+def identified_arm(
+    result: StoredResult,
+    formats: Iterable[str],
+    options: ExportOptions,
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+) -> IdentifiedArm:
+    """Return what is exported from a result.
+
+    Raises:
+        NotAnArtifact: a parameter of the result is not a finite number.
+    """
+    import numpy as np
+
+    from dynid.errors import NotAnArtifact
+    from dynid.exporters import FORMATS, IdentifiedArm, Provenance, full_model
+    from dynid.version import __version__
+
+    found, which = result.identification, options.parameters
+    if which == "auto":
+        which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else found.in_force
+    theta = found.physical.theta if which == "physical" else found.plain
+    if not np.isfinite(theta).all() or not np.isfinite(found.physical.x).all():
+        raise NotAnArtifact(f"{result.path} is damaged: a parameter is not a finite number", where=str(result.path))
+    base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
+    version = str(result.header.get("dynid", __version__))
+    made = Provenance(version, found.method, which, found.relative_error_percent, result.log_sha256)
+    return IdentifiedArm(base, theta, found.knowledge, full_model(base, found.physical, theta), made, options.urdf)
+
+
+def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions) -> tuple[Finding, ...]:
+    """Return the warning W409 for bodies that cannot exist, where they are wanted all the same.
+
+    Raises:
+        NotPhysical: they are not.
+    """
+    from dynid.exporters import FORMATS
+
+    impossible = arm.full.impossible_links()
+    holding = [name for name in formats if FORMATS[name].needs_bodies]
+    if not impossible or not holding:
+        return ()
+    links = ", ".join(str(link) for link in impossible)
+    what = f"no body has the parameters of link {links}: mass or inertia not positive, or triangle inequality broken"
+    if not options.allow_infeasible:
+        raise NotPhysical(
+            what,
+            why=f"simulators refuse such a {'/'.join(holding)} file or replace its inertias silently",
+            fix="export --set physical, or c, python, matlab or yaml, or add --allow-infeasible",
+        )
+    return (Finding("W409", "warning", what, {"links": list(impossible)}),)
+
+
+def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:
+    """Return a file's text with how well each engine that loads it agrees with dynid."""
+    from dynid.exporters import FORMATS, LoadingFailed
+
+    agreements, refused = [], ""
+    try:
+        agreements = FORMATS[name].check(text, arm, seed)
+    except LoadingFailed as error:
+        refused = str(error)
+    return ExportedFile(name, path, text, FORMATS[name].leaves_out(arm), tuple(agreements), refused)
