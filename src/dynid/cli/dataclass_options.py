@@ -59,6 +59,8 @@ def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
         return click.Choice(list(said.choices))
     if said.kind == "path":
         return click.Path(path_type=Path)
+    if said.kind == "input":
+        return click.Path(exists=True, dir_okay=False, path_type=Path)
     if said.kind == "file":
         return click.Path(dir_okay=False, path_type=Path)
     if said.kind == "count":

@@ -39,7 +39,7 @@ class ExportOptions(Options):
         "Physical parameters, the plain estimate, or auto: physical where bodies are written, else what is in force.",
         choices=("auto", "physical", "plain"), flag="--set", shown="",
     )  # fmt: skip
-    urdf: Path | None = option(None, "Your URDF, of which everything but the inertial blocks is kept.", kind="file")
+    urdf: Path | None = option(None, "Your URDF, of which everything but the inertial blocks is kept.", kind="input")
     allow_infeasible: bool = option(False, "Write also bodies that cannot exist; simulators may refuse them.")
 
 
@@ -106,7 +106,7 @@ class ExportedModel:
         findings: warnings.
     """
 
-    arm: IdentifiedArm
+    arm: IdentifiedArm = field(repr=False)
     files: tuple[ExportedFile, ...]
     findings: tuple[Finding, ...]
 

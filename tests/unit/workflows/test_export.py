@@ -1,0 +1,97 @@
+"""A result becomes a file, and the file is proved before anybody trusts it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid import ExportOptions, export
+from dynid.errors import NotAnArtifact, NotPhysical, WrongUsage
+from dynid.exporters import FORMATS
+from dynid.workflows.export import SUFFIXES
+
+
+def test_the_suffixes_are_those_of_the_formats():
+    assert {name: format.suffix for name, format in FORMATS.items()} == SUFFIXES
+
+
+@pytest.mark.parametrize(("name", "format"), [("arm.urdf", "urdf"), ("ARM.XML", "mjcf"), ("arm.py", "python")])
+def test_the_suffix_names_the_format_and_the_file_is_written_and_proved(result, tmp_path, name, format):
+    made = export(result, tmp_path / name)
+    (file,) = made.files
+    assert (file.format, file.path) == (format, tmp_path / name)
+    assert file.path.read_text(encoding="utf-8") == file.text
+    assert file.agreements
+    assert all(each.agrees and each.states == 1000 and each.largest < 1e-9 for each in file.agreements)
+    assert made.agrees
+    assert made.findings == ()
+
+
+def test_several_formats_go_to_a_folder_under_the_name_of_the_robot(result, tmp_path):
+    made = export(result, tmp_path, formats=("c", "yaml"))
+    assert [file.path for file in made.files] == [tmp_path / "arm.c", tmp_path / "arm.yaml"]
+    assert made.facts()["wrote"] == [str(tmp_path / "arm.c"), str(tmp_path / "arm.yaml")]
+    assert [row[0] for row in made.table()] == ["c", "yaml"]
+
+
+def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path):
+    with pytest.raises(WrongUsage, match=r"no format has the suffix '\.stl'") as raised:
+        export(result, tmp_path / "arm.stl")
+    assert ".urdf, .xml, .sdf" in raised.value.fix
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_urdf_of_the_users_is_for_the_urdf_only(result, tmp_path):
+    with pytest.raises(WrongUsage, match="--urdf is for"):
+        export(result, tmp_path / "arm.c", ExportOptions(urdf=tmp_path / "own.urdf"))
+
+
+def impossible(result):
+    """The result with a plain estimate whose nearest bodies have a negative mass of link 1."""
+    found = result.identification
+    plain = found.plain.copy()
+    plain[found.names.index("m1R")] = -50.0
+    return replace(result, identification=replace(found, plain=plain))
+
+
+def test_bodies_that_cannot_exist_are_refused_before_anything_is_written(result, tmp_path):
+    options = ExportOptions(parameters="plain")
+    with pytest.raises(NotPhysical, match="parameters of link"):
+        export(impossible(result), tmp_path, options, formats=("c", "urdf"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wanted(result, tmp_path):
+    options = ExportOptions(parameters="plain", allow_infeasible=True)
+    made = export(impossible(result), tmp_path, options, formats=("urdf",))
+    assert [finding.code for finding in made.findings] == ["W409"]
+    assert 1 in made.facts()["impossible_links"]
+    assert (tmp_path / "arm.urdf").is_file()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_parameter_that_is_no_number_is_a_damaged_result(result, tmp_path, value):
+    found = result.identification
+    physical = replace(found.physical, theta=np.full_like(found.theta, value))
+    with pytest.raises(NotAnArtifact, match="not a finite number"):
+        export(replace(result, identification=replace(found, physical=physical)), tmp_path / "arm.urdf")
+
+
+def test_texts_are_written_by_the_callers_function(result, tmp_path):
+    """The command asks there before it overwrites."""
+    wrote = {}
+    export(result, tmp_path, formats=("c", "python"), write=wrote.__setitem__)
+    assert {path.name for path in wrote} == {"arm.c", "arm.py"}
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_disagrees_is_said(result, tmp_path, monkeypatch):
+    """W408 with the engine and the difference; the export does not agree then."""
+    right = FORMATS["python"]
+    wrong = replace(right, text=lambda arm: right.text(replace(arm, theta=1.01 * arm.theta)))
+    monkeypatch.setitem(FORMATS, "python", wrong)
+    made = export(result, tmp_path / "arm.py")
+    assert not made.agrees
+    (finding,) = made.files[0].findings()
+    assert finding.code == "W408"
+    assert "NumPy differs by" in finding.text
