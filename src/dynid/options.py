@@ -35,7 +35,8 @@ class Declaration:
         repeatable: whether it may be given several times.
         shown: the default as help shows it; "" to show the default itself, None to show none.
         kind: type on the command line where the default does not tell it: ``"path"`` (file or folder), ``"file"``,
-            ``"input"`` (file that exists), ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1).
+            ``"input"`` (file that exists), ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole
+            number from 1).
     """
 
     help: str
