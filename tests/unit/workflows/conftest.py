@@ -8,7 +8,6 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "cli"))
 import twolink
-
 from dynid import Log, identify, load_robot
 
 
