@@ -7,9 +7,10 @@ function whether it comes as text from a terminal or as a Python value from a no
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from dynid.errors import WrongUsage
@@ -74,6 +75,16 @@ class Options:
     Raises:
         WrongUsage: a value is not possible; the message names the option and gives an example.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Describe the fields in the docstring from their declarations, so that they are described once."""
+        super().__init_subclass__()
+        inherited = {
+            each.name: each for base in reversed(cls.__mro__[1:]) if is_dataclass(base) for each in fields(base)
+        }
+        own = {name: each for name, each in vars(cls).items() if isinstance(each, Field)}
+        lines = [f"    {name}: {declaration_of(each).help}" for name, each in {**inherited, **own}.items()]
+        cls.__doc__ = "\n".join([inspect.cleandoc(cls.__doc__ or ""), "", "Attributes:", *lines])
 
     def __post_init__(self) -> None:
         for declared in fields(self):

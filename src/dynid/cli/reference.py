@@ -1,4 +1,4 @@
-"""The pages of docs/reference that are made from the code: commands and codes.
+"""The pages of docs/reference that are made from the code: commands, codes and the Python API.
 
 ``python -m dynid.cli.reference docs/reference`` writes them; a test compares them with the code.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -15,6 +16,7 @@ from dynid.cli.main import COMMANDS, available, cli
 from dynid.cli.options import COMMON_NAMES, Command
 from dynid.errors import EXIT_MEANING
 from dynid.files.artifact import write_text
+from dynid.options import Options
 
 #: Topics by the first digit of a code.
 TOPICS = {
@@ -124,6 +126,89 @@ def _escaped(text: str) -> str:
     return text.replace("<", "&lt;").replace("*", "\\*")
 
 
+# ---------------------------------------------------------------- the Python API
+_API_HEAD = """# Python API
+
+Made by `make reference` from the docstrings; a test keeps both equal. Everything here is imported from `dynid` itself,
+when it is first used. Mistakes are the exceptions of [errors](errors.md), in `dynid.errors`.
+"""
+
+
+def api_page() -> str:
+    """Return docs/reference/api.md: every public function and class with its arguments, shapes and units."""
+    import inspect
+
+    import dynid
+
+    names = [name for name in dynid.__all__ if name != "__version__"]
+    functions = [name for name in names if inspect.isfunction(getattr(dynid, name))]
+    options = [name for name in names if name.endswith("Options")]
+    objects = [name for name in names if name not in (*functions, *options)]
+    lines = [_API_HEAD]
+    for title, group in (("Functions", functions), ("Options", options), ("Objects", objects)):
+        lines += [f"## {title}", ""]
+        for name in group:
+            lines += [f"### {name}", "", *_described(name, getattr(dynid, name)), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _described(name: str, thing: Any) -> list[str]:  # noqa: ANN401
+    import inspect
+
+    lines = _prose(inspect.getdoc(thing) or "")
+    if inspect.isfunction(thing):
+        return [f"`dynid.{name}{_signature(thing)}`", "", *lines]
+    public = [
+        (key, value)
+        for key, value in vars(thing).items()
+        if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property))
+    ]
+    for key, value in public:
+        function = value.fget if isinstance(value, property) else value
+        call = key if isinstance(value, property) else f"{key}{_signature(function)}"
+        first = (function.__doc__ or "").strip().split("\n\n")[0]
+        lines.append(f"- `.{call}`: {_escaped(_text(first))}")
+    return lines
+
+
+def _signature(function: Any) -> str:  # noqa: ANN401
+    """Return the arguments as they are called: names and defaults, without types."""
+    import inspect
+
+    words: list[str] = []
+    for one in inspect.signature(function).parameters.values():
+        if one.name == "self":
+            continue
+        if one.kind is one.KEYWORD_ONLY and "*" not in words:
+            words.append("*")
+        default = one.default
+        shown = f"{type(default).__name__}()" if isinstance(default, Options) else repr(default)
+        shown = "SILENT" if one.name == "progress" else shown
+        words.append(one.name if default is one.empty else f"{one.name}={shown}")
+    return f"({', '.join(words)})"
+
+
+def _prose(doc: str) -> list[str]:
+    """Return a docstring as Markdown: paragraphs, and one list entry per argument, attribute or error."""
+    import re
+
+    lines: list[str] = []
+    section = ""
+    for line in doc.split("\n"):
+        if line in ("Args:", "Attributes:", "Raises:", "Returns:"):
+            section = line
+            lines += [f"*{line[:-1]}*", ""]
+        elif section and (found := re.match(r"    (\w+): (.*)", line)):
+            lines.append(f"- `{found[1]}`: {_escaped(found[2])}")
+        elif section and line.startswith("    "):
+            lines.append(f"  {_escaped(line.strip())}" if lines[-1] else _escaped(line.strip()))
+        else:
+            section = section if line else ""
+            lines.append(_escaped(line))
+    return lines
+
+
 if __name__ == "__main__":
     write_text(Path(sys.argv[1]) / "errors.md", errors_page())
     write_text(Path(sys.argv[1]) / "cli.md", cli_page())
+    write_text(Path(sys.argv[1]) / "api.md", api_page())

@@ -53,15 +53,7 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
 
 @dataclass(frozen=True)
 class IdentifyOptions(PriorOptions, LogOptions):
-    """How parameters are identified.
-
-    Attributes:
-        method: estimator; ``"auto"`` takes what the logs offer.
-        feasible: put the physically possible parameters in force, or the plain estimate; None decides by prior and
-            held-out rows.
-        holdout: what is kept back to judge the fit: a share of each log, another log, or None for nothing.
-        drop_weak: go on when the logs do not determine all parameters, or only just.
-    """
+    """How parameters are identified."""
 
     method: str = option(
         "auto", "Estimator; auto takes the one that the log allows and reports why.", choices=METHODS, shown=""

@@ -20,17 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LogOptions(Options):
-    """How logs are read, checked and filtered.
-
-    Attributes:
-        cutoff: cut-off frequency of the filter over torques and regressor columns [Hz]; None chooses it.
-        velocity: ``"derived"`` or ``"measured"``; None derives it and compares it with the measured one.
-        exclude: first and last time of intervals to leave out, in the log's own clock [s].
-        delay: how much later than the positions the torques are stamped [s]; None estimates it.
-        topic: ROS topic of the joint states; None for the driver's.
-        rate: sample rate of text logs without a time column [Hz].
-        sort_time: put shuffled samples in the order of their time stamps.
-    """
+    """How logs are read, checked and filtered."""
 
     cutoff: float | None = option(
         None,

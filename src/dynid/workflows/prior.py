@@ -68,14 +68,7 @@ def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[fl
 
 @dataclass(frozen=True)
 class PriorOptions(Options):
-    """What is known about the bodies of an arm before anything is measured.
-
-    Attributes:
-        prior: link inertias, as an object or in a file; None for those of the robot file.
-        total_mass: smallest and largest mass of all identified links together [kg].
-        link_mass: smallest and largest mass of single links, with the number of the link [kg].
-        com_box: corners of the box that holds a link's centre of mass, in its DH frame, with the link's number [m].
-    """
+    """What is known about the bodies of an arm before anything is measured."""
 
     prior: Path | Prior | None = option(
         None,

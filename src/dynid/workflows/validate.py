@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ValidateOptions(LogOptions):
-    """How a log is replayed. Filter and delay are those of the result where nothing else is asked for.
-
-    Attributes:
-        allow_training_data: accept a recording that the result was identified from.
-    """
+    """How a log is replayed. Filter and delay are those of the result where nothing else is asked for."""
 
     allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
 
