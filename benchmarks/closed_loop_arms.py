@@ -14,10 +14,11 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from dynid.estimation.physical_constraints import BODY_PARAMETERS, body_parameters, pseudo_inertia
+from dynid.estimation.physical_constraints import body_parameters, pseudo_inertia
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
+from dynid.model.parameters import BODY_PARAMETERS
 from dynid.model.prior import body_of
 from dynid.model.reduce import reduce
 from dynid.model.store import BaseModel

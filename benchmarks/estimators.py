@@ -23,13 +23,13 @@ from scipy import signal
 
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.estimate import prior_base
 from dynid.estimation.estimators import METHODS, Part, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.observation_rows import Rows, joint_factors
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.stack import stack
 from dynid.log import Log
+from dynid.model.prior import prior_base_parameters
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.filters import despiked
 
@@ -69,7 +69,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     rows = stack([ConditionedLog(segments, chosen, "log")], observer, names, arm.robot.joint_names)
     made = time.perf_counter() - start
     part = Part(rows, np.ones(rows.blocks, dtype=bool), arm.robot.controller)
-    prior = prior_base(arm.base)
+    prior = prior_base_parameters(arm.base.model, arm.base.reduction)
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in (*PLAIN, *SIMULATED) if draw < OF_SIMULATED else PLAIN:
         start = time.perf_counter()

@@ -11,10 +11,10 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.dynamics import parameter_names
 from dynid.model.exact import reduce_exactly
 
 ROWS = ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"]
+NAMES = [f"{name}{link}" for link in range(1, 8) for name in ROWS]
 #: Table 8 as coloured: G green, identifiable alone; R red, not identifiable; . empty, in combinations. Joints 1 to 7.
 TABLE_8 = ["RR.GGGG"] * 4 + ["R......", "R..GGGG", "R..GGGG", ".......", "RGGG..G", "R.....G", "..GGGGG"]
 #: Gen2 column of Table 10: the numbers phi of the parameters that were given as combinations.
@@ -32,8 +32,7 @@ def printed_classes():
 
 def corrected_classes():
     """Return Table 8 with Table 10's list of combinations: the seven empty cells that are missing there are green."""
-    names = parameter_names(7)
-    listed = {names[phi - 1] for phi in TABLE_10}
+    listed = {NAMES[phi - 1] for phi in TABLE_10}
     return {name: "G" if cell == "." and name not in listed else cell for name, cell in printed_classes().items()}
 
 
@@ -92,7 +91,7 @@ def classify(P):
     rank = int(np.sum(values > 1e-9 * values[0]))
     mixed = np.abs(Vt[rank:]).max(axis=0) > 1e-8
     cells = np.where(~present, "R", np.where(mixed, ".", "G"))
-    return rank, dict(zip(parameter_names(7), cells.tolist(), strict=True))
+    return rank, dict(zip(NAMES, cells.tolist(), strict=True))
 
 
 @pytest.fixture(scope="module")

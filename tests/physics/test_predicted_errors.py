@@ -11,6 +11,7 @@ from dynid.estimation.stack import stack
 from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
+from dynid.model.prior import prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.sim.plant import Sensors
@@ -18,7 +19,7 @@ from dynid.sim.track import track
 from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.predict import default_noise, held_out, predict, prior_base_parameters
+from dynid.trajectory.predict import default_noise, held_out, predict
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
 
 SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz"
@@ -47,7 +48,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
         sources, _ = condition_logs([load_log(tmp_path / "log.npz", robot)], model, LogOptions())
         stacked = stack(sources, model.observer(reduction.base), reduction.base_names, robot.joint_names)
         draws.append(weighted(*stacked.joint_factors(np.ones(stacked.blocks, dtype=bool))).theta)
-    misses = np.array(draws) - prior_base_parameters(model, reduction)
+    misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
 
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / predicted.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.3)

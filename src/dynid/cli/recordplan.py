@@ -101,12 +101,13 @@ def _foresee_torque(common: Common, arm: Robot, played: PlayedMotion, parameters
 
 def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Torque, str]:
     """Return what predicts torques, and its name."""
-    from dynid.trajectory.predict import prior_base_parameters
+    from dynid.model.prior import prior_base_parameters
     from dynid.workflows.model import base_model
 
     if parameters is None:
         base = base_model(arm, common.folder(arm.slug))
-        theta, words = prior_base_parameters(base.model, base.reduction), "the robot file's prior, without friction"
+        theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
+        words = "the robot file's prior, without friction"
     else:
         from dynid.estimation import result
         from dynid.workflows.validate import base_model_of

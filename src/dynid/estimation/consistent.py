@@ -146,7 +146,7 @@ def pool(physics: Physics, x: Floats) -> Physics:
     for columns in physics.pools:
         if len(columns) < 2:
             continue
-        offsets = physics.offsets if physics.names[columns[0]].startswith("fc") else columns[:0]
+        offsets = physics.offsets if physics.parameters[columns[0]].kind == "fc" else columns[:0]
         total = float(np.sum(x[columns] / physics.ratings[columns]))
         squares = float(np.sum((x[offsets] / physics.ratings[offsets]) ** 2))
         count = len(columns) + len(offsets)
@@ -235,7 +235,7 @@ def interior_point(physics: Physics) -> Floats:
     x = physics.prior.copy()
     eigenvalues = smallest_eigenvalues(x[physics.bodies])
     if np.any(eigenvalues <= 0.0):
-        worst = physics.names[physics.bodies[int(np.argmin(eigenvalues)), 0]][1:]
+        worst = physics.parameters[physics.bodies[int(np.argmin(eigenvalues)), 0]].number
         raise NotPhysical(
             f"the prior of link {worst} is no possible body", fix="correct the prior in the robot file: dynid check"
         )

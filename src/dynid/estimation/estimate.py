@@ -15,7 +15,7 @@ from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Stack
 from dynid.estimation.uncertainty import Knowledge, judge
 from dynid.model.mass_matrix import random_poses, sign_alarm
-from dynid.model.prior import prior_parameters
+from dynid.model.prior import prior_base_parameters
 from dynid.model.store import BaseModel
 from dynid.robot import Controller
 
@@ -99,7 +99,7 @@ def estimate(
         NothingChanged: the physical set in force is the prior although the torques say otherwise.
     """
     whole = Part(stack, np.ones(stack.blocks, dtype=bool), controller_of(base))
-    prior = prior_base(base)
+    prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(whole) if method == "auto" else (method, "as asked")
     plain = replace(METHODS[name](whole, prior), why=why)
     findings = _excitation_findings(stack, plain, drop_weak)
@@ -289,22 +289,3 @@ def _held_out(
 def controller_of(base: BaseModel) -> Controller | None:
     """Return the robot's controller where the base parameters are those of the whole arm that it moves."""
     return None if base.robot.links else base.robot.controller
-
-
-def prior_base(base: BaseModel) -> Floats:
-    """Return the base parameters of the prior bodies, NaN where the prior says nothing (friction), (p,).
-
-    Rotor inertias are not in the prior; they count as zero in a combination and as unknown alone.
-    """
-    names, reduction = base.reduction.names, base.reduction
-    links = prior_parameters(base.robot).reshape(-1, 10)
-    gamma = np.full(len(names), np.nan)
-    for k, column in enumerate(base.model.link_columns):
-        link, p = divmod(int(column), 11)
-        gamma[k] = links[link, p] if p < 10 else 0.0
-    values = reduction.K @ np.nan_to_num(gamma)
-    alone_unknown = [
-        np.isnan(gamma[b]) or (names[b].startswith("Im") and len(reduction.terms(i)) == 1)
-        for i, b in enumerate(reduction.base)
-    ]
-    return np.where(alone_unknown, np.nan, values)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent
 from dynid.estimation.least_squares import merge
-from dynid.estimation.physical_constraints import BODY_PARAMETERS, basis, make_physics, pseudo_inertia
+from dynid.estimation.physical_constraints import basis, make_physics, pseudo_inertia
 from dynid.estimation.result import Identification, StoredResult
+from dynid.model.parameters import BODY_PARAMETERS, numbered
 from dynid.model.prior import body_of
 from dynid.model.reduce import Reduction
 from dynid.robot import Body
@@ -162,9 +163,9 @@ def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floa
     values, axes = np.linalg.eigh(information / np.outer(scale, scale))
     root = (np.sqrt(np.maximum(values, 0.0)) * axes).T * scale
     R, r = root @ K, root @ change
-    names = tuple(f"{kind}1" for kind in BODY_PARAMETERS)
-    physics = make_physics(names, _ball(np.linalg.lstsq(R, r, rcond=None)[0]).parameters())
-    freedom = max(1, int(np.sum(values > UNKNOWN * values.max())) - len(names))
+    parameters = [numbered(kind, 1, "") for kind in BODY_PARAMETERS]
+    physics = make_physics(parameters, _ball(np.linalg.lstsq(R, r, rcond=None)[0]).parameters())
+    freedom = max(1, int(np.sum(values > UNKNOWN * values.max())) - len(parameters))
     misfit = 2 * fit_consistent(R, r, physics).cost / freedom
     wide = math.sqrt(max(1.0, misfit))
     x = fit_consistent(R / wide, r / wide, physics).x

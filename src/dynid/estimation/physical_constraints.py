@@ -1,6 +1,6 @@
 """What makes a parameter vector physical: pseudo-inertias, bounds on masses and centres of mass, signs.
 
-Reads parameter names (``m1 ... Izz1 Im1 fv1 fc1 fo1``); writes ``Physics``, the constraint set that
+Reads the table of parameters; writes ``Physics``, the constraint set that
 ``dynid.estimation.consistent`` works with.
 
 Source: Wensing, Kim, Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
@@ -9,7 +9,6 @@ identification" (the pseudo-inertia); Lee, Wensing, Park 2020, "Geometric robot 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,13 +16,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.robot import LINK_PARAMETERS
+from dynid.model.parameters import Parameter, body_columns, columns_of
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = NDArray[np.intp]
 
-#: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
-BODY_PARAMETERS = LINK_PARAMETERS[:10]
 #: Parameters that no real drive has with a minus sign: rotor inertia, viscous and Coulomb friction.
 NONNEGATIVE = ("Im", "fv", "fc")
 
@@ -80,7 +77,7 @@ class Physics:
     """The set of physical parameter vectors and the prior inside it.
 
     Attributes:
-        names: parameter names, (c).
+        parameters: what each column stands for, (c).
         bodies: columns of the ten parameters of each link, (L, 10).
         prior: what is believed before measuring, (c,); zero where nothing is.
         G: rows of the bounds G x >= h, (k, c).
@@ -91,7 +88,7 @@ class Physics:
         spread: standard deviation of parameters that are believed to be near zero, (c,); infinite elsewhere.
     """
 
-    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
     bodies: Ints
     prior: Floats
     G: Floats
@@ -103,8 +100,8 @@ class Physics:
 
     @property
     def offsets(self) -> Ints:
-        """Columns of friction offsets."""
-        return np.array([k for k, name in enumerate(self.names) if re.fullmatch(r"fo\d+", name)], dtype=np.int64)
+        """Columns of friction offsets, (k,)."""
+        return columns_of(self.parameters, "fo")
 
     @property
     def prior_pseudo_inertia(self) -> Floats:
@@ -120,15 +117,8 @@ class Physics:
         return is_consistent(x[self.bodies]) and bool(np.all(self.slack(x) >= 0.0))
 
 
-def link_columns(names: Sequence[str]) -> Ints:
-    """Return the columns of the ten body parameters of each link found in ``names``, (L, 10)."""
-    where = {name: k for k, name in enumerate(names)}
-    links = sorted({int(found[1]) for name in names if (found := re.fullmatch(r"m(\d+)", name))})
-    return np.array([[where[f"{p}{link}"] for p in BODY_PARAMETERS] for link in links], dtype=np.int64).reshape(-1, 10)
-
-
 def make_physics(
-    names: Sequence[str],
+    parameters: Sequence[Parameter],
     prior: Floats,
     *,
     total_mass: tuple[float, float] | None = None,
@@ -140,49 +130,43 @@ def make_physics(
     """Collect what is known about the arm besides the measurement.
 
     Args:
-        names: parameter names, (c).
+        parameters: what each column stands for, (c).
         prior: prior parameters, (c,); the bodies in it must be consistent.
-        total_mass: smallest and largest mass of all links in ``names`` [kg].
+        total_mass: smallest and largest mass of all links in ``parameters`` [kg].
         link_mass: the same for single links, by link number.
         com_box: corners of the box that holds the centre of mass, in the link frame, by link number [m].
-        nonnegative: prefixes of the parameters that cannot be negative.
+        nonnegative: kinds of the parameters that cannot be negative.
         ratings: by parameter, what those of one kind are thought to be in proportion to; equal where nothing is said.
 
     Returns:
         Bounds and prior together.
     """
-    where = {name: k for k, name in enumerate(names)}
     rows: list[tuple[dict[int, float], float, str]] = []
-    for name, k in where.items():
-        if re.sub(r"\d+$", "", name) in nonnegative:
-            rows.append(({k: 1.0}, 0.0, f"{name} >= 0"))
-    masses = {link: where[f"m{link}"] for link in _link_numbers(names)}
+    for k, parameter in enumerate(parameters):
+        if parameter.kind in nonnegative:
+            rows.append(({k: 1.0}, 0.0, f"{parameter.name} >= 0"))
+    bodies = body_columns(parameters)
+    masses = {link: int(columns[0]) for link, columns in bodies.items()}
     if total_mass is not None:
         rows += _between(dict.fromkeys(masses.values(), 1.0), total_mass, "total mass [kg]")
     for link, bounds in (link_mass or {}).items():
         rows += _between({masses[link]: 1.0}, bounds, f"m{link} [kg]")
     for link, (low, high) in (com_box or {}).items():
         for axis, (a, b) in enumerate(zip(low, high, strict=True)):
-            first, m, letter = where[f"mc{'xyz'[axis]}{link}"], masses[link], "xyz"[axis]
+            first, m, letter = int(bodies[link][1 + axis]), masses[link], "xyz"[axis]
             rows.append(({first: 1.0, m: -float(a)}, 0.0, f"c{letter}{link} >= {a:g} m"))
             rows.append(({first: -1.0, m: float(b)}, 0.0, f"c{letter}{link} <= {b:g} m"))
-    G, h = np.zeros((len(rows), len(names))), np.array([row[1] for row in rows])
+    G, h = np.zeros((len(rows), len(parameters))), np.array([row[1] for row in rows])
     for k, (terms, _, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
     labels, prior = tuple(row[2] for row in rows), np.asarray(prior, dtype=float)
-    unknown = [name for name in names if prior[where[name]] <= 0.0]
-    pools = tuple(
-        np.array([where[name] for name in unknown if re.fullmatch(rf"{kind}\d+", name)], dtype=np.int64)
-        for kind in nonnegative
-    )
+    pools = tuple(found[prior[found] <= 0.0] for found in (columns_of(parameters, kind) for kind in nonnegative))
     # Why of fc: an offset is the part of the friction that does not change its sign.
-    proportion = np.array([(ratings or {}).get(re.sub(r"^fo(?=\d)", "fc", name), 1.0) for name in names])
-    nowhere = np.full(len(names), np.inf)
-    return Physics(tuple(names), link_columns(names), prior, G, h, labels, pools, proportion, nowhere)
-
-
-def _link_numbers(names: Sequence[str]) -> list[int]:
-    return sorted({int(found[1]) for name in names if (found := re.fullmatch(r"m(\d+)", name))})
+    rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
+    proportion = np.array([(ratings or {}).get(name, 1.0) for name in rated])
+    nowhere = np.full(len(parameters), np.inf)
+    links = np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10)
+    return Physics(tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere)
 
 
 def _between(

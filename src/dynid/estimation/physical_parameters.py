@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dynid.estimation.consistent import ConsistentFit, complete, fit_pooled
 from dynid.estimation.estimators import Estimate
 from dynid.estimation.physical_constraints import Physics, make_physics
-from dynid.model.prior import body_of, prior_parameters
+from dynid.model.prior import body_of, prior_vector
 from dynid.model.store import BaseModel
 from dynid.robot import Robot
 
@@ -92,16 +92,10 @@ def full_set(base: BaseModel, estimate: Estimate) -> FullSet:
 
 def physics_of(base: BaseModel) -> Physics:
     """Return the robot's prior and what is known about it, for all parameters of the model."""
-    names = base.reduction.names
-    prior = np.zeros(len(names))
-    links = prior_parameters(base.robot).reshape(-1, 10)
-    for k, column in enumerate(base.model.link_columns):
-        link, p = divmod(int(column), 11)
-        prior[k] = links[link, p] if p < 10 else 0.0
     known, identified = base.robot.known, base.robot.identified_links
     return make_physics(
-        names,
-        prior,
+        base.model.parameters,
+        prior_vector(base.model),
         total_mass=known.total_mass,
         link_mass={link: bounds for link, bounds in known.link_mass if link in identified},
         com_box={link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified},

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynid.errors import WrongUsage
 from dynid.exporters.interface import IdentifiedArm
 from dynid.model.kernels import FOLD, geometry
+from dynid.model.parameters import Parameter
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
 from dynid.text import code, identifier
@@ -111,9 +112,9 @@ class _Writer:
         inertial = self._program(model.rigid.restricted(model.link_columns[base[rigid]]))
         friction: list[str] = []
         for col in np.flatnonzero(~rigid):
-            name = model.extra[base[col] - links].name
-            target = inertial if name.startswith("Imc") else friction
-            target += [self._stored(row, int(col), value) for row, value in self._entries(name)]
+            parameter = model.extra[base[col] - links].parameter
+            target = inertial if parameter.kind == "Imc" else friction
+            target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
         return inertial, friction
 
     def _program(self, program: Program) -> list[str]:
@@ -160,9 +161,9 @@ class _Writer:
         angle = self._item("q", joint) + (f" + {_number(offset)}" if offset else "")
         return self.language.call.format(function=_FUNCTIONS[kind], x=angle)
 
-    def _entries(self, name: str) -> list[tuple[int, str]]:
+    def _entries(self, parameter: Parameter) -> list[tuple[int, str]]:
         """Return rows and values of a friction or coupled-motor column."""
-        kind, joint = _kind_and_joint(name)
+        kind, joint = parameter.kind, parameter.number - 1
         speed = self._item("qd", joint)
         if kind == "fv":
             return [(joint, speed)]
@@ -173,7 +174,7 @@ class _Writer:
         if kind in ("Imc", "fvc", "fcc") and self.robot.coupling is not None:
             return self._coupled(kind, joint, np.array(self.robot.coupling.matrix)[joint])
         raise WrongUsage(
-            f"the effect behind parameter {name} cannot be written as code",
+            f"the effect behind parameter {parameter.name} cannot be written as code",
             fix="export another format, or without the effect",
         )
 

@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 #: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
 Torques = Callable[[Floats, Floats, Floats], Floats]
 
-#: Parts of the torque by the prefix of their parameters.
+#: Parts of the torque by the kind of their parameters.
 RIGID = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 ROTORS = ("Im",)
 VISCOUS = ("fv",)
@@ -37,10 +37,8 @@ VISCOUS = ("fv",)
 def part(model: Model, full: FullModel, kinds: Sequence[str]) -> Torques:
     """Return dynid's own torques that only the parameters of these kinds make."""
     whole = Model(replace(model.robot, links=()), model.rigid)
-    names = whole.parameter_names
-    wanted = np.array([name.rstrip("0123456789") in kinds for name in names])
-    chosen = full.values(names)[wanted]
-    observer = whole.observer(np.flatnonzero(wanted))
+    wanted = whole.columns_of(*kinds)
+    observer, chosen = whole.observer(wanted), full.values(whole.parameter_names)[wanted]
     return lambda q, qd, qdd: observer.torque(chosen, q, qd, qdd)
 
 

@@ -83,7 +83,7 @@ def full_model(base: BaseModel, physical: FullSet, theta: Floats) -> FullModel:
         theta: base parameters that are wanted, (p,); those of the physical set, or others that the nearest set gets.
     """
     robot, names = base.robot, physical.names
-    size = np.array([_SIZE.get(name.rstrip("0123456789"), 1.0) for name in names])
+    size = np.array([_SIZE.get(parameter.kind, 1.0) for parameter in base.model.parameters])
     K = base.reduction.K * size
     gamma = physical.x + size * np.linalg.lstsq(K, theta - physical.theta, rcond=1e-12)[0]
     values = dict(zip(names, gamma.tolist(), strict=True))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dynid.model.kinematics import Step, symbolic_step
 from dynid.model.program import ADD, MUL, NEG, SUB, Builder, Program
-from dynid.robot import LINK_PARAMETERS, Robot
+from dynid.robot import Robot
 
 if TYPE_CHECKING:
     from sympy import Expr, Symbol
@@ -243,8 +243,3 @@ def _compile(rec: Recorder, entries: dict[tuple[int, int], Expr], shape: tuple[i
     for symbol, expression in rec.assignments:
         slots[str(symbol)] = slot(expression)
     return builder.build([(row, col, slot(e)) for (row, col), e in sorted(entries.items())], shape)
-
-
-def parameter_names(n: int) -> tuple[str, ...]:
-    """Return the names of the 11 n parameters in the order of Table 5."""
-    return tuple(f"{name}{link}" for link in range(1, n + 1) for name in LINK_PARAMETERS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dynid.model.kernels import geometry
+from dynid.model.parameters import link_parameters
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.model.regressor import Model
 from dynid.text import code
@@ -48,10 +49,10 @@ def as_latex(model: Model) -> str:
     """Return the named expressions and the entries of P as LaTeX."""
     from sympy import Symbol, latex
 
-    from dynid.model.dynamics import derive, parameter_names
+    from dynid.model.dynamics import derive
 
     _, recorder, entries = derive(model.robot)
-    names = parameter_names(model.robot.n)
+    names = [parameter.name for parameter in link_parameters(model.robot)]
     nice: dict[Symbol, Symbol] = {}
     for i in range(1, model.robot.n + 1):
         nice |= {Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"), Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}")}

@@ -1,4 +1,4 @@
-"""What is believed before measuring: one rigid body a link, explicit or from uniform cylinders (Paper Eq. 9).
+"""The prior, what is known before measuring: one rigid body per link, explicit or from uniform cylinders (Paper Eq. 9).
 
 Reads ``Robot.prior`` and ``Robot.tool``; gives bodies in the DH frames and their parameters in the order of Table 5.
 """
@@ -7,11 +7,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.parameters import BODY_PARAMETERS
 from dynid.robot import Body, Cylinders, Robot
+
+if TYPE_CHECKING:
+    from dynid.model.reduce import Reduction
+    from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +89,7 @@ def _cylinder(robot: Robot, i: int, radius: float) -> Cylinder:
 
 
 def prior_bodies(robot: Robot) -> tuple[Body, ...]:
-    """Return the believed body of each link, n of them, in the DH frames; the last one carries the tool.
+    """Return the prior body of each link, n of them, in the DH frames; the last one carries the tool.
 
     A robot file without a prior stands for ``DEFAULT_CYLINDERS``; ask ``robot.prior`` where that matters.
     Source: Paper Eq. 9.
@@ -101,8 +107,37 @@ def prior_bodies(robot: Robot) -> tuple[Body, ...]:
 
 
 def prior_parameters(robot: Robot) -> Floats:
-    """Return the first ten parameters of Table 5 of each link as believed before measuring, (10 n,)."""
+    """Return the first ten parameters of Table 5 of each link's prior body, (10 n,) [kg, kg m, kg m^2]."""
     return np.concatenate([body.parameters() for body in prior_bodies(robot)])
+
+
+def prior_vector(model: Model) -> Floats:
+    """Return the prior gamma of all parameters of a model in the order of its columns, (c,), in their units.
+
+    Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
+    """
+    bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
+    return np.array(
+        [
+            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)] if parameter.of_body else 0.0
+            for parameter in model.parameters
+        ]
+    )
+
+
+def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float = np.nan) -> Floats:
+    """Return the prior of the base parameters, K gamma, (p,), in their units.
+
+    Args:
+        model: the model.
+        reduction: its base parameters.
+        unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
+            alone; in a combination a rotor inertia counts as zero.
+    """
+    table = [model.parameters[k] for k in reduction.base]
+    combined = np.count_nonzero(reduction.K, axis=1) > 1
+    known = [p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)]
+    return np.where(known, reduction.K @ prior_vector(model), unknown)
 
 
 def joined(first: Body, second: Body) -> Body:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import LinkFrames, link_frames
-from dynid.model.prior import prior_parameters
+from dynid.model.prior import prior_vector
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
 from dynid.robot import Robot
@@ -73,12 +73,7 @@ def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTor
 
 def prior_torques(model: Model) -> ModelTorques:
     """Return the torques of the prior, without friction."""
-    links = prior_parameters(model.robot).reshape(-1, 10)
-    values = np.zeros(model.size)
-    for k, column in enumerate(model.link_columns):
-        link, p = divmod(int(column), 11)
-        values[k] = links[link, p] if p < 10 else 0.0
-    return ModelTorques(model, values)
+    return ModelTorques(model, prior_vector(model))
 
 
 def holding_torque(robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats) -> Floats:

@@ -7,7 +7,6 @@ effects that were added to the robot file. The last ones depend on the order of 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,17 +14,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.dynamics import derive, parameter_names
-from dynid.model.effects import Column, State, coupled_motor_columns, joint_columns
+from dynid.model.dynamics import derive
 from dynid.model.effects.catalogue import Added, added_effects
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.interface import ArmMotion, Column, State
+from dynid.model.effects.joint_columns import coupled_motor_columns, joint_columns
 from dynid.model.kernels import Kernel
+from dynid.model.parameters import Parameter, columns_of, link_parameters
 from dynid.model.program import Program
-from dynid.robot import LINK_PARAMETERS, Robot
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
-
-_UNIT = {"m": "kg", "mc": "kg m", "I": "kg m^2"}
 
 
 @dataclass(frozen=True)
@@ -62,28 +60,30 @@ class Model:
         return np.array(kept, dtype=np.intp)
 
     @cached_property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of all columns."""
-        names = parameter_names(self.robot.n)
-        added = tuple(column.name for effect in self.added for column in effect.columns)
-        return tuple(names[k] for k in self.link_columns) + tuple(column.name for column in self.extra) + added
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What each column stands for, (c)."""
+        links = link_parameters(self.robot)
+        added = (column.parameter for effect in self.added for column in effect.columns)
+        return (*(links[k] for k in self.link_columns), *(column.parameter for column in self.extra), *added)
 
-    @cached_property
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all columns, (c)."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
     def units(self) -> dict[str, str]:
         """Unit of each parameter by name."""
-        units: dict[str, str] = {}
-        for name in self.parameter_names[: len(self.link_columns)]:
-            kind = name.rstrip("0123456789")
-            units[name] = _UNIT["m" if kind == "m" else "mc" if kind.startswith("mc") else "I"]
-            if kind == "Im" and not self.robot.joints[int(name[2:]) - 1].revolute:
-                units[name] = "kg"
-        units |= {column.name: column.unit for column in self.extra}
-        return units | {column.name: column.unit for effect in self.added for column in effect.columns}
+        return {parameter.name: parameter.unit for parameter in self.parameters}
+
+    def columns_of(self, *kinds: str) -> NDArray[np.intp]:
+        """Return the columns whose parameters are of one of these kinds, such as ``"fc"``, (k,)."""
+        return columns_of(self.parameters, *kinds)
 
     @property
     def size(self) -> int:
         """Number of columns."""
-        return len(self.parameter_names)
+        return len(self.parameters)
 
     @property
     def plain_size(self) -> int:
@@ -121,7 +121,6 @@ class Observer:
         cols: column of each entry among the chosen ones, (E,).
         shape: joints and chosen columns.
         added_entries: which entries of ``Model.added_entries`` follow those of ``blocks``.
-        coulomb: which entries are the Coulomb sign of a single joint, and of which joint, (k,) each.
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
@@ -138,14 +137,6 @@ class Observer:
         self.cols = np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))
         self.added_entries = entries
-        first = len(self._kernel.rows) + np.cumsum([0, *(len(column.rows) for column in self._extra)])
-        self._signs = [
-            (int(k), column)
-            for k, column in zip(first, self._extra, strict=False)
-            if re.fullmatch(r"fc\d+", column.name)
-        ]
-        where = [(k, column.rows[0]) for k, column in self._signs]
-        self.coulomb = tuple(np.array(where, dtype=np.intp).reshape(-1, 2).T)
 
     @staticmethod
     def _added_entries(model: Model, columns: NDArray[np.intp]) -> tuple[NDArray[np.intp], tuple[Floats, Floats]]:
@@ -157,19 +148,36 @@ class Observer:
         rows = np.concatenate([[], *(np.array(layout[c]) for _, c in wanted)])
         return entries, (rows, np.concatenate([[], *(np.full(len(layout[c]), k) for k, c in wanted)]))
 
-    def blocks(self, q: Floats, qd: Floats, qdd: Floats) -> Iterator[tuple[slice, Floats]]:
-        """Yield (samples, entries (E, B)) block by block; entries of added effects are not among them."""
+    def blocks(
+        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
+    ) -> Iterator[tuple[slice, Floats]]:
+        """Yield (samples, entries (E, B)) block by block; entries of added effects are not among them.
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            coulomb_sign: signs of the velocities where a log carries them, (N, n); those of ``qd`` when None.
+        """
         for part, entries in self._kernel.blocks(q, qd, qdd):
             if self._extra:
                 state = State(q[part], qd[part], qdd[part])
-                entries = np.vstack([entries, *(entry for column in self._extra for entry in column.evaluate(state))])
+                signs = None if coulomb_sign is None else coulomb_sign[part]
+                extra = [
+                    column.evaluate(state)
+                    if signs is None or column.parameter.kind != "fc"
+                    else [signs[:, column.rows[0]]]
+                    for column in self._extra
+                ]
+                entries = np.vstack([entries, *(entry for found in extra for entry in found)])
             yield part, entries
 
     def coulomb_sign(self, qd: Floats) -> Floats:
         """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""
         found = np.zeros_like(qd)
-        for _, column in self._signs:
-            found[:, column.rows[0]] = column.evaluate(State(qd, qd, qd))[0]
+        for column in self._extra:
+            if column.parameter.kind == "fc":
+                found[:, column.rows[0]] = column.evaluate(State(qd, qd, qd))[0]
         return found
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -203,6 +211,3 @@ class Observer:
 def build_model(robot: Robot) -> Model:
     """Derive the model of an arm from its DH table."""
     return Model(robot, derive(robot)[0])
-
-
-__all__ = ["LINK_PARAMETERS", "Model", "Observer", "build_model"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects import Column, State
+from dynid.model.effects.interface import Column, State
 from dynid.model.kernels import FOLD, geometry, moving_input
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.model.regressor import Model

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects.coulomb import coulomb_sign
+from dynid.model.effects.interface import coulomb_sign
 from dynid.robot import Coulomb
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects import State
+from dynid.model.effects.interface import State
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Basis

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Collision, DynidError, LimitBroken
+from dynid.model.prior import prior_base_parameters
 from dynid.model.store import BaseModel
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
@@ -24,7 +25,7 @@ from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within
 from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import MotionCandidate, SearchOptions, SearchOutcome, optimise
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.predict import held_out, prior_base_parameters
+from dynid.trajectory.predict import held_out
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +117,7 @@ def planning_context(base: BaseModel, options: PlanOptions) -> PlanningContext:
         limits,
         Spheres(base.robot, options.scene),
         options,
-        prior_base_parameters(base.model, base.reduction),
+        prior_base_parameters(base.model, base.reduction, unknown=0.0),
         held_out(base.model, base.reduction.base, bounds(base.robot)),
     )
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.prior import prior_parameters
-from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.robot import Robot
@@ -35,16 +33,6 @@ def default_noise(robot: Robot) -> Floats:
     if robot.torque.noise is not None:
         return np.array(robot.torque.noise)
     return np.array([NOISE_SHARE * j.limits.torque if j.limits.torque else NOISE for j in robot.joints])
-
-
-def prior_base_parameters(model: Model, reduction: Reduction) -> Floats:
-    """Return the base parameters of the prior, friction and rotor inertias counted as zero, (p,)."""
-    links = prior_parameters(model.robot).reshape(model.robot.n, 10)
-    full = np.zeros((model.robot.n, 11))
-    full[:, :10] = links
-    gamma = np.zeros(model.size)
-    gamma[: len(model.link_columns)] = full.ravel()[model.link_columns]
-    return reduction.K @ gamma
 
 
 @dataclass(frozen=True)

@@ -49,10 +49,10 @@ class Observations:
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        from dynid.estimation.estimate import prior_base
         from dynid.estimation.excitation import weakly_excited
+        from dynid.model.prior import prior_base_parameters
 
-        return list(weakly_excited(self.base, self.stack, prior_base(self.base)))
+        return list(weakly_excited(self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)))
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""
@@ -95,14 +95,12 @@ class Observations:
             folder: where to.
             facts: further facts for the headers, such as the inputs that they depend on.
         """
-        import numpy as np
-
-        from dynid.estimation.estimate import prior_base
+        from dynid.model.prior import prior_base_parameters
         from dynid.validate import predict
 
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
-        prior = np.nan_to_num(prior_base(self.base))
+        prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
         motions = [predict.predict(log, self.stack.rows_of_log(k), prior) for k, log in enumerate(self.stack.logs)]
         estimated = {
             **header,

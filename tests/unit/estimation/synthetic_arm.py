@@ -9,14 +9,15 @@ import numpy as np
 import pinocchio as pin
 
 from dynid.estimation.physical_constraints import Physics, body_parameters, make_physics, pseudo_inertia
+from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
 
 TWIST = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
 OFFSET = np.array([0.31, 0, 0.4, 0, 0.39, 0, 0.078])
 LENGTH = np.array([0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.08])
 MASS = np.array([2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27])
-NAMES = tuple(f"{p}{i}" for i in range(1, 8) for p in LINK_PARAMETERS) + tuple(
-    f"{p}{i}" for i in range(1, 8) for p in ("fv", "fc")
+PARAMETERS = tuple(numbered(p, i, "") for i in range(1, 8) for p in LINK_PARAMETERS) + tuple(
+    numbered(p, i, "") for i in range(1, 8) for p in ("fv", "fc")
 )
 #: How much the true links differ from cylinders: relative stretch and shear, shift [m].
 SHAPE = np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0, 0, 0, 0]])
@@ -114,7 +115,7 @@ def seven_joint_arm() -> Arm:
         prior[11 * i : 11 * i + 10] = cylinder(MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i])
     truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
-    return Arm(truth, prior, make_physics(NAMES, prior))
+    return Arm(truth, prior, make_physics(PARAMETERS, prior))
 
 
 def arm_with_measured_friction() -> Arm:

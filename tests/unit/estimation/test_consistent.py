@@ -8,6 +8,7 @@ from synthetic_arm import arm_with_measured_friction
 from dynid.errors import NotPhysical
 from dynid.estimation.consistent import complete, fit_consistent, fit_pooled, interior_point, nearest_consistent
 from dynid.estimation.physical_constraints import basis, make_physics
+from dynid.model.parameters import numbered
 
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
 
@@ -59,7 +60,7 @@ def test_without_data_the_answer_is_the_prior(arm):
 def test_facts_are_kept_even_where_the_prior_breaks_them(arm):
     box = {7: (np.array([-0.01, -0.01, -0.03]), np.array([0.01, 0.01, 0.03]))}
     facts = {"total_mass": (14.8, 14.9), "link_mass": {3: (2.0, 2.1)}, "com_box": box}
-    physics = make_physics(arm.physics.names, arm.prior, **facts)
+    physics = make_physics(arm.physics.parameters, arm.prior, **facts)
     assert not physics.holds(np.where(arm.prior == 0, 1.0, arm.prior))
     R, r = arm.whitened()
     for fit in (fit_consistent(R, r, physics), nearest_consistent(R, r, physics)):
@@ -71,7 +72,7 @@ def test_facts_are_kept_even_where_the_prior_breaks_them(arm):
 
 
 def test_contradicting_facts_are_named(arm):
-    physics = make_physics(arm.physics.names, arm.prior, total_mass=(1, 2), link_mass={1: (3, 4)})
+    physics = make_physics(arm.physics.parameters, arm.prior, total_mass=(1, 2), link_mass={1: (3, 4)})
     with pytest.raises(NotPhysical, match="contradict"):
         interior_point(physics)
 
@@ -80,7 +81,7 @@ def test_an_impossible_prior_is_named(arm):
     prior = arm.prior.copy()
     prior[11] = -1.0
     with pytest.raises(NotPhysical, match="link 2"):
-        interior_point(make_physics(arm.physics.names, prior))
+        interior_point(make_physics(arm.physics.parameters, prior))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,7 @@ def test_complete_set_keeps_every_base_parameter(arm, base):
     assert np.abs(done.miss / beta).max() < 1e-5
     assert np.abs(done.miss_sigma).max() < 1e-4
     assert arm.physics.holds(done.fit.x)
-    assert np.all(done.fit.data_share[arm.physics.names.index("fc1")] > 0.99)
+    assert np.all(done.fit.data_share[[p.name for p in arm.physics.parameters].index("fc1")] > 0.99)
     assert np.all(done.fit.data_share[arm.physics.bodies[0, :4]] < 0.01)
 
 
@@ -194,7 +195,7 @@ def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
 def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):
     joint = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     ratings = {f"{kind}{k + 1}": 50 * joint[k] for kind in ("fv", "fc") for k in range(7)}
-    physics = make_physics(arm.physics.names, arm.prior, ratings=ratings)
+    physics = make_physics(arm.physics.parameters, arm.prior, ratings=ratings)
     W = arm.regressor(*arm.motion(300, seed=5))
     errors = []
     for seed in range(1, 9):
@@ -212,12 +213,12 @@ def test_good_data_override_the_pooling(arm):
 
 def test_a_joint_that_moves_one_way_only_has_friction_of_the_size_of_the_others():
     """Its Coulomb friction and its offset are one number to the data: 1000 and -1000 N m fit as well."""
-    names = ("fc1", "fc2", "fc3", "fo1", "fo2", "fo3")
+    friction = [numbered(kind, k, "N m") for kind in ("fc", "fo") for k in (1, 2, 3)]
     truth = np.array([2.0, 1.5, 2.5, 0.1, -0.2, 0.3])
     R = 100 * np.eye(6)
     R[:, [0, 3]] = 0
     R[0, [0, 3]] = 100
-    physics = make_physics(names, np.zeros(6))
+    physics = make_physics(friction, np.zeros(6))
     x = fit_pooled(R, R @ truth, physics)[0].x
     assert x[0] + x[3] == pytest.approx(2.1, abs=0.05)
     assert 0.7 < x[0] < 2.5

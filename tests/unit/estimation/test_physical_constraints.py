@@ -6,11 +6,11 @@ import pytest
 from dynid.estimation.physical_constraints import (
     body_parameters,
     is_consistent,
-    link_columns,
     make_physics,
     pseudo_inertia,
     smallest_eigenvalues,
 )
+from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
 
 
@@ -36,17 +36,12 @@ def test_a_rod_thicker_than_its_length_allows_is_refused():
     assert smallest_eigenvalues(np.stack([possible, impossible]))[1] == pytest.approx(-0.0005, rel=0.05)
 
 
-def test_columns_are_found_by_name_whatever_their_order():
-    names = ["fv2", *[f"{p}2" for p in LINK_PARAMETERS], *[f"{p}3" for p in reversed(LINK_PARAMETERS)]]
-    columns = link_columns(names)
-    assert [[names[k] for k in row] for row in columns] == [[f"{p}{i}" for p in LINK_PARAMETERS[:10]] for i in (2, 3)]
-
-
 def test_bounds_hold_inside_and_break_outside():
-    names = [f"{p}1" for p in LINK_PARAMETERS] + ["fv1", "fo1"]
+    parameters = [numbered(kind, 1, "") for kind in (*LINK_PARAMETERS, "fv", "fo")]
+    names = [parameter.name for parameter in parameters]
     x = np.concatenate([Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]])
     box = {1: (np.array([0, -1, -1]), np.array([0.2, 1, 1]))}
-    physics = make_physics(names, x, total_mass=(1, 3), com_box=box)
+    physics = make_physics(parameters, x, total_mass=(1, 3), com_box=box)
     assert physics.holds(x)
     for change in ({"m1": 2.0}, {"mcx1": 0.5}, {"fv1": -2.0}, {"Im1": -0.2}, {"mcx1": -0.3}):
         broken = x.copy()

@@ -8,7 +8,7 @@ import pytest
 from dynid.errors import NothingChanged, RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.conditioned_log import ConditionedLog, without_known
-from dynid.estimation.estimate import estimate, last_share, prior_base
+from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import Part, wls
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import load, save
@@ -16,7 +16,7 @@ from dynid.estimation.stack import rows_of, stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.model.prior import prior_parameters
+from dynid.model.prior import prior_base_parameters, prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.store import BaseModel
 from dynid.signals.conditioning import choose_filter, condition
@@ -192,7 +192,7 @@ def test_a_result_is_read_back_with_its_robot(base, tmp_path):
 
 
 def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
-    values = prior_base(base)
+    values = prior_base_parameters(base.model, base.reduction)
     names = base.reduction.base_names
     kinds = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     labels = [f"{kind}{j}" for j in range(1, base.robot.n + 1) for kind in kinds]
@@ -208,7 +208,7 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
 def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
     found = stacked(base, simulated(base))
-    believed = prior_base(base)
+    believed = prior_base_parameters(base.model, base.reduction)
     start = np.where(np.isfinite(believed), believed, 0.0)
     unmoved = replace(full_set(base, wls(Part(found, np.ones(found.blocks, dtype=bool)), believed)), theta=start)
     monkeypatch.setattr("dynid.estimation.estimate.full_set", lambda *given: unmoved)

@@ -10,9 +10,9 @@ import hidden_effects as hidden
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.friction import presliding
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.effects.page import page
-from dynid.model.effects.presliding_hysteresis import presliding
 from dynid.model.reduce import reduce
 from dynid.model.reference import ModelTorques
 from dynid.model.regressor import build_model

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model.effects import State
+from dynid.model.effects.interface import State
 from dynid.model.regressor import build_model
 from dynid.model.regressor_gradient import RegressorGradient, differences
 from dynid.robot import Coulomb, Coupling, Joint, Robot
@@ -72,7 +72,7 @@ def test_entries_are_those_of_the_observer():
 @pytest.mark.parametrize("kind", ["fv2", "fc2", "fo2"])
 def test_each_friction_column_knows_its_own_derivative(kind):
     model = build_model(replace(scara(), coulomb=Coulomb("smooth", (0.2,) * 4)))
-    column = next(c for c in model.extra if c.name == kind)
+    column = next(c for c in model.extra if c.parameter.name == kind)
     rng = np.random.default_rng(3)
     state = State(*rng.standard_normal((3, 6, 4)))
     weights = [rng.standard_normal(6)]

@@ -83,13 +83,14 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
 def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request, tmp_path):
     pin = pytest.importorskip("pinocchio")
+    from dynid.model.prior import prior_base_parameters
     from dynid.sim.urdf import write_urdf
-    from dynid.trajectory.predict import prior_base_parameters
 
     base = request.getfixturevalue(arm)
     write_urdf(base.robot, None, tmp_path / "arm.urdf")
     other = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
-    data, theta, observer = other.createData(), prior_base_parameters(base.model, base.reduction), base.model.observer
+    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
+    data, observer = other.createData(), base.model.observer
     limit = replace(bounds(base.robot), torque=TORQUES[arm])
 
     def torque(motion):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid.model.prior import prior_base_parameters
 from dynid.trajectory.basis import Fourier, Quintic
 from dynid.trajectory.clearance import Box, Scene, Spheres
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
-from dynid.trajectory.predict import prior_base_parameters
 
 
 def problem(base, **changes):
@@ -42,7 +42,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
         "basis": Fourier(5.0, 3),
         "cost": Cost("i", V=np.eye(p)),
         "penalties": (Spheres(gen2.robot, scene),),
-        "torque": prior_base_parameters(gen2.model, gen2.reduction),
+        "torque": prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0),
         "limits": replace(bounds(gen2.robot), torque=tight.torque),
         "known": 10 * np.eye(p),
         "noise": np.linspace(0.1, 0.4, 7),

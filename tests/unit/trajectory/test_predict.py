@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
+from dynid.model.prior import prior_base_parameters
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
@@ -16,7 +17,6 @@ from dynid.trajectory.predict import (
     held_out,
     information_of,
     predict,
-    prior_base_parameters,
 )
 
 
@@ -92,7 +92,7 @@ def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
     write_urdf(lwr.robot, None, tmp_path / "arm.urdf")
     arm = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     motion = random_trajectory(lwr.robot, 6).sampled(5)
-    theta = prior_base_parameters(lwr.model, lwr.reduction)
+    theta = prior_base_parameters(lwr.model, lwr.reduction, unknown=0.0)
     tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
     data = arm.createData()
     for k in range(len(motion)):
@@ -113,7 +113,7 @@ def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noi
     solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
     rng = np.random.default_rng(8)
     draws = np.array([solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)])
-    misses = draws - prior_base_parameters(gen2.model, gen2.reduction)
+    misses = draws - prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0)
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)

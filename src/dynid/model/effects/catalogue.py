@@ -8,41 +8,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.errors import WrongRobotFile
-from dynid.model.effects.asymmetric_viscous import AsymmetricViscous
-from dynid.model.effects.base_tilt import BaseTilt
-from dynid.model.effects.coulomb import CoulombFriction
-from dynid.model.effects.coulomb_change import CoulombChange
-from dynid.model.effects.encoder_offset import EncoderOffset
-from dynid.model.effects.end_stop import EndStop
+from dynid.model.effects import friction, position, sensor, whole_arm
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
-from dynid.model.effects.joint_coupling import JointCoupling
-from dynid.model.effects.joint_elasticity import JointElasticity
-from dynid.model.effects.load_friction import LoadFriction
-from dynid.model.effects.motor_inertia import MotorInertia
-from dynid.model.effects.nonlinear_viscous import NonlinearViscous
-from dynid.model.effects.offset import TorqueOffset
-from dynid.model.effects.payload import Payload
-from dynid.model.effects.position_friction import PositionFriction
-from dynid.model.effects.presliding_hysteresis import PreslidingHysteresis
-from dynid.model.effects.spring import Spring
-from dynid.model.effects.stribeck import Stribeck
-from dynid.model.effects.tool_force import ToolForce
-from dynid.model.effects.torque_crosstalk import TorqueCrosstalk
-from dynid.model.effects.torque_delay import TorqueDelay
-from dynid.model.effects.torque_drift import TorqueDrift
-from dynid.model.effects.torque_gain import TorqueGain
-from dynid.model.effects.torque_ripple import TorqueRipple
-from dynid.model.effects.viscous import ViscousFriction
-from dynid.model.effects.viscous_change import ViscousChange
-from dynid.model.effects.warmup_friction import WarmupFriction
+from dynid.model.parameters import Parameter
 from dynid.robot import EffectSpec, Robot
 
+#: In the order in which equally good effects are preferred and the reference page lists them.
 _ALL: tuple[Effect, ...] = (
-    TorqueOffset(), ViscousFriction(), CoulombFriction(), AsymmetricViscous(), Stribeck(), NonlinearViscous(),
-    LoadFriction(), TorqueGain(), WarmupFriction(), TorqueDrift(), PositionFriction(), TorqueRipple(), Spring(),
-    EndStop(), MotorInertia(), JointCoupling(), TorqueCrosstalk(), JointElasticity(), EncoderOffset(),
-    PreslidingHysteresis(), BaseTilt(), TorqueDelay(), ToolForce(), Payload(), CoulombChange(), ViscousChange(),
-)  # fmt: skip
+    sensor.TorqueOffset(),
+    friction.ViscousFriction(),
+    friction.CoulombFriction(),
+    friction.AsymmetricViscous(),
+    friction.Stribeck(),
+    friction.NonlinearViscous(),
+    friction.LoadFriction(),
+    sensor.TorqueGain(),
+    friction.WarmupFriction(),
+    sensor.TorqueDrift(),
+    friction.PositionFriction(),
+    position.TorqueRipple(),
+    position.Spring(),
+    position.EndStop(),
+    whole_arm.MotorInertia(),
+    friction.JointCoupling(),
+    sensor.TorqueCrosstalk(),
+    whole_arm.JointElasticity(),
+    sensor.EncoderOffset(),
+    friction.PreslidingHysteresis(),
+    whole_arm.BaseTilt(),
+    sensor.TorqueDelay(),
+    whole_arm.ToolForce(),
+    whole_arm.Payload(),
+    friction.CoulombChange(),
+    friction.ViscousChange(),
+)
 CATALOGUE: dict[str, Effect] = {effect.name: effect for effect in _ALL}
 
 
@@ -51,14 +50,12 @@ class AddedColumn:
     """One column of an effect that the robot file lists.
 
     Attributes:
-        name: parameter name, such as ``stribeck4_a``.
-        unit: unit of the parameter.
+        parameter: what it stands for, such as ``stribeck4_a``.
         rows: joints it acts on, 0-based.
         value: its value in the robot file; 0 where the file has none.
     """
 
-    name: str
-    unit: str
+    parameter: Parameter
     rows: tuple[int, ...]
     value: float
 
@@ -96,7 +93,9 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
             rows = effect.rows(place, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in place)}"
             columns = tuple(
-                AddedColumn(f"{label}_{name}", unit, rows, spec.parameters.get(name, 0.0))
+                AddedColumn(
+                    Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}"), rows, spec.parameters.get(name, 0.0)
+                )
                 for name, unit in effect.amplitudes(shape).items()
             )
             found.append(Added(effect, place, shape, columns))

@@ -16,8 +16,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.parameters import Parameter
 from dynid.model.prime_field import FieldState, Residues
-from dynid.robot import Robot
+from dynid.robot import Coulomb, Robot
 
 Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
@@ -45,8 +46,7 @@ class Column:
     """One column of the regressor beyond the links' ten parameters and rotor inertia.
 
     Attributes:
-        name: parameter name, such as ``fv3``.
-        unit: unit of the parameter.
+        parameter: what it stands for.
         rows: indices of the joints it acts on, 0-based.
         evaluate: its entries in those rows for a block, each (B,).
         exact: the same entries in the prime field of ``model/prime_field.py`` for states given there; None for a
@@ -56,8 +56,7 @@ class Column:
             the gradient; None where nobody has written it, and differences are taken.
     """
 
-    name: str
-    unit: str
+    parameter: Parameter
     rows: tuple[int, ...]
     evaluate: Callable[[State], list[Floats]]
     exact: Callable[[FieldState], list[Residues]] | None = None
@@ -141,6 +140,9 @@ class Effect(ABC):
         uses: ``"refit"`` when no re-identification can absorb it, ``"frozen"`` when it can be a change of the arm.
         positive: whether its only amplitude must be positive.
         needs_model: whether its columns change with the model.
+        units: unit of each amplitude, a parameter that enters linearly, where they do not depend on the shape.
+        shape_units: unit of each shape parameter.
+        shapes: the shapes that are tried, where they do not depend on the motion.
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
     """
 
@@ -154,7 +156,9 @@ class Effect(ABC):
     uses: ClassVar[tuple[str, ...]] = ("refit", "frozen")
     positive: ClassVar[bool] = False
     needs_model: ClassVar[bool] = False
+    units: ClassVar[dict[str, str]] = {}
     shape_units: ClassVar[dict[str, str]] = {}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = ({},)
     steps: ClassVar[dict[str, tuple[str, float]]] = {}
 
     def places(self, n: int) -> list[Place]:
@@ -167,15 +171,15 @@ class Effect(ABC):
 
     def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
         """Return the shapes that are tried; one empty shape when it is linear."""
-        return [{}]
+        return [dict(shape) for shape in self.shapes]
 
     def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes, each (amplitudes, rows, N)."""
         return [self.columns(motion, place, shape) for shape in shapes]
 
-    @abstractmethod
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
+        return dict(self.units)
 
     @abstractmethod
     def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
@@ -183,9 +187,26 @@ class Effect(ABC):
 
 
 def sign_of(motion: ArmMotion, joint: int) -> Floats:
-    """Return the Coulomb sign of one joint, (N,)."""
-    from dynid.model.effects.coulomb import coulomb_sign
-
+    """Return the Coulomb sign of one joint (0-based), (N,)."""
     if motion.coulomb_sign.size:
         return motion.coulomb_sign[:, joint]
     return coulomb_sign(motion.qd[:, joint], motion.robot.coulomb_shape, joint)
+
+
+def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
+    """Return the sign of a joint's velocity as the robot file wants it.
+
+    Args:
+        qd: velocity of the joint, (B,) [rad/s or m/s].
+        shape: shape of the sign.
+        joint: the joint, 0-based.
+
+    Returns:
+        Between -1 and 1, (B,).
+
+    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit.
+    """
+    limit = shape.velocity[joint]
+    if shape.shape == "smooth":
+        return np.tanh(qd / limit)
+    return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)

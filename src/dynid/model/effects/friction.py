@@ -1,0 +1,254 @@
+"""Friction beyond one constant and one slope: over speed, load, position, time, and of a neighbouring joint."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
+
+
+class ViscousFriction(Effect):
+    """Viscous friction."""
+
+    name = "viscous"
+    title = "viscous friction"
+    equation = "fv qd"
+    signature = "in proportion to the joint's own speed"
+    separate = "several speeds, both ways"
+    family = "viscous"
+    units: ClassVar[dict[str, str]] = {"fv": "N m s/rad"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return motion.qd[:, place[0]][None, None]
+
+
+class CoulombFriction(Effect):
+    """Coulomb friction."""
+
+    name = "coulomb"
+    title = "Coulomb friction"
+    equation = "fc sign(qd)"
+    signature = "a step at each reversal, the same size both ways"
+    separate = "several reversals at different speeds"
+    family = "friction curve"
+    units: ClassVar[dict[str, str]] = {"fc": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return sign_of(motion, place[0])[None, None]
+
+
+class AsymmetricViscous(Effect):
+    """Viscous friction that differs with the direction."""
+
+    name = "asymmetric_viscous"
+    title = "viscous friction that differs with the direction"
+    equation = "a |qd|"
+    signature = (
+        "grows with speed, with the same sign both ways: largest where the joint is fast, small where it is slow"
+    )
+    separate = "drive the same path forwards and backwards"
+    family = "viscous"
+    units: ClassVar[dict[str, str]] = {"a": "N m s/rad"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return np.abs(motion.qd[:, place[0]])[None, None]
+
+
+class Stribeck(Effect):
+    """Stribeck friction."""
+
+    name = "stribeck"
+    title = "Stribeck friction"
+    equation = "a exp(-(|qd| / vs)^d) sign(qd), a > 0"
+    signature = "a hump at low speed on both sides of each reversal that is gone at high speed"
+    separate = "sweeps at constant speed over two decades, down to a tenth of vs"
+    family = "friction curve"
+    positive = True
+    shape_units: ClassVar[dict[str, str]] = {"vs": "rad/s", "d": ""}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"vs": ("times", 1.25), "d": ("times", 1.3)}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"vs": vs, "d": d} for vs in (0.014, 0.022, 0.036, 0.06, 0.1, 0.16) for d in (0.7, 1.0, 2.0)
+    )
+    units: ClassVar[dict[str, str]] = {"a": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        speed = np.abs(motion.qd[:, place[0]])
+        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(motion, place[0]))[None, None]
+
+
+class NonlinearViscous(Effect):
+    """Friction that is not linear in speed."""
+
+    name = "nonlinear_viscous"
+    title = "friction that is not linear in speed"
+    equation = "a sign(qd) |qd|^p"
+    signature = "the residual bends with speed: one sign at middle speeds, the other at the highest"
+    separate = "move the joint at least five times faster than the bend"
+    family = "friction curve"
+    shape_units: ClassVar[dict[str, str]] = {"p": ""}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (1.3, 1.6, 2.0, 2.5, 3.0))
+    units: ClassVar[dict[str, str]] = {"a": "N m (s/rad)^p"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        speed = motion.qd[:, place[0]]
+        return (np.sign(speed) * np.abs(speed) ** shape["p"])[None, None]
+
+
+class LoadFriction(Effect):
+    """Friction that grows with the load."""
+
+    name = "load_friction"
+    title = "friction that grows with the load"
+    equation = "a |tau_rb| sign(qd), a > 0"
+    signature = "Coulomb-like, but larger where the joint carries more: high at high load, low at low load"
+    separate = "the same motion with and without a payload"
+    family = "load"
+    positive = True
+    needs_model = True
+    units: ClassVar[dict[str, str]] = {"a": ""}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return (np.abs(motion.rigid[:, place[0]]) * sign_of(motion, place[0]))[None, None]
+
+
+class WarmupFriction(Effect):
+    """Friction that falls while the drive warms up."""
+
+    name = "warmup_friction"
+    title = "friction that falls while the drive warms up"
+    equation = "exp(-t / tw) (a1 sign(qd) + a2 qd)"
+    signature = "friction is larger in the first minutes than later"
+    separate = "repeat the same motion cold and warm"
+    family = "time"
+    shape_units: ClassVar[dict[str, str]] = {"tw": "s"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"tw": ("times", 1.4)}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0))
+    units: ClassVar[dict[str, str]] = {"a1": "N m", "a2": "N m s/rad"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        cold = np.exp(-motion.t / shape["tw"])
+        return np.array([cold * sign_of(motion, place[0]), cold * motion.qd[:, place[0]]])[:, None]
+
+
+class PositionFriction(Effect):
+    """Friction that varies with the position."""
+
+    name = "position_friction"
+    title = "friction that varies with the position"
+    equation = "(a cos(h q) + b sin(h q)) sign(qd)"
+    signature = "friction differs between places of the joint's travel, both ways alike"
+    separate = "cross the whole travel both ways at one slow speed"
+    family = "position"
+    shape_units: ClassVar[dict[str, str]] = {"h": "1/rad"}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"h": h} for h in (1.0, 2.0))
+    units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        angle, sign = shape["h"] * motion.q[:, place[0]], sign_of(motion, place[0])
+        return np.array([np.cos(angle) * sign, np.sin(angle) * sign])[:, None]
+
+
+class PreslidingHysteresis(Effect):
+    """Hysteresis before sliding (Dahl)."""
+
+    name = "presliding_hysteresis"
+    title = "hysteresis before sliding (Dahl)"
+    equation = "a (z - sign(qd)), dz/dq = (1 - z sign(qd)) / delta, a > 0"
+    signature = "friction builds up over the first millirads after each reversal instead of jumping"
+    separate = "many small reversals, each a few delta long"
+    positive = True
+    shape_units: ClassVar[dict[str, str]] = {"delta": "rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"delta": ("times", 1.4)}
+    family = "friction curve"
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"delta": float(delta)} for delta in np.geomspace(0.002, 0.2, 9)
+    )
+    units: ClassVar[dict[str, str]] = {"a": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        z = presliding(motion.q[:, place[0]], shape["delta"])
+        return (z - sign_of(motion, place[0]))[None, None]
+
+
+class JointCoupling(Effect):
+    """Friction that a neighbouring joint drags along."""
+
+    name = "joint_coupling"
+    title = "friction that a neighbouring joint drags along"
+    equation = "a qd_k + b sign(qd_k), k the neighbour"
+    signature = "the residual of one joint follows the speed of the next one"
+    separate = "move the two joints one after the other"
+    scope = "pair"
+    family = "cross"
+    units: ClassVar[dict[str, str]] = {"a": "N m s/rad", "b": "N m"}
+
+    def places(self, n: int) -> list[Place]:
+        """Return every joint with each of its neighbours."""
+        return [(j, k) for j in range(n) for k in (j - 1, j + 1) if 0 <= k < n]
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return np.array([motion.qd[:, place[1]], sign_of(motion, place[1])])[:, None]
+
+
+class CoulombChange(Effect):
+    """Changed Coulomb friction."""
+
+    name = "coulomb_change"
+    title = "changed Coulomb friction"
+    equation = "c sign(qd)"
+    signature = "a step at each reversal, on one joint"
+    separate = "nothing is needed: it shows at every reversal"
+    uses = ("frozen",)
+    family = "friction curve"
+    units: ClassVar[dict[str, str]] = {"c": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return sign_of(motion, place[0])[None, None]
+
+
+class ViscousChange(Effect):
+    """Changed viscous friction."""
+
+    name = "viscous_change"
+    title = "changed viscous friction"
+    equation = "v qd"
+    signature = "in proportion to the speed of one joint"
+    separate = "several speeds, both ways"
+    uses = ("frozen",)
+    family = "friction curve"
+    units: ClassVar[dict[str, str]] = {"v": "N m s/rad"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return motion.qd[:, place[0]][None, None]
+
+
+def presliding(q: Floats, delta: float) -> Floats:
+    """Return the bristle's state over a motion, exact in the position, (N,).
+
+    Between reversals z = sigma + (z0 - sigma) exp(-|q - q0| / delta); it starts slack at 0.
+    """
+    step = np.diff(q, prepend=q[:1])
+    direction = np.sign(step)
+    turns = np.flatnonzero(np.diff(direction) != 0) + 1
+    z = np.zeros_like(q)
+    last, origin = 0.0, q[0]
+    for run in np.split(np.arange(len(q)), turns):
+        sigma = direction[run[0]]
+        z[run] = sigma + (last - sigma) * np.exp(-np.abs(q[run] - origin) / delta) if sigma else last
+        last, origin = z[run[-1]], q[run[-1]]
+    return z

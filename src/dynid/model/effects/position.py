@@ -1,0 +1,111 @@
+"""Torques that depend on one joint's position: ripple, springs and cables, stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
+
+#: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring.
+WAVES = 10.0
+#: Radians of phase over the travel between neighbouring waves that are tried.
+SPACING = 1.6
+#: Fastest wave: harmonic drives have up to some 200 teeth [1/rad].
+HIGHEST = 230.0
+#: More shapes than this come from the grid, whose waves are evenly spaced.
+MANY = 8
+#: A joint that travels less does not move [rad].
+STILL = 0.1
+
+
+class TorqueRipple(Effect):
+    """Torque ripple (cogging, gear, sensor)."""
+
+    name = "torque_ripple"
+    title = "torque ripple (cogging, gear, sensor)"
+    equation = "a cos(k q) + b sin(k q)"
+    signature = "a wave over the joint's position, faster in time when the joint is faster"
+    separate = "a slow, even motion over several waves"
+    shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
+    units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
+
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried."""
+        travel = float(np.ptp(motion.q[:, place[0]]))
+        if travel < STILL:
+            return []
+        return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
+
+    def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes; of evenly spaced waves each turns the one before by the same angles."""
+        k = np.array([shape["k"] for shape in shapes])
+        if len(k) < MANY:
+            return super().tried(motion, place, shapes)
+        q = motion.q[:, place[0]]
+        wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
+        found = []
+        for _ in k:
+            found.append(np.stack([wave.real, wave.imag])[:, None])
+            wave = wave * turn
+        return found
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        angle = shape["k"] * motion.q[:, place[0]]
+        return np.array([np.cos(angle), np.sin(angle)])[:, None]
+
+
+class Spring(Effect):
+    """Spring or cable torque."""
+
+    name = "spring"
+    title = "spring or cable torque"
+    equation = "k1 q (+ k2 q^2 + k3 q^3) + c"
+    signature = "rises over the joint's travel: one sign at one end, the other at the other end"
+    separate = "dwell at both ends of the travel"
+    family = "position torque"
+    shape_units: ClassVar[dict[str, str]] = {"order": "", "constant": ""}
+
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried; the constant only where the joint has no offset of its own."""
+        constant = 0.0 if "offset" in motion.robot.joints[place[0]].friction else 1.0
+        return [{"order": 1.0, "constant": constant}, {"order": 3.0, "constant": constant}]
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        powers = range(1, round(shape["order"]) + 1)
+        found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
+        return found | ({"c": "N m"} if shape["constant"] else {})
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        q = motion.q[:, place[0]]
+        powers = [q**i for i in range(1, round(shape["order"]) + 1)]
+        return np.array([*powers, *([np.ones_like(q)] if shape["constant"] else [])])[:, None]
+
+
+class EndStop(Effect):
+    """One-sided stop or cable that snags."""
+
+    name = "end_stop"
+    title = "one-sided stop or cable that snags"
+    equation = "a max(0, side (q - q1))"
+    signature = "only at one end of the joint's travel, the same both ways"
+    separate = "pass q1 often and from both sides"
+    family = "position torque"
+    shape_units: ClassVar[dict[str, str]] = {"side": "", "q1": "rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"q1": ("plus", 0.1)}
+    units: ClassVar[dict[str, str]] = {"a": "N m/rad"}
+
+    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+        """Return the shapes that are tried."""
+        points = np.quantile(motion.q[:, place[0]], np.linspace(0.15, 0.85, 9))
+        return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return np.maximum(0.0, shape["side"] * (motion.q[:, place[0]] - shape["q1"]))[None, None]

@@ -1,0 +1,122 @@
+"""Effects of inertia, gravity and elasticity, most of which several joints feel at once."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
+from dynid.robot import LINK_PARAMETERS
+
+#: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
+STEP = 1e-6
+
+UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+
+
+class MotorInertia(Effect):
+    """Rotor inertia."""
+
+    name = "motor_inertia"
+    title = "rotor inertia"
+    equation = "Im qdd"
+    signature = "in proportion to the joint's own acceleration; strongest at reversals of a fast joint"
+    separate = "fast reversals; on the first joints it cannot be told from the link's own inertia"
+    positive = True
+    units: ClassVar[dict[str, str]] = {"Im": "kg m^2"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return motion.qdd[:, place[0]][None, None]
+
+
+class JointElasticity(Effect):
+    """Elastic joint with the encoder on the motor's side."""
+
+    name = "joint_elasticity"
+    title = "elastic joint with the encoder on the motor's side"
+    equation = "tau_rb(q - tau_j / K e_j) - tau_rb(q), to first order in 1/K > 0"
+    signature = "at high frequency and where the torque changes fast; in several joints at once"
+    separate = "fast reversals under load"
+    positive = True
+    needs_model = True
+    units: ClassVar[dict[str, str]] = {"compliance": "rad/N m"}
+
+    def rows(self, place: Place, n: int) -> tuple[int, ...]:
+        """Return all joints: the whole arm's torque changes."""
+        return tuple(range(n))
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        j = place[0]
+        bend = motion.smooth(motion.rigid[:, j])
+        speed = np.gradient(bend, motion.t)
+        moved = []
+        for x, shift in ((motion.q, bend), (motion.qd, speed), (motion.qdd, np.gradient(speed, motion.t))):
+            y = x.copy()
+            y[:, j] -= STEP * shift
+            moved.append(y)
+        return ((motion.reference.rigid(*moved) - motion.rigid) / STEP).T[None]
+
+
+class BaseTilt(Effect):
+    """Base that is not level."""
+
+    name = "base_tilt"
+    title = "base that is not level"
+    equation = "x tau_g(ex) + y tau_g(ey), and c cos(q1) + s sin(q1) on joint 1"
+    signature = "the first joint feels gravity; the others a small turn of it"
+    separate = "turn the first joint through its whole travel with the arm stretched out"
+    scope = "arm"
+    needs_model = True
+    family = "statics"
+    units: ClassVar[dict[str, str]] = {"x": "rad", "y": "rad", "c": "N m", "s": "N m"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        columns = np.zeros((4, motion.n, len(motion)))
+        for axis in (0, 1):
+            columns[axis] = motion.reference.gravity_tilt(motion.q, axis).T
+        columns[2, 0], columns[3, 0] = np.cos(motion.q[:, 0]), np.sin(motion.q[:, 0])
+        return columns
+
+
+class ToolForce(Effect):
+    """Constant force on the tool (a hose, a cable)."""
+
+    name = "tool_force"
+    title = "constant force on the tool (a hose, a cable)"
+    equation = "-J^T f, f constant in the world"
+    signature = "wrist and elbow together, with the pattern of a force at the tip"
+    separate = "turn the wrist in many directions at each pose"
+    scope = "arm"
+    family = "statics"
+    units: ClassVar[dict[str, str]] = {"x": "N", "y": "N", "z": "N"}
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return np.array([motion.reference.tip_force(motion.q, axis).T for axis in range(3)])
+
+
+class Payload(Effect):
+    """Payload that the model does not know."""
+
+    name = "payload"
+    title = "payload that the model does not know"
+    equation = "ten parameters of the last link, the first `form` of them"
+    signature = "joint 2 and 4 first, in proportion to gravity"
+    separate = "nothing is needed: a payload shows at once"
+    scope = "arm"
+    uses = ("frozen",)
+    shape_units: ClassVar[dict[str, str]] = {"form": ""}
+    family = "statics"
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"form": form} for form in (1.0, 4.0, 10.0))
+
+    def amplitudes(self, shape: Shape) -> dict[str, str]:
+        """Return names and units of the parameters that enter linearly."""
+        return dict(list(zip(LINK_PARAMETERS, UNITS, strict=False))[: round(shape["form"])])
+
+    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)[: round(shape["form"])].transpose(0, 2, 1)
