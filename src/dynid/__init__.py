@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dynid.workflows.parameters import Observations, observe
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
+    from dynid.workflows.trajectory import Plan, PlanOptions, plan_trajectory
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
 
@@ -47,6 +48,8 @@ _HOMES = {
     "LogOptions": "dynid.workflows.logs",
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
+    "Plan": "dynid.workflows.trajectory",
+    "PlanOptions": "dynid.workflows.trajectory",
     "Robot": "dynid.robot",
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
@@ -59,6 +62,7 @@ _HOMES = {
     "load_log": "dynid.workflows.logs",
     "load_robot": "dynid.workflows.robots",
     "observe": "dynid.workflows.parameters",
+    "plan_trajectory": "dynid.workflows.trajectory",
     "sensitivity": "dynid.workflows.identify",
     "validate": "dynid.workflows.validate",
 }
@@ -73,6 +77,8 @@ __all__ = [
     "LogOptions",
     "Motion",
     "Observations",
+    "Plan",
+    "PlanOptions",
     "Robot",
     "ValidateOptions",
     "Validation",
@@ -86,6 +92,7 @@ __all__ = [
     "load_log",
     "load_robot",
     "observe",
+    "plan_trajectory",
     "sensitivity",
     "validate",
 ]

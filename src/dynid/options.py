@@ -38,6 +38,8 @@ class Declaration:
         kind: type on the command line where the default does not tell it: ``"path"`` (file or folder), ``"file"``,
             ``"input"`` (file that exists), ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole
             number from 1).
+        bounds: smallest and largest number, None for no bound.
+        off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
     """
 
     help: str
@@ -49,6 +51,8 @@ class Declaration:
     repeatable: bool = False
     shown: str | None = None
     kind: str = ""
+    bounds: tuple[float | None, float | None] = (None, None)
+    off: str = ""
 
 
 def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401
@@ -96,6 +100,12 @@ class Options:
                 raise WrongUsage(
                     f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}"
                 )
+            low, high = said.bounds
+            if (low is not None and value < low) or (high is not None and value > high):
+                limits = " and ".join(
+                    f"{word} {bound:g}" for word, bound in (("at least", low), ("at most", high)) if bound is not None
+                )
+                raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}")
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""

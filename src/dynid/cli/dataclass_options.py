@@ -46,7 +46,7 @@ def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
     if said.shown is not None:
         facts["show_default"] = said.shown or True
     if said.pair:
-        return click.option(f"{flag}/--no-{flag[2:]}", each.name, **facts)
+        return click.option(f"{flag}/{said.off or '--no-' + flag[2:]}", each.name, **facts)
     if isinstance(each.default, bool):
         return click.option(flag, each.name, is_flag=True, **facts)
     if said.metavar:
@@ -63,6 +63,11 @@ def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
         return click.Path(exists=True, dir_okay=False, path_type=Path)
     if said.kind == "file":
         return click.Path(dir_okay=False, path_type=Path)
+    if said.bounds != (None, None):
+        low, high = said.bounds
+        if isinstance(each.default, int):
+            return click.IntRange(None if low is None else int(low), None if high is None else int(high))
+        return click.FloatRange(low, high)
     if said.kind == "count":
         return click.IntRange(min=1)
     if said.kind in ("positive", "float"):

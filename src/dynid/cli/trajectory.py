@@ -2,48 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
-from dynid.cli.trajectory_files import reuse, review_stored, write
-from dynid.cli.trajectory_options import inputs_of, waypoints_of, wishes_of, with_plan
-from dynid.cli.trajectory_preview import shown, view
-from dynid.cli.trajectory_summary import answer_of, search_facts, show
-from dynid.errors import Declined
+from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
+from dynid.trajectory.options import PlanOptions
 
 if TYPE_CHECKING:
-    from dynid.cli.trajectory_preview import Verdict, View
-    from dynid.files.planfile import Plan, Waypoints
-    from dynid.model.store import BaseModel
+    from dynid.files.planfile import PlanFile
     from dynid.robot import Robot
-    from dynid.trajectory.planning import PlanningContext, Proposal
+    from dynid.trajectory.preview import Drawing
+    from dynid.workflows.trajectory import Plan, Reviewed
+
+_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
 @dataclass(frozen=True)
-class Task:
-    """What one run was asked to do.
+class View:
+    """How a motion will be looked at.
 
     Attributes:
-        options: the command's options, with those of PLAN.yaml where the command line is silent.
-        base: model and base parameters.
-        plan: PLAN.yaml, empty without one.
-        waypoints: points to go through; None to search.
-        seed: of the search.
-        inputs: hashes that the result depends on.
+        drawing: what is drawn.
+        window: whether PyBullet's window opens.
     """
 
-    options: dict[str, Any]
-    base: BaseModel
-    plan: Plan
-    waypoints: Waypoints | None
-    seed: int
-    inputs: dict[str, str] = field(default_factory=dict)
+    drawing: Drawing
+    window: bool
 
 
 @dynid_command(
@@ -57,78 +48,20 @@ class Task:
     ),
 )
 @click.argument("robot")
-@click.argument(
-    "plan", required=False, metavar="[PLAN.yaml]", type=click.Path(path_type=Path, exists=True, dir_okay=False)
-)
-@click.option("--alpha", type=float, default=0.2, show_default=True, help="Speed factor: duration T/alpha.")
+@click.argument("plan", required=False, metavar="[PLAN.yaml]", type=_FILE)
+@options_from(PlanOptions, without=("seed",))
 @click.option(
-    "--duration", type=click.FloatRange(1, 3600), default=60.0, show_default=True, help="T at full speed [s]."
-)
-@click.option("--segments", type=click.IntRange(2, 200), default=20, show_default=True, help="Segments or harmonics.")
-@click.option(
-    "--basis", type=click.Choice(["quintic", "spline", "fourier"]), default="quintic", show_default=True, help="Family."
-)
-@click.option("--optimise/--no-optimise", default=True, show_default=True, help="Search, or take a random motion.")
-@click.option(
-    "--cost",
-    type=click.Choice(["i", "d", "condition", "paper"]),
-    default="i",
-    show_default=True,
-    help="Expected torque error, D-optimal, condition number, Eq. 14.",
-)
-@click.option("--normalise/--raw", default=False, show_default=True, help="Columns of equal length in the cost.")
-@click.option("--weights", metavar="L1,L2", help="Weights of Eq. 14; chooses --cost paper.")
-@click.option(
-    "--restarts",
-    type=click.IntRange(1),
-    default=5,
-    show_default=True,
-    help="Starts; when all finish, equal seeds give equal plans.",
+    "--from-waypoints", metavar="CSV", type=_FILE, help="Go through these points, one per row, instead of searching."
 )
 @click.option(
-    "--seconds",
-    type=click.FloatRange(0.1),
-    default=60.0,
-    show_default=True,
-    help="Time limit; the best so far is kept.",
-)
-@click.option("--replay", metavar="START:N", help="Make the plan again that a search of this seed ended with.")
-@click.option(
-    "--margin", metavar="SHARE", default="10%", show_default=True, help="Share of every limit that stays free."
-)
-@click.option("--tool-speed", type=click.FloatRange(0, min_open=True), help="Largest speed of the tool [m/s].")
-@click.option("--floor", metavar="Z|none", default="0", show_default=True, help="Height of the floor in the world [m].")
-@click.option(
-    "--obstacle", metavar="BOX", multiple=True, help="x0,y0,z0,x1,y1,z1 [m] that no link may touch; repeatable."
-)
-@click.option("--workspace", metavar="BOX", help="x0,y0,z0,x1,y1,z1 [m] that the tool stays in.")
-@click.option(
-    "--from-waypoints",
-    metavar="CSV",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Go through these points.",
-)
-@click.option(
-    "--from-trajectory",
-    metavar="NPZ",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="The path of a motion planned before, at this --alpha.",
+    "--from-trajectory", metavar="NPZ", type=_FILE, help="The path of a motion planned before, at this --alpha."
 )
 @click.option(
     "--earlier",
     metavar="FILE",
     multiple=True,
     type=click.Path(path_type=Path, exists=True),
-    help="Logs, parameters.npz or trajectory.npz whose knowledge the motion completes.",
-)
-@click.option(
-    "--noise", metavar="NM[,NM...]", help="Torque noise [N m] (default: the robot file's, or 0.3 % of the rating)."
-)
-@click.option(
-    "--rate", type=click.FloatRange(1, 2000), default=100.0, show_default=True, help="Rate of samples and log [Hz]."
-)
-@click.option(
-    "--select", type=click.FloatRange(0, min_open=True), metavar="ETA", help="Choose measurement points (Eq. 16)."
+    help="Log, parameters.npz or trajectory.npz whose information the motion completes; may be repeated.",
 )
 @click.option(
     "--preview",
@@ -137,114 +70,178 @@ class Task:
     show_default=True,
     help="How to look at the motion.",
 )
-@click.option(
-    "--urdf", type=click.Path(path_type=Path, exists=True, dir_okay=False), metavar="FILE", help="Own URDF with meshes."
-)
+@click.option("--urdf", type=_FILE, metavar="FILE", help="URDF of the arm with its own meshes.")
 @click.option(
     "--review", type=click.Path(path_type=Path), metavar="FILE", help="Preview and accept a motion planned before."
 )
 @click.option("--accept", is_flag=True, help="Mark the motion as reviewed without being asked.")
-def command(common: Common, robot: str, plan: Path | None, **options: Any) -> None:  # noqa: ANN401
+def command(common: Common, robot: str, plan: Path | None, **values: Any) -> None:  # noqa: ANN401
     """Plan an excitation motion, prove it safe, preview it, and ask."""
+    from dynid.files.planfile import PlanFile, read_plan
     from dynid.files.robotfile import load_robot
-    from dynid.trajectory.planning import planning_context
+    from dynid.workflows.trajectory import plan_inputs
 
     arm = load_robot(robot)
     common.terminal.findings(arm.findings)
-    written, options = with_plan(click.get_current_context(), plan, arm, options)
+    written = PlanFile() if plan is None else read_plan(plan, arm)
+    values = with_plan(click.get_current_context(), written, values)
+    options = options_of(PlanOptions, values, seed=common.seed)
     path = common.folder(arm.slug) / "trajectory.npz"
-    if options["review"] is not None:
-        task = Task(options, model_of(common, arm), written, None, common.seed)
-        review_stored(common, planning_context(task.base, wishes_of(common, task)), options["review"], options)
-        return
-    inputs = inputs_of(arm, plan, options, common.seed)
-    if not may_write(common, path, inputs):
-        reuse(common, path, options)
-        return
-    base, seed = model_of(common, arm), common.seed
-    while True:
-        task = Task(options, base, written, waypoints_of(written, options, arm), seed, inputs)
-        if plan_once(common, task, path) is Answer.YES:
-            return
-        seed += 1
-        inputs = inputs_of(arm, plan, options, seed)
-        common.terminal.stage("again", f"planning another motion, seed {seed}; a changed waypoint file is read again")
+    if values["review"] is not None:
+        return review(common, arm, options, values)
+    files = {"plan": plan, "waypoints": values["from_waypoints"], "trajectory": values["from_trajectory"]}
+    files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
+    there = {name: file for name, file in files.items() if file is not None}
+    if not may_write(common, path, plan_inputs(arm, options, there)):
+        return reuse(common, path, accept=values["accept"])
+    while plan_once(common, arm, written, options, values, path, plan_inputs(arm, options, there)) is Answer.NO:
+        options = replace(options, seed=options.seed + 1)
+        text = f"planning another motion, seed {options.seed}; a changed waypoint file is read again"
+        common.terminal.stage("again", text)
+    return None
 
 
-def plan_once(common: Common, task: Task, path: Path) -> Answer:
-    """Plan, judge, show, ask and write; NO when the person wants another motion."""
-    from dynid.trajectory.planning import planning_context
+def with_plan(ctx: click.Context, plan: PlanFile, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of the command line with those of PLAN.yaml where the command line is silent."""
+    chosen = dict(values)
+    params = {param.name: param for param in ctx.command.params}
+    sources = (click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.ENVIRONMENT)
+    for name, text in plan.options.items():
+        if ctx.get_parameter_source(name) in sources:
+            continue
+        try:
+            chosen[name] = params[name].type_cast_value(ctx, text)
+        except click.BadParameter as error:
+            raise WrongUsage(f"{plan.places[name]}: {name}: {error.message}", where=plan.places[name]) from None
+    chosen["obstacles"] = (*((*lower, *upper) for lower, upper in plan.obstacles), *chosen["obstacles"])
+    if plan.workspace is not None and chosen["workspace"] is None:
+        chosen["workspace"] = (*plan.workspace[0], *plan.workspace[1])
+    return chosen
 
-    context = planning_context(task.base, wishes_of(common, task))
-    look = view(common, task.options, path.parent)
-    verdict = find(common, task, context, look)
-    facts = answer_of(task, context, verdict)
-    show(common, context, verdict, facts)
-    with shown(common, context, verdict.trajectory, look, task.options["urdf"]):
-        answer = accepted(common, task.options)
+
+def plan_once(
+    common: Common, arm: Robot, written: PlanFile, options: PlanOptions, values: dict[str, Any], path: Path,
+    inputs: dict[str, str],
+) -> Answer:  # fmt: skip
+    """Plan, show, ask and write; NO when the person wants another motion."""
+    from dynid.files.planfile import read_waypoints
+    from dynid.files.trajectoryfile import read_trajectory
+    from dynid.workflows.earlier_information import read_earlier
+    from dynid.workflows.model import base_model
+    from dynid.workflows.trajectory import plan_trajectory
+
+    look = view(common, values, path.parent)
+    points, along = values["from_waypoints"], values["from_trajectory"]
+    with common.terminal.progress() as progress:
+        found = plan_trajectory(
+            arm,
+            options,
+            waypoints=read_waypoints(points, arm) if points else written.waypoints,
+            path=read_trajectory(along, arm) if along else None,
+            earlier=[read_earlier(file, arm) for file in values["earlier"]],
+            urdf=values["urdf"],
+            base=base_model(arm, path.parent, progress),
+            drawing=look.drawing,
+            progress=progress,
+        )
+    show(common, found)
+    answer = accepted(common, found, look, accept=values["accept"])
     if answer is Answer.QUIT:
         raise Declined("the motion was not accepted", why="nothing was written")
-    if answer is Answer.NO and asked(common, task.options):
+    if answer is Answer.NO and can_ask(common) and not common.yes and not values["accept"]:
         return answer
-    wrote = write(common, task, verdict, path, facts, reviewed=answer is Answer.YES)
-    common.terminal.emit_json(facts | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
-    common.terminal.next(f"dynid record {task.base.robot.slug} {path}       (moves the arm; asks first)")
+    if answer is Answer.YES:
+        found = found.accepted()
+    wrote = found.save(path, inputs)
+    wrote_trajectory(common, path, reviewed=answer is Answer.YES)
+    for text in wrote[1:]:
+        common.terminal.wrote(text)
+    wrote += found.clearance.pictures
+    common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
+    common.terminal.next(f"dynid record {arm.slug} {path}       (moves the arm; asks first)")
     return Answer.YES
 
 
-def asked(common: Common, options: dict[str, Any]) -> bool:
-    """Return whether a person answered P2."""
-    return can_ask(common) and not common.yes and not options["accept"]
+def wrote_trajectory(common: Common, path: Path, *, reviewed: bool) -> None:
+    """Say that trajectory.npz was written."""
+    common.terminal.wrote(path, "reviewed: yes" if reviewed else "reviewed: no")
 
 
-def accepted(common: Common, options: dict[str, Any]) -> Answer:
-    """Ask P2."""
-    return ask(common, "P2", given=True if options["accept"] else None)
+def show(common: Common, found: Plan) -> None:
+    """Say on stderr what was found, and print the joints' peaks on stdout."""
+    common.terminal.findings(found.findings)
+    for label, text in found.summary():
+        common.terminal.stage(label, text)
+    for picture in found.clearance.pictures:
+        common.terminal.stage("preview", str(picture))
+    common.terminal.table(*found.table())
 
 
-def find(common: Common, task: Task, context: PlanningContext, look: View) -> Verdict:
-    """Return the first motion that passes every judge."""
-    from dynid.cli.trajectory_preview import judge_contact
-    from dynid.trajectory.planning import first_accepted, proposals, require_safe, search_motions
-
-    with common.terminal.progress() as progress:
-        candidates, found = given_motions(task, context), None
-        progress.stage("search" if candidates is None else "plan", "")
-        if candidates is None:
-            found = search_motions(context, progress)
-            candidates = proposals(context, found)
-        chosen, (_, judgement) = first_accepted(
-            candidates,
-            [
-                lambda t: require_safe(context, t),
-                lambda t: judge_contact(common, context, t, look, task.options["urdf"]),
-            ],
-        )
-    verdict: Verdict = judgement  # type: ignore[assignment]
-    verdict.check = context.check(chosen.trajectory)
-    verdict.search = search_facts(task, chosen, found)
-    return verdict
+def accepted(common: Common, found: Plan | Reviewed, look: View, *, accept: bool) -> Answer:
+    """Ask P2 while the window shows the motion."""
+    shown: AbstractContextManager[None] = found.window() if look.window else nullcontext()
+    with shown:
+        if look.window:
+            common.terminal.stage("preview", "PyBullet window opened; press space there to replay")
+        return ask(common, "P2", given=True if accept else None)
 
 
-def given_motions(task: Task, context: PlanningContext) -> Iterator[Proposal] | None:
-    """Return the motion through the person's waypoints, or on the path of an earlier motion; None to search."""
-    from dynid.files.trajectoryfile import read_trajectory
-    from dynid.trajectory.basis import basis_from
-    from dynid.trajectory.plan import Trajectory, through_waypoints
-    from dynid.trajectory.planning import Proposal
+def view(common: Common, values: dict[str, Any], folder: Path) -> View:
+    """Decide how to look: a window where there is a display and a person, otherwise pictures.
 
-    alpha, path = task.options["alpha"], task.options["from_trajectory"]
-    if path is not None:
-        stored = read_trajectory(path, context.base.robot)
-        return iter([Proposal(Trajectory(basis_from(dict(stored.basis)), stored.coefficients, alpha))])
-    if task.waypoints is None:
-        return None
-    return iter([Proposal(through_waypoints(task.waypoints.q, context.limits, task.waypoints.times).slowed(alpha))])
+    Raises:
+        NoDisplay: a window was asked for and there is no display.
+    """
+    from dynid.trajectory.preview import Drawing, has_display
+
+    wanted = values["preview"]
+    if wanted == "gui" and not has_display():
+        raise NoDisplay("no display: PyBullet cannot open its window")
+    automatic_window = wanted == "auto" and has_display() and can_ask(common) and not values["accept"]
+    if wanted == "auto" and not has_display():
+        text = f"no display: preview saved as {folder / 'preview.png'} and {folder / 'preview.gif'} instead"
+        common.terminal.finding(Finding("W604", "info", text))
+    folder.mkdir(parents=True, exist_ok=True)
+    drawing = Drawing(
+        picture=folder / "preview.png" if wanted in ("auto", "video", "picture") else None,
+        animation=folder / "preview.gif" if wanted in ("auto", "video") else None,
+        needed=wanted in ("gui", "video", "picture"),
+    )
+    return View(drawing, wanted == "gui" or automatic_window)
 
 
-def model_of(common: Common, arm: Robot) -> BaseModel:
-    """Return the arm's base model, derived when it is not there yet or stale."""
+def reuse(common: Common, path: Path, *, accept: bool) -> None:
+    """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
+    from dynid.files.trajectoryfile import Review, read_trajectory, write_trajectory
+
+    stored = read_trajectory(path)
+    wrote: list[Path] = []
+    if accept and not stored.reviewed:
+        stored, wrote = replace(stored, review=Review.now(stored.motion)), [path]
+        write_trajectory(path, stored)
+        wrote_trajectory(common, path, reviewed=True)
+    common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})
+
+
+def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, Any]) -> None:
+    """Judge, preview and ask about a motion that was planned before, and mark it."""
+    from dynid.files.trajectoryfile import read_trajectory, write_trajectory
     from dynid.workflows.model import base_model
+    from dynid.workflows.trajectory import review_trajectory
 
+    path: Path = values["review"]
+    stored, look = read_trajectory(path, arm), view(common, values, path.parent)
     with common.terminal.progress() as progress:
-        return base_model(arm, common.folder(arm.slug), progress)
+        base = base_model(arm, common.folder(arm.slug), progress)
+        found = review_trajectory(
+            arm, stored, options, urdf=values["urdf"], base=base, drawing=look.drawing, progress=progress
+        )
+    common.terminal.findings(found.clearance.findings)
+    for picture in found.clearance.pictures:
+        common.terminal.stage("preview", str(picture))
+    wrote = list(found.clearance.pictures)
+    if accepted(common, found, look, accept=values["accept"]) is Answer.YES:
+        stored, wrote = found.accepted(), [path, *wrote]
+        write_trajectory(path, stored)
+        wrote_trajectory(common, path, reviewed=True)
+    common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})

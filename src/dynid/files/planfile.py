@@ -46,7 +46,7 @@ class Waypoints:
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlanFile:
     """A plan file.
 
     Attributes:
@@ -64,12 +64,12 @@ class Plan:
     workspace: Corners | None = None
 
 
-def read_plan(path: Path, robot: Robot) -> Plan:
+def read_plan(path: Path, robot: Robot) -> PlanFile:
     """Read a plan file."""
     keys = read_yaml(path).mapping(_KEYS)
     unit = keys["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in keys else "rad"
     given = {name: value for name, value in keys.items() if name in OPTIONS and not value.is_null}
-    return Plan(
+    return PlanFile(
         options={name: value.text() for name, value in given.items()},
         places={name: value.where for name, value in given.items()},
         waypoints=_waypoints(keys, robot, unit, path) if "waypoints" in keys else None,

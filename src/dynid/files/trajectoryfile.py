@@ -5,9 +5,11 @@ Also CSV with a header, and a ``trajectory_msgs/JointTrajectory`` in YAML for dr
 
 from __future__ import annotations
 
+import getpass
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,19 @@ class Review:
     when: str
     motion: str
 
+    @classmethod
+    def now(cls, motion: Motion) -> Review:
+        """Return the mark of the person at this machine, who has just seen a motion."""
+        return cls(person(), datetime.now().astimezone().isoformat(timespec="seconds"), motion_hash(motion))
+
+
+def person() -> str:
+    """Return the name of the person at this machine."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "unknown"
+
 
 @dataclass(frozen=True)
 class StoredTrajectory:
@@ -52,6 +67,7 @@ class StoredTrajectory:
         review: who accepted it; None when nobody has.
         facts: further JSON-able facts: limits used, prediction, distances, options, hashes of inputs.
         selected: samples chosen as measurement points (Paper Eqs. 15-16); None for all.
+        source: the file it was read from; None for one that was just planned.
     """
 
     robot: str
@@ -63,6 +79,7 @@ class StoredTrajectory:
     review: Review | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
     selected: NDArray[np.intp] | None = None
+    source: Path | None = None
 
     @property
     def reviewed(self) -> bool:
@@ -131,6 +148,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
             review=review,
             facts=header,
             selected=arrays.get("selected"),
+            source=path,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} lacks parts of a trajectory ({error})", where=str(path)) from None

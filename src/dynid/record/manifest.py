@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import platform
 import socket
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 from dynid.drivers.ros import Node
 from dynid.files.artifact import sha256, write_text
+from dynid.files.trajectoryfile import person
 from dynid.robot import Robot
 from dynid.version import __version__
 
@@ -31,7 +31,7 @@ def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:
         "schema": SCHEMA,
         "verdict": "running",
         "command": command,
-        "operator": _operator(),
+        "operator": person(),
         "host": socket.gethostname(),
         "began": now(),
         "robot": {"name": robot.name, "file": str(robot.path), "sha256": sha256(robot.path) if robot.path else None},
@@ -48,13 +48,6 @@ def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:
 def now() -> str:
     """Return date and time, ISO 8601."""
     return datetime.now().astimezone().isoformat(timespec="seconds")
-
-
-def _operator() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):
-        return "unknown"
 
 
 def _parameter(node: Node, name: str) -> str | None:

@@ -5,7 +5,6 @@ The judges are those of the planner; here they see the approach too, at the spee
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.trajectory.clearance import Scene, Spheres, tool_speed
 from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
-from dynid.trajectory.preview import Distance, Drawing, measure_poses, require_clear
+from dynid.trajectory.preview import Distance, Drawing, measure_poses, require_clear, sphere_distances, urdf_of
 
 Floats = NDArray[np.float64]
 
@@ -134,28 +133,16 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
     """
     motion = played.motion
     few = np.unique(np.linspace(0, len(motion) - 1, POSES).astype(int))
-    t, q = motion.t[few], motion.q[few]
+    some = Motion(motion.t[few], motion.q[few], motion.qd[few], motion.qdd[few])
     try:
-        found = _measured(robot, t, q, scene, urdf)
+        with urdf_of(robot, urdf) as shapes:
+            found = measure_poses(some.t, some.q, robot, shapes, scene, Drawing())
     except PackageMissing:
-        near = sorted(Spheres(robot, scene).contacts(q), key=lambda contact: contact.distance)
-        found = tuple(Distance(contact.what, contact.distance, float(t[contact.index])) for contact in near)
+        found = sphere_distances(Spheres(robot, scene), some)
     judged = replace(scene, self_distance=scene.self_distance - ROUNDING, distance=scene.distance - ROUNDING)
     require_clear(tuple(d for d in found if d.time < played.approach), judged, fix=APPROACH_FIX)
     require_clear(found, judged)
     return found
-
-
-def _measured(robot: Robot, t: Floats, q: Floats, scene: Scene, own: Path | None) -> tuple[Distance, ...]:
-    from dynid.sim.urdf import write_urdf
-
-    if own is not None:
-        return measure_poses(t, q, robot, own, scene, Drawing())
-
-    with tempfile.TemporaryDirectory() as folder:
-        urdf = Path(folder) / f"{robot.slug}.urdf"
-        write_urdf(robot, None, urdf)
-        return measure_poses(t, q, robot, urdf, scene, Drawing())
 
 
 def fastest_tool(robot: Robot, motion: Motion) -> float:

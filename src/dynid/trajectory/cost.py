@@ -8,14 +8,12 @@ identified model will make on other motions. docs/explanation/exciting-motions.m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-Kind = Literal["condition", "paper", "d", "i"]
 #: Eigenvalues below this share of the largest are rounding noise: the motion does not determine that direction.
 FLOOR = 1e-15
 #: Information that a choice of samples starts from, as a share of the whole path's: makes the first choices well posed.
@@ -36,7 +34,7 @@ class Cost:
         V: mean of P^T P over motions that the model shall predict, (p, p); for ``i``.
     """
 
-    kind: Kind
+    kind: str
     normalised: bool = False
     weights: tuple[float, float] = (1.0, 100.0)
     V: Floats | None = None

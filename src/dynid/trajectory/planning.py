@@ -6,30 +6,41 @@ a clear pose until it passes. PyBullet is asked last, because it is the slowest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Collision, DynidError, LimitBroken
+from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
 from dynid.model.prior import prior_base_parameters
 from dynid.model.store import BaseModel
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
 from dynid.trajectory.basis import Basis, Fourier, Quintic
-from dynid.trajectory.clearance import Scene, Spheres
-from dynid.trajectory.cost import Cost, Kind
+from dynid.trajectory.clearance import Spheres
+from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import CONTINUOUS, Bounds, Shaping, bounds
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
 from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import MotionCandidate, SearchOptions, SearchOutcome, optimise
+from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.predict import held_out
+from dynid.trajectory.predict import default_noise, held_out
+from dynid.trajectory.preview import (
+    Distance,
+    Drawing,
+    measure_trajectory,
+    require_clear,
+    sphere_distances,
+    urdf_of,
+)
 
 Floats = NDArray[np.float64]
 
-FAMILIES = ("quintic", "spline", "fourier")
 #: How far a motion is drawn towards the clear pose, step by step, until all judges agree.
 SHRINK = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
 #: Samples along the path for each segment, and at least.
@@ -41,45 +52,6 @@ RANDOM_STARTS = 20
 
 
 @dataclass(frozen=True)
-class PlanOptions:
-    """What a person wants of a motion.
-
-    Attributes:
-        duration: at full speed [s].
-        segments: number of quintic segments, or of harmonics.
-        family: one of ``FAMILIES``.
-        cost: ``"i"``, ``"d"``, ``"condition"`` or ``"paper"``.
-        normalised: columns of equal length for ``condition`` and ``paper``.
-        weights: l1 and l2 of the paper's Eq. 14.
-        margin: share of every limit that stays free.
-        alpha: speed factor of the run.
-        speed: largest speed of the tool [m/s]; None for any.
-        scene: what surrounds the arm.
-        search: how hard to search; None for a random motion.
-        noise: torque noise of each joint, (n,).
-        known: information matrix of earlier logs; None without any.
-        rate: sample rate of the coming log [Hz].
-        seed: of the random motions without a search.
-    """
-
-    duration: float
-    segments: int
-    family: str
-    cost: Kind
-    noise: Floats
-    normalised: bool = False
-    weights: tuple[float, float] = (1.0, 100.0)
-    margin: float = 0.1
-    alpha: float = 1.0
-    speed: float | None = None
-    scene: Scene = field(default_factory=Scene)
-    search: SearchOptions | None = None
-    known: Floats | None = None
-    rate: float = 100.0
-    seed: int = 0
-
-
-@dataclass(frozen=True)
 class PlanningContext:
     """An arm with everything that judging its motions needs.
 
@@ -88,6 +60,8 @@ class PlanningContext:
         limits: limits, margins taken off.
         spheres: the arm and its surroundings.
         options: what is wanted.
+        noise: standard deviation of each joint's torque, (n,) [N m or N].
+        known: information matrix of earlier logs in that noise, (p, p); None without any.
         theta: base parameters by the prior, before anything is measured, (p,).
         other: mean of P^T P over the motions that the model shall predict, (p, p).
     """
@@ -96,8 +70,15 @@ class PlanningContext:
     limits: Bounds
     spheres: Spheres
     options: PlanOptions
+    noise: Floats
+    known: Floats | None
     theta: Floats
     other: Floats
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.base.robot
 
     def torque(self, motion: Motion) -> Floats:
         """Return the torques that are predicted before anything is measured, (N, n) [N m or N]."""
@@ -106,17 +87,27 @@ class PlanningContext:
 
     def check(self, trajectory: Trajectory) -> LimitCheck:
         """Return what a motion uses of the limits."""
-        return check_trajectory(trajectory, self.base.robot, self.limits, self.torque, self.options.speed)
+        return check_trajectory(trajectory, self.robot, self.limits, self.torque, self.options.tool_speed)
 
 
-def planning_context(base: BaseModel, options: PlanOptions) -> PlanningContext:
-    """Prepare the judges."""
-    limits = bounds(base.robot, options.margin)
+def planning_context(
+    base: BaseModel, options: PlanOptions, noise: Floats | None = None, known: Floats | None = None
+) -> PlanningContext:
+    """Prepare everything that motions are judged by.
+
+    Args:
+        base: model and base parameters.
+        options: what is wanted.
+        noise: standard deviation of each joint's torque, (n,) [N m or N]; assumed when None.
+        known: information matrix of earlier logs, (p, p); None without any.
+    """
     return PlanningContext(
         base,
-        limits,
+        bounds(base.robot, options.margin),
         Spheres(base.robot, options.scene),
         options,
+        default_noise(base.robot) if noise is None else noise,
+        known,
         prior_base_parameters(base.model, base.reduction, unknown=0.0),
         held_out(base.model, base.reduction.base, bounds(base.robot)),
     )
@@ -124,25 +115,26 @@ def planning_context(base: BaseModel, options: PlanOptions) -> PlanningContext:
 
 def basis_of(options: PlanOptions) -> Basis:
     """Return the family of motions that is wanted."""
-    if options.family == "fourier":
+    if options.basis == "fourier":
         return Fourier(options.duration, options.segments)
-    return Quintic.even(options.duration, options.segments, smooth=options.family == "spline")
+    return Quintic.even(options.duration, options.segments, smooth=options.basis == "spline")
 
 
-def plan_problem(context: PlanningContext, basis: Basis) -> PlanProblem:
+def plan_problem(context: PlanningContext) -> PlanProblem:
     """Return the search problem of what is wanted."""
     options = context.options
-    finite = bool(np.isfinite(context.limits.torque).any())
+    kind = "paper" if options.weights else options.cost
+    cost = Cost(kind, options.normalise, options.weights or PAPER_WEIGHTS, context.other if kind == "i" else None)
     return PlanProblem(
         context.base.model,
         context.base.reduction.base,
-        basis,
+        basis_of(options),
         context.limits,
-        Cost(options.cost, options.normalised, options.weights, context.other if options.cost == "i" else None),
-        noise=options.noise if options.cost in ("i", "d") or options.known is not None else None,
-        known=options.known,
+        cost,
+        noise=context.noise if kind in ("i", "d") or context.known is not None else None,
+        known=context.known,
         rate=options.rate,
-        torque=context.theta if finite else None,
+        torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
         penalties=(context.spheres,),
         samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
     )
@@ -167,8 +159,11 @@ class Proposal:
 
 def search_motions(context: PlanningContext, progress: Progress = SILENT) -> SearchOutcome | None:
     """Search for the best motions; None when no search is wanted."""
-    search = context.options.search
-    return None if search is None else optimise(plan_problem(context, basis_of(context.options)), search, progress)
+    options = context.options
+    if not options.optimise:
+        return None
+    search = SearchOptions(options.restarts, options.seconds, options.seed, replay=options.replay)
+    return optimise(plan_problem(context), search, progress)
 
 
 def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
@@ -203,25 +198,76 @@ def clear_pose(context: PlanningContext) -> Floats:
     return np.asarray(q[int(np.argmax(room))])
 
 
-def require_safe(context: PlanningContext, trajectory: Trajectory) -> None:
+def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck:
     """Refuse a motion that breaks a limit or comes too near to something, as far as this process can tell.
+
+    Returns:
+        What the motion uses of the limits.
 
     Raises:
         LimitBroken: a joint limit, a torque, or the tool's speed.
         Collision: contact of the arm's spheres.
     """
-    require_within_limits(context.check(trajectory), context.options.margin)
+    found = context.check(trajectory)
+    require_within_limits(found, context.options.margin)
     motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
     for contact in context.spheres.contacts(motion.q):
         if contact.distance < contact.wanted:
             what = f"{contact.what}: {1000 * contact.distance:.0f} mm at t = {motion.t[contact.index]:.1f} s"
             raise Collision(f"{what}; wanted are {1000 * contact.wanted:.0f} mm")
+    return found
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """How far a motion stays away from everything.
+
+    Attributes:
+        distances: least distance of every pair, the closest pair first.
+        pictures: files that were drawn.
+        findings: what is worth a warning.
+    """
+
+    distances: tuple[Distance, ...]
+    pictures: tuple[Path, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def require_clear_motion(
+    context: PlanningContext, trajectory: Trajectory, urdf: Path | None, drawing: Drawing
+) -> Clearance:
+    """Let PyBullet measure and draw a motion; without PyBullet the distances of the spheres stand.
+
+    Args:
+        context: the arm and its surroundings.
+        trajectory: the motion.
+        urdf: the user's own shapes; cylinders along the DH table when None.
+        drawing: what to draw.
+
+    Raises:
+        Collision: something comes too near.
+        PackageMissing: PyBullet is missing and was asked for.
+    """
+    try:
+        with urdf_of(context.robot, urdf) as shapes:
+            found = measure_trajectory(trajectory, context.robot, shapes, context.options.scene, drawing)
+    except PackageMissing:
+        if drawing.needed:
+            raise
+        motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
+        text = "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn"
+        return Clearance(sphere_distances(context.spheres, motion), findings=(Finding("W605", "warning", text),))
+    require_clear(found, context.options.scene, drawing.picture)
+    return Clearance(found, tuple(path for path in (drawing.picture, drawing.animation) if path is not None))
+
+
+Judgement = TypeVar("Judgement")
 
 
 def first_accepted(
-    candidates: Iterator[Proposal], judges: list[Callable[[Trajectory], object]]
-) -> tuple[Proposal, list[object]]:
-    """Return the first motion that no judge refuses, with what the judges found.
+    candidates: Iterable[Proposal], judge: Callable[[Trajectory], Judgement]
+) -> tuple[Proposal, Judgement]:
+    """Return the first motion that is not refused, with what the judge found.
 
     Raises:
         LimitBroken: no motion passed; this is why the last one failed.
@@ -230,7 +276,7 @@ def first_accepted(
     reason: DynidError | None = None
     for candidate in candidates:
         try:
-            return candidate, [judge(candidate.trajectory) for judge in judges]
+            return candidate, judge(candidate.trajectory)
         except (LimitBroken, Collision) as error:
             reason = error
     raise reason or LimitBroken("the search found no motion", fix="give it more time with --seconds")

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
+from dynid.motion import Motion
 from dynid.robot import Robot
+from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
 from dynid.trajectory.clearance import Scene, Spheres
 from dynid.trajectory.feasible import CONTINUOUS
@@ -63,11 +65,13 @@ class Drawing:
         picture: path of the still; None for none.
         animation: path of the animated picture; None for none.
         title: line above the pictures.
+        needed: whether a missing PyBullet is an error.
     """
 
     picture: Path | None = None
     animation: Path | None = None
     title: str = ""
+    needed: bool = False
 
 
 def measure_trajectory(
@@ -110,6 +114,24 @@ def measure_poses(
     _require_axes(robot, found["axis_errors"], urdf)
     rows = found["distances"]
     return tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]]), d["room_m"]) for d in rows)
+
+
+def sphere_distances(spheres: Spheres, motion: Motion) -> tuple[Distance, ...]:
+    """Return the least clearances that spheres along the links have during a motion, the closest first."""
+    near = sorted(spheres.contacts(motion.q), key=lambda contact: contact.distance)
+    return tuple(Distance(contact.what, contact.distance, float(motion.t[contact.index])) for contact in near)
+
+
+@contextmanager
+def urdf_of(robot: Robot, own: Path | None) -> Iterator[Path]:
+    """Give the user's own URDF, or one made from the DH table that is removed afterwards."""
+    if own is not None:
+        yield own
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{robot.slug}.urdf"
+        write_urdf(robot, None, path)
+        yield path
 
 
 def require_clear(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def load(path: Path | str) -> Any:  # noqa: ANN401
-    """Return what is in a result file: the object whose ``save`` wrote it.
+    """Return what is in a result file: the object whose ``save`` wrote it, or the stored motion of a plan.
 
     Args:
         path: a file such as parameters.npz, or the folder of a run, whose parameters.npz is read.
@@ -29,6 +29,10 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
         from dynid.estimation.result import load as load_result
 
         return load_result(path)
+    if kind == "dynid/trajectory":
+        from dynid.files.trajectoryfile import read_trajectory
+
+        return read_trajectory(path)
     raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))
 
 

@@ -1,0 +1,133 @@
+"""What may be wanted of a motion, declared once for the command line, notebooks and the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from dynid.errors import WrongUsage
+from dynid.options import Options, option, share
+from dynid.trajectory.clearance import Box, Scene
+
+FAMILIES = ("quintic", "spline", "fourier")
+COSTS = ("i", "d", "condition", "paper")
+#: Weights l1 and l2 of the paper's cost where none are given (Eq. 14).
+PAPER_WEIGHTS = (1.0, 100.0)
+
+
+def numbers(value: Any, count: int, name: str) -> list[float]:  # noqa: ANN401
+    """Return ``count`` numbers, written with commas or given as a sequence."""
+    try:
+        found = [float(part) for part in (str(value).split(",") if isinstance(value, (str, float, int)) else value)]
+    except (TypeError, ValueError):
+        found = []
+    if len(found) != count or not all(abs(x) < float("inf") for x in found):
+        what = f"{name} '{value}' is not {count} number{'s' * (count > 1)}"
+        raise WrongUsage(what, fix=f"such as {name} {','.join(['0'] * count)}")
+    return found
+
+
+def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN401
+    return None if value is None else tuple(numbers(value, 2, name))  # type: ignore[return-value]
+
+
+def _replay(value: Any, name: str) -> tuple[int, int] | None:  # noqa: ANN401
+    if value is None or isinstance(value, tuple):
+        return value
+    start, _, evaluation = str(value).partition(":")
+    if not (start.isdecimal() and evaluation.isdecimal() and int(evaluation) > 0):
+        raise WrongUsage(f"{name} '{value}' is not START:N", fix=f"copy what the search printed, such as {name} 3:412")
+    return int(start), int(evaluation)
+
+
+def _margin(value: Any, name: str) -> float:  # noqa: ANN401
+    return 0.0 if str(value) in ("0", "0%", "0.0") else share(value, name)
+
+
+def _floor(value: Any, name: str) -> float | None:  # noqa: ANN401
+    return None if value is None or value == "none" else numbers(value, 1, name)[0]
+
+
+def _box(value: Any, name: str) -> Box | None:  # noqa: ANN401
+    if value is None or isinstance(value, Box):
+        return value
+    text = value.removeprefix("box").strip(":, ") if isinstance(value, str) else value
+    a, b, c, d, e, f = numbers(text, 6, name)
+    return Box((min(a, d), min(b, e), min(c, f)), (max(a, d), max(b, e), max(c, f)))
+
+
+def _boxes(value: Any, name: str) -> tuple[Box, ...]:  # noqa: ANN401
+    return tuple(box for item in value if (box := _box(item, name)) is not None)
+
+
+def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
+    if value is None:
+        return None
+    parts = str(value).split(",") if isinstance(value, (str, float, int)) else value
+    try:
+        found = tuple(float(part) for part in parts)
+    except (TypeError, ValueError):
+        found = ()
+    if not found or not all(0 < sigma < float("inf") for sigma in found):
+        what = f"{name} '{value}' is neither one positive number nor one per joint"
+        raise WrongUsage(what, fix=f"such as {name} 0.1")
+    return found
+
+
+@dataclass(frozen=True)
+class PlanOptions(Options):
+    """What is wanted of a motion."""
+
+    alpha: float = option(0.2, "Speed factor of the run: the motion takes duration / alpha, at velocities times alpha.")
+    duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
+    segments: int = option(20, "Number of quintic segments, or of harmonics of a Fourier series.", bounds=(2, 200))
+    basis: str = option("quintic", "Family of motions.", choices=FAMILIES, shown="")
+    optimise: bool = option(True, "Search for a good motion, or take a random one.", pair=True, shown="")
+    cost: str = option(
+        "i",
+        "What the search makes small: the expected torque error on other motions (i), the volume of the error "
+        "ellipsoid (d), the condition number, or the cost of the paper's Eq. 14.",
+        choices=COSTS, shown="",
+    )  # fmt: skip
+    normalise: bool = option(
+        False,
+        "Scale the columns to equal length in the cost, or take them as they are.",
+        pair=True,
+        off="--raw",
+        shown="",
+    )
+    weights: tuple[float, float] | None = option(
+        None, "Weights of the paper's Eq. 14; they choose --cost paper.", metavar="L1,L2", read=_weights
+    )
+    restarts: int = option(
+        5, "Number of starts of the search; when all finish, equal seeds give equal plans.", kind="count", shown=""
+    )
+    seconds: float = option(60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, None))
+    replay: tuple[int, int] | None = option(
+        None, "Make the plan again that a search of this seed ended with.", metavar="START:N", read=_replay
+    )
+    margin: float = option("10%", "Share of every limit that stays free.", metavar="SHARE", shown="", read=_margin)
+    tool_speed: float | None = option(None, "Largest speed of the tool [m/s].", kind="positive")
+    floor: float | None = option("0", "Height of the floor in the world [m].", metavar="Z|none", shown="", read=_floor)
+    obstacles: tuple[Box, ...] = option(
+        (), "Box x0,y0,z0,x1,y1,z1 in the world [m] that no link may touch; may be repeated.",
+        metavar="BOX", repeatable=True, flag="--obstacle", read=_boxes,
+    )  # fmt: skip
+    workspace: Box | None = option(
+        None, "Box x0,y0,z0,x1,y1,z1 in the world [m] that the tool stays in.", metavar="BOX", read=_box
+    )
+    noise: tuple[float, ...] | None = option(
+        None, "Standard deviation of the torques [N m], one number or one per joint (default: the robot file's, or "
+        "0.3 % of the rating).",
+        metavar="NM[,NM...]", read=_noise,
+    )  # fmt: skip
+    rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
+    select: float | None = option(
+        None, "Choose measurement points with this threshold (Eq. 16).", metavar="ETA", kind="positive"
+    )
+    seed: int = option(0, "Seed of every random choice.")
+
+    @property
+    def scene(self) -> Scene:
+        """What surrounds the arm, and how far to stay away from it."""
+        return Scene(floor=self.floor, obstacles=self.obstacles, workspace=self.workspace)

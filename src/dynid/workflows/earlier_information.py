@@ -1,0 +1,120 @@
+"""What is known before a motion is planned: torque noise, and the information of earlier logs, results and motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.estimation.result import StoredResult
+from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.log import Log
+from dynid.progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from dynid.model.store import BaseModel
+    from dynid.robot import Robot
+
+Floats = NDArray[np.float64]
+#: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
+Earlier = Log | StoredResult | StoredTrajectory
+
+
+def read_earlier(path: Path, robot: Robot) -> Earlier:
+    """Return what a file holds: parameters.npz, trajectory.npz, or else a log."""
+    from dynid.estimation import result
+    from dynid.files.artifact import read_header
+    from dynid.files.trajectoryfile import read_trajectory
+    from dynid.workflows.logs import read_log
+
+    header = read_header(path) if path.suffix == ".npz" else None
+    schema = str((header or {}).get("schema", "")).rsplit("/", 1)[0]
+    if schema == "dynid/identification":
+        return result.load(path)
+    return read_trajectory(path, robot) if schema == "dynid/trajectory" else read_log(path, robot)
+
+
+def torque_noise(robot: Robot, given: Sequence[float] | None, earlier: Sequence[Earlier]) -> tuple[Floats, str]:
+    """Return each joint's torque noise from the first of its sources that there is, and that source in words.
+
+    Args:
+        robot: the arm.
+        given: one number or one per joint [N m or N]; None to look further.
+        earlier: an identification among them has found the noise.
+
+    Returns:
+        Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from.
+    """
+    from dynid.trajectory.predict import default_noise
+
+    if given is not None:
+        if len(given) not in (1, robot.n):
+            shown = ",".join(f"{sigma:g}" for sigma in given)
+            raise WrongUsage(
+                f"--noise '{shown}' is neither one positive number nor {robot.n}", fix="such as --noise 0.1"
+            )
+        return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
+    for known in earlier:
+        if isinstance(known, StoredResult):
+            return np.asarray(known.identification.noise), "as an earlier identification found it"
+    measured = robot.torque.noise is not None
+    words = "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
+    return default_noise(robot), words
+
+
+def earlier_information(
+    base: BaseModel, earlier: Sequence[Earlier], noise: Floats, progress: Progress = SILENT
+) -> Floats | None:
+    """Return the information matrix that earlier files hold about the base parameters, (p, p); None without any.
+
+    Args:
+        base: model and base parameters.
+        earlier: logs, results and motions.
+        noise: standard deviation of each joint's torque, for motions that were not recorded, (n,) [N m or N].
+        progress: told of each.
+    """
+    total = None
+    for known in earlier:
+        information = _information(base, known, noise, progress)
+        total = information if total is None else total + information
+        name = known.path if isinstance(known, StoredResult) else known.source
+        progress.stage("earlier", f"{name}: the new motion completes what it tells")
+    return total
+
+
+def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progress) -> Floats:
+    if isinstance(known, StoredResult):
+        return _of_result(base, known)
+    return _of_trajectory(base, known, noise) if isinstance(known, StoredTrajectory) else _of_log(base, known, progress)
+
+
+def _of_result(base: BaseModel, result: StoredResult) -> Floats:
+    found = result.identification
+    if tuple(found.names) != base.reduction.base_names:
+        raise WrongUsage(
+            f"{result.path} has other base parameters than the robot file", fix="identify again with this robot file"
+        )
+    scale = 1 / np.sqrt(np.diag(found.covariance))
+    return np.asarray(np.linalg.pinv(found.covariance * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def _of_trajectory(base: BaseModel, planned: StoredTrajectory, noise: Floats) -> Floats:
+    from dynid.trajectory.predict import information_of
+
+    return information_of(base.model, base.reduction.base, planned.motion, noise)[1]
+
+
+def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
+    from dynid.estimation.least_squares import weighted
+    from dynid.workflows.logs import LogOptions, checked_log
+    from dynid.workflows.parameters import stack_logs
+
+    stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)[0]
+    factors, rows = stack.joint_factors(np.ones(stack.blocks, dtype=bool))
+    found = weighted(factors, rows).noise
+    p = base.reduction.rank
+    return np.asarray(sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True)))

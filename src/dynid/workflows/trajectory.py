@@ -1,0 +1,532 @@
+"""Plan an excitation motion that is optimal, safe, and seen before it runs (Paper Eqs. 14-19)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding
+from dynid.files.planfile import Waypoints
+from dynid.files.trajectoryfile import Review, StoredTrajectory
+from dynid.motion import Motion
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.trajectory.clearance import Scene
+from dynid.trajectory.options import PlanOptions
+from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
+
+if TYPE_CHECKING:
+    from dynid.model.store import BaseModel
+    from dynid.trajectory.feasible import Bounds
+    from dynid.trajectory.limits import LimitCheck
+    from dynid.trajectory.optimise import SearchOutcome
+    from dynid.trajectory.plan import Trajectory
+    from dynid.trajectory.planning import Clearance, PlanningContext, Proposal
+    from dynid.trajectory.predict import AlphaRow, Prediction
+    from dynid.trajectory.preview import Drawing
+
+Floats = NDArray[np.float64]
+
+#: PyBullet measures no distance beyond this [m].
+FAR = 0.3
+#: How many of the closest pairs the JSON answer lists.
+CLOSEST = 5
+#: How a search can end, in words; ``{done}`` says how many starts finished.
+ENDINGS = {
+    "no search": "a random motion",
+    "all starts": "all {done}",
+    "time": "the time was over, {done}",
+    "interrupt": "interrupted, {done}",
+    "replay": "an earlier search's best, made again",
+}
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """How a motion was found, with all that makes it again.
+
+    Attributes:
+        seed: of the search.
+        ended: why the search ended, a key of ``ENDINGS``.
+        finished_starts: number of starts that went to their end.
+        start: number of the start that led to the motion.
+        evaluation: evaluation of that start at which it was met; None without a search.
+        share: how much of the motion is left after it was drawn in to keep clear.
+        again: options that make the same plan again.
+    """
+
+    seed: int
+    ended: str
+    finished_starts: int
+    start: int
+    evaluation: int | None
+    share: float
+    again: str
+
+    @property
+    def text(self) -> str:
+        """How the search ended and what makes the same plan again, in words."""
+        done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
+        drawn = f", drawn in to {100 * self.share:.0f} % to keep clear" if self.share < 1 else ""
+        return f"{ENDINGS[self.ended].format(done=done)}{drawn}; the same plan again: {self.again}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion that keeps all limits and stays clear of everything, with what it will teach.
+
+    Attributes:
+        robot: the arm.
+        options: what was wanted.
+        trajectory: the motion as coefficients of its family, at its speed factor.
+        motion: its samples at ``options.rate``.
+        limits: the limits, margins taken off.
+        check: what the motion uses of them.
+        clearance: how far it stays away from the arm itself, the floor and obstacles.
+        names: names of the base parameters, (p,).
+        prediction: expected standard errors and torque error of a log of it.
+        alphas: what each speed factor costs.
+        noise: standard deviation of each joint's torque, (n,) [N m or N].
+        noise_from: where that comes from, in words.
+        weakest: base parameter whose error costs the most torque on other motions.
+        search: how the motion was found; None when a person gave the path.
+        selected: samples chosen as measurement points (Eqs. 15-16), (K,); None for all.
+        urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
+        review: who accepted the motion; None when nobody has.
+    """
+
+    robot: Robot
+    options: PlanOptions
+    trajectory: Trajectory
+    motion: Motion
+    limits: Bounds
+    check: LimitCheck
+    clearance: Clearance
+    names: tuple[str, ...]
+    prediction: Prediction
+    alphas: tuple[AlphaRow, ...]
+    noise: Floats
+    noise_from: str
+    weakest: str
+    search: SearchRecord | None
+    selected: NDArray[np.intp] | None = None
+    urdf: Path | None = None
+    review: Review | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is worth a warning."""
+        return self.clearance.findings
+
+    @property
+    def std_errors(self) -> dict[str, float]:
+        """Expected standard error of each base parameter, infinite where the motion shows nothing of it."""
+        return dict(zip(self.names, self.prediction.std_error.tolist(), strict=True))
+
+    def accepted(self) -> Plan:
+        """Return the plan with the mark of the person at this machine, who has seen it."""
+        return replace(self, review=Review.now(self.motion))
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid trajectory`` says."""
+        figures, distances = self.prediction.figures, self.clearance.distances
+        return {
+            "schema": "dynid/trajectory/1",
+            "robot": self.robot.name,
+            "duration_s": self.trajectory.duration,
+            "alpha": self.trajectory.alpha,
+            "condition_number": figures.condition,
+            "condition_number_scaled": figures.condition_scaled,
+            "smallest_singular_value": figures.smallest,
+            "peak": [
+                {
+                    "joint": p.joint,
+                    "position_rad": p.position,
+                    "velocity_rad_s": p.velocity,
+                    "acceleration_rad_s2": p.acceleration,
+                    "torque_nm": p.torque,
+                    "limit_share": p.share,
+                }
+                for p in self.check.peaks
+            ],
+            "tool_speed_m_s": self.check.tool_speed,
+            "collisions": [],
+            "closest_m": min((d.distance for d in distances), default=None),
+            "closest": [{"pair": d.pair, "distance_m": d.distance, "time_s": d.time} for d in distances[:CLOSEST]],
+            "predicted_std_error": self.std_errors,
+            "expected_torque_error_nm": self.prediction.torque_error,
+            "ladder": [asdict(row) for row in self.alphas],
+            "torque_noise_nm": self.noise.tolist(),
+            "torque_noise_from": self.noise_from,
+            "selected_samples": None if self.selected is None else len(self.selected),
+            "weakest": self.weakest,
+            "search": None if self.search is None else asdict(self.search),
+        }
+
+    def stored(self, inputs: Mapping[str, str] | None = None) -> StoredTrajectory:
+        """Return the plan as trajectory.npz holds it.
+
+        Args:
+            inputs: what it was made from, for the header.
+        """
+        return StoredTrajectory(
+            robot=self.robot.name,
+            joints=self.robot.joint_names,
+            motion=self.motion,
+            alpha=self.trajectory.alpha,
+            basis=self.trajectory.basis.facts,
+            coefficients=self.trajectory.coefficients,
+            review=self.review,
+            facts={
+                "answer": self.facts(),
+                "inputs": dict(inputs or {}),
+                "rate_hz": self.options.rate,
+                "seed": self.options.seed,
+                "scene": scene_facts(self.options, self.urdf),
+            },
+            selected=self.selected,
+        )
+
+    def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
+        """Write trajectory.npz, and the same motion as CSV and as JointTrajectory in YAML beside it.
+
+        Args:
+            path: the .npz file.
+            inputs: what the plan was made from, for the header.
+        """
+        from dynid.files.trajectoryfile import write_csv, write_joint_trajectory, write_trajectory
+
+        path = Path(path)
+        texts = [path.with_suffix(".csv"), path.with_suffix(".yaml")]
+        write_csv(texts[0], self.robot.joint_names, self.motion)
+        write_joint_trajectory(texts[1], self.robot, self.motion)
+        write_trajectory(path, self.stored(inputs))
+        return [path, *texts]
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return headings and rows of the joints' largest values, and the share of the nearest limit that they use."""
+        rows: list[tuple[str, ...]] = [
+            (p.joint, f"{p.position:.3f}", f"{p.velocity:.3f}", f"{p.acceleration:.3f}",
+             "-" if p.torque is None else f"{p.torque:.2f}", f"{100 * p.share:.0f} %")
+            for p in self.check.peaks
+        ]  # fmt: skip
+        return ("joint", "position rad", "velocity rad/s", "accel. rad/s^2", "torque N m", "of limit"), rows
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return labels and sentences: what the motion is, uses, teaches and costs."""
+        basis, alpha = self.trajectory.basis.facts, self.trajectory.alpha
+        kind = (
+            f"{len(basis['knots']) - 1} {basis['kind']} segments"
+            if "knots" in basis
+            else f"{basis['harmonics']} harmonics"
+        )
+        slow = f"{self.trajectory.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
+        figures, low, high = self.prediction.figures, float(self.noise.min()), float(self.noise.max())
+        excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
+        size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
+        error = f"torque error {self.prediction.torque_error:.2g} N m on other motions; weakest: {self.weakest}"
+        return [
+            ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
+            *([("search", self.search.text)] if self.search is not None else []),
+            ("limits", self._shares()),
+            *self._nearest(),
+            (
+                "excitation",
+                f"{excitation}{figures.condition_scaled:.3g})   smallest singular value {figures.smallest:.2g}",
+            ),
+            ("predicted", error),
+            ("noise", f"{size} N m a sample, {self.noise_from}"),
+            *self._alpha_lines(),
+        ]
+
+    def _shares(self) -> str:
+        """Say how much of what the margin leaves is used."""
+        limits, peaks = self.limits, self.check.peaks
+        middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+        shares = {
+            "position": np.max(np.abs(np.array([p.position for p in peaks]) - middle) / half),
+            "speed": np.max(np.array([p.velocity for p in peaks]) / limits.velocity),
+            "acceleration": np.max(np.array([p.acceleration for p in peaks]) / limits.acceleration),
+            "torque": np.max(np.array([p.torque or 0.0 for p in peaks]) / limits.torque),
+        }
+        words = "   ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
+        return f"{words}   of what the margin leaves: all inside; tool up to {self.check.tool_speed:.2f} m/s"
+
+    def _nearest(self) -> Iterator[tuple[str, str]]:
+        for near in self.clearance.distances[:1]:
+            least = "at least " * (near.distance >= FAR)
+            size = f"{least}{1000 * near.distance:.0f} mm"
+            yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
+
+    def _alpha_lines(self) -> Iterator[tuple[str, str]]:
+        """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
+        full = next(row for row in self.alphas if row.alpha == 1.0)
+        here = next(row for row in self.alphas if row.alpha == self.trajectory.alpha)
+        for row in self.alphas:
+            times, mark = row.torque_error / full.torque_error, "  <- this plan" * (row is here)
+            yield "alpha", f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{mark}"
+        if here.alpha < 1:
+            times = here.torque_error / full.torque_error
+            cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
+            yield "note", f"{cost} for equally many samples: a first, safe run; then 0.5, then 1.0"
+
+    def __str__(self) -> str:
+        """Return the summary and the table as text."""
+        lines = [f"{label:<11}{text}" for label, text in self.summary()]
+        columns, rows = self.table()
+        widths = [max(len(row[k]) for row in [columns, *rows]) for k in range(len(columns))]
+        lines += ["  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True)) for row in [columns, *rows]]
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def window(self) -> AbstractContextManager[None]:
+        """Show the motion in PyBullet's window for the length of a ``with`` block.
+
+        Raises:
+            NoDisplay: there is no display.
+        """
+        return show_in_window(self.robot, self.trajectory, self.options.scene, self.urdf)
+
+
+@contextmanager
+def show_in_window(robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None) -> Iterator[None]:
+    """Show a motion in PyBullet's window for the length of the block."""
+    from dynid.trajectory.preview import urdf_of, window
+
+    with urdf_of(robot, urdf) as shapes, window(trajectory, robot, shapes, scene):
+        yield
+
+
+def plan_trajectory(
+    robot: Robot,
+    options: PlanOptions = PlanOptions(),  # noqa: B008
+    *,
+    waypoints: Waypoints | Floats | None = None,
+    path: StoredTrajectory | Plan | None = None,
+    earlier: Sequence[Earlier | Plan] = (),
+    urdf: Path | None = None,
+    base: BaseModel | None = None,
+    drawing: Drawing | None = None,
+    progress: Progress = SILENT,
+    **changes: Any,  # noqa: ANN401
+) -> Plan:
+    """Plan a motion that keeps all limits and stays clear, and predict what a log of it will tell.
+
+    Args:
+        robot: the arm.
+        options: what is wanted.
+        waypoints: points that the motion goes through instead of a search, (K, n) [rad or m].
+        path: an earlier plan whose path runs at ``options.alpha`` instead of a search.
+        earlier: logs, results and motions whose information the motion completes.
+        urdf: the arm's own shapes; cylinders along the DH table when None.
+        base: the arm's base model, where it is there already.
+        drawing: pictures that PyBullet must draw; without it PyBullet is used where it is installed.
+        progress: told how far the search is.
+        changes: single options by name, such as ``duration=10.0``.
+
+    Raises:
+        LimitBroken: no motion keeps all limits (E501).
+        Collision: something comes too near (E502).
+    """
+    from dynid.trajectory.planning import first_accepted, planning_context, proposals, require_safe, search_motions
+    from dynid.workflows.model import base_model
+
+    options = replace(options, **changes)
+    base = base or base_model(robot, progress=progress)
+    before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
+    noise, source = torque_noise(robot, options.noise, before)
+    context = planning_context(base, options, noise, earlier_information(base, before, noise, progress))
+    candidates, found = _given_path(context, waypoints, path), None
+    progress.stage("search" if candidates is None else "plan")
+    if candidates is None:
+        found = search_motions(context, progress)
+        candidates = proposals(context, found)
+    chosen, (check, clearance) = first_accepted(
+        candidates, lambda motion: (require_safe(context, motion), _clearance(context, motion, urdf, drawing))
+    )
+    search = _search_record(options, chosen, found)
+    return _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+
+
+def _given_path(
+    context: PlanningContext, waypoints: Waypoints | Floats | None, path: StoredTrajectory | Plan | None
+) -> Iterable[Proposal] | None:
+    """Return the motion through waypoints, or on the path of an earlier plan; None to search."""
+    from dynid.trajectory.plan import through_waypoints
+    from dynid.trajectory.planning import Proposal
+
+    alpha = context.options.alpha
+    if path is not None:
+        return [Proposal(replace(trajectory_of(path), alpha=alpha))]
+    if waypoints is None:
+        return None
+    points = waypoints if isinstance(waypoints, Waypoints) else Waypoints(np.asarray(waypoints, dtype=float))
+    return [Proposal(through_waypoints(points.q, context.limits, points.times).slowed(alpha))]
+
+
+def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
+    """Return the motion of a plan, or of its file, as coefficients of its family."""
+    from dynid.trajectory.basis import basis_from
+    from dynid.trajectory.plan import Trajectory
+
+    if isinstance(stored, Plan):
+        return stored.trajectory
+    return Trajectory(basis_from(dict(stored.basis)), stored.coefficients, stored.alpha)
+
+
+def _clearance(
+    context: PlanningContext, trajectory: Trajectory, urdf: Path | None, drawing: Drawing | None
+) -> Clearance:
+    from dynid.trajectory.planning import require_clear_motion
+    from dynid.trajectory.preview import Drawing
+
+    name = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
+    wanted = replace(drawing or Drawing(), title=name)
+    return require_clear_motion(context, trajectory, urdf, wanted)
+
+
+def _search_record(options: PlanOptions, chosen: Proposal, found: SearchOutcome | None) -> SearchRecord | None:
+    if chosen.start is None:
+        return None
+    again = f"--seed {options.seed}"
+    if found is not None and found.ended != "all starts":
+        again += f" --replay {chosen.start}:{chosen.evaluation}"
+    ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
+    return SearchRecord(options.seed, ended, finished, chosen.start, chosen.evaluation, chosen.share, again)
+
+
+def _predicted(
+    context: PlanningContext,
+    trajectory: Trajectory,
+    check: LimitCheck,
+    clearance: Clearance,
+    noise_from: str,
+    search: SearchRecord | None,
+    urdf: Path | None,
+) -> Plan:
+    """Return the plan with what it will teach."""
+    from dynid.trajectory.cost import select_samples
+    from dynid.trajectory.predict import alpha_table, predict
+
+    base, options, noise = context.base, context.options, context.noise
+    motion = trajectory.sampled(options.rate)
+    columns = base.reduction.base
+    prediction = predict(base.model, columns, motion, noise, context.other, context.known)
+    selected = None
+    if options.select is not None:
+        W = base.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
+        selected = select_samples(W, options.select)
+    cost = prediction.std_error * np.sqrt(np.diag(context.other))
+    return Plan(
+        robot=context.robot,
+        options=options,
+        trajectory=trajectory,
+        motion=motion,
+        limits=context.limits,
+        check=check,
+        clearance=clearance,
+        names=base.reduction.base_names,
+        prediction=prediction,
+        alphas=alpha_table(trajectory, base.model, columns, noise, context.other, context.known),
+        noise=noise,
+        noise_from=noise_from,
+        weakest=base.reduction.base_names[int(np.argmax(cost))],
+        search=search,
+        selected=selected,
+        urdf=urdf,
+    )
+
+
+def scene_facts(options: PlanOptions, urdf: Path | None) -> dict[str, Any]:
+    """Return in which surroundings a motion was judged, and with which shapes of the arm; for ``dynid record``."""
+    return {**options.scene.facts, "urdf": None if urdf is None else str(urdf.resolve())}
+
+
+@dataclass(frozen=True)
+class Reviewed:
+    """A motion that was planned before and passed the checks once more.
+
+    Attributes:
+        robot: the arm.
+        options: surroundings and margins that it was judged with.
+        stored: what its file holds.
+        clearance: how far it stays away from everything.
+        urdf: shapes of the arm; None for cylinders along the DH table.
+    """
+
+    robot: Robot
+    options: PlanOptions
+    stored: StoredTrajectory
+    clearance: Clearance
+    urdf: Path | None
+
+    def accepted(self) -> StoredTrajectory:
+        """Return the motion with the mark of the person at this machine, who has seen it in these surroundings."""
+        facts = {**self.stored.facts, "scene": scene_facts(self.options, self.urdf)}
+        return replace(self.stored, review=Review.now(self.stored.motion), facts=facts)
+
+    def window(self) -> AbstractContextManager[None]:
+        """Show the motion in PyBullet's window; see ``Plan.window``."""
+        return show_in_window(self.robot, trajectory_of(self.stored), self.options.scene, self.urdf)
+
+
+def review_trajectory(
+    robot: Robot,
+    stored: StoredTrajectory,
+    options: PlanOptions = PlanOptions(),  # noqa: B008
+    *,
+    urdf: Path | None = None,
+    base: BaseModel | None = None,
+    drawing: Drawing | None = None,
+    progress: Progress = SILENT,
+) -> Reviewed:
+    """Judge a motion that was planned before by the robot file as it is today.
+
+    Args:
+        robot: the arm.
+        stored: the motion.
+        options: margin, tool speed and surroundings; what concerns planning does not count.
+        urdf: the arm's own shapes; cylinders along the DH table when None.
+        base: the arm's base model, where it is there already.
+        drawing: pictures that PyBullet must draw.
+        progress: told how far the work is.
+
+    Raises:
+        LimitBroken: it breaks a limit (E501).
+        Collision: something comes too near (E502).
+    """
+    from dynid.trajectory.limits import require_within_limits
+    from dynid.trajectory.planning import planning_context
+    from dynid.workflows.model import base_model
+
+    context = planning_context(base or base_model(robot, progress=progress), options)
+    trajectory = trajectory_of(stored)
+    require_within_limits(context.check(trajectory), options.margin)
+    return Reviewed(robot, options, stored, _clearance(context, trajectory, urdf, drawing), urdf)
+
+
+def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -> dict[str, str]:
+    """Return what a plan depends on, for its header.
+
+    Args:
+        robot: the arm; beyond its model, its limits, base pose, prior and torque noise count.
+        options: what is wanted.
+        files: further files by what they are.
+    """
+    from dynid.files.artifact import sha256
+
+    parts: list[Any] = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
+    parts += [asdict(robot.prior) if robot.prior else None, asdict(robot.tool) if robot.tool else None]
+    parts.append(robot.torque.noise)
+    limits = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+    hashes = {name: sha256(path) for name, path in files.items()}
+    return {"robot": robot.model_key, "limits": limits, **hashes, **options.texts()}
