@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dynid.model.store import BaseModel
     from dynid.motion import Motion
     from dynid.robot import Robot
+    from dynid.trajectory.options import PlanOptions
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from dynid.workflows.parameters import Observations, observe
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
-    from dynid.workflows.trajectory import Plan, PlanOptions, plan_trajectory
+    from dynid.workflows.trajectory import Plan, plan_trajectory
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
 
@@ -49,7 +50,7 @@ _HOMES = {
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
     "Plan": "dynid.workflows.trajectory",
-    "PlanOptions": "dynid.workflows.trajectory",
+    "PlanOptions": "dynid.trajectory.options",
     "Robot": "dynid.robot",
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
