@@ -67,3 +67,23 @@ def test_options_read_text_and_values_alike():
     assert dynid.IdentifyOptions(holdout="20%", exclude="1-2,3-4") == dynid.IdentifyOptions(
         holdout=0.2, exclude=[(1.0, 2.0), (3.0, 4.0)]
     )
+
+
+def test_a_validation_shows_a_table_and_a_residual(arm, result):
+    checked = dynid.validate(result, dynid.load_log(LOGS / "lwr4plus_validate.bag", arm))
+    assert [row["joint"] for row in checked.table()] == list(arm.joint_names)
+    assert repr(checked).splitlines()[1].split()[:3] == ["joint", "rms", "error"]
+    assert checked._repr_html_().count("<tr>") == 1 + arm.n
+    drawn = checked.plot_residual(7).axes[0].lines[0].get_ydata()
+    rms = np.sqrt(np.nanmean(drawn**2))
+    assert rms == pytest.approx(checked.joints[6].rms, rel=0.02)
+    with pytest.raises(dynid.errors.WrongUsage, match="joint '8'"):
+        checked.plot_residual(8)
+
+
+def test_names_from_files_stay_text_in_tables():
+    from dynid.table import Table
+
+    shown = Table([{"joint": "<b>x\x1b[31m", "value": 1.0}])
+    assert "<b>" not in shown._repr_html_()
+    assert "\x1b" not in repr(shown)

@@ -1,8 +1,8 @@
-"""Estimated against measured motion, one panel a joint: the paper's Figures 3 to 6, as PNG and SVG."""
+"""Estimated against measured motion, one panel per joint: the paper's Figures 3 to 6, as PNG and SVG."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files.artifact import written_whole
+from dynid.robot import Robot
 from dynid.validate.predict import EstimatedMotion
 
 if TYPE_CHECKING:
@@ -43,7 +44,13 @@ QUANTITIES = (
 
 
 def draw(
-    motion: EstimatedMotion, quantity: Quantity, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str
+    motion: EstimatedMotion,
+    quantity: Quantity,
+    joints: tuple[str, ...],
+    sliding: tuple[bool, ...],
+    title: str,
+    *,
+    residual_only: bool = False,
 ) -> Figure:
     """Draw one quantity of all joints; the torque's figure shows the residual on the same scale."""
     from matplotlib.figure import Figure as NewFigure
@@ -59,7 +66,10 @@ def draw(
         if j >= n:
             axis.set_visible(False)
             continue
-        _panel(axis, motion.t, measured[:, j], estimated[:, j], residual=quantity.key == "tau")
+        if residual_only:
+            _curves(axis, motion.t, {"residual": (measured[:, j], RESIDUAL, 0.9)})
+        else:
+            _panel(axis, motion.t, measured[:, j], estimated[:, j], residual=quantity.key == "tau")
         axis.set_title(joints[j].replace("$", r"\$"), fontsize=9, loc="left")
         axis.set_ylabel(quantity.units[sliding[j]], fontsize=8)
         if j % lines == lines - 1 or j == n - 1:
@@ -71,9 +81,38 @@ def draw(
     return figure
 
 
+def torque_figure(
+    motion: EstimatedMotion, robot: Robot, joints: tuple[str, ...], title: str, *, residual_only: bool = False
+) -> Figure:
+    """Draw the torques of some joints, for notebooks: measured, estimated and residual, or the residual alone.
+
+    Args:
+        motion: measured and estimated torques.
+        robot: the arm.
+        joints: names of the joints that are drawn.
+        title: above the figure.
+        residual_only: leave out measured and estimated torque, so that the residual fills the panel.
+    """
+    numbers = [robot.joint_names.index(joint) for joint in joints]
+    measured, estimated = motion.tau_measured[:, numbers], motion.tau_estimated[:, numbers]
+    if residual_only:
+        measured, estimated = measured - estimated, np.zeros_like(estimated)
+    shown = replace(motion, tau_measured=measured, tau_estimated=estimated)
+    sliding = tuple(not robot.joints[k].revolute for k in numbers)
+    quantity = QUANTITIES[3]
+    if not residual_only:
+        return draw(shown, quantity, joints, sliding, title)
+    return draw(shown, replace(quantity, title="residual torque"), joints, sliding, title, residual_only=True)
+
+
 def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residual: bool) -> None:
-    step = max(1, len(t) // MOST_POINTS)
-    thin = slice(None, None, step)
+    curves = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
+    _curves(axis, t, {**curves, "residual": (measured - estimated, RESIDUAL, 0.7)} if residual else curves)
+
+
+def _curves(axis: Axes, t: Floats, curves: dict[str, tuple[Floats, str, float]]) -> None:
+    """Draw curves with label, values, colour and width; a gap in time stays one."""
+    thin = slice(None, None, max(1, len(t) // MOST_POINTS))
     # Why: a line across a gap would show motion that nobody measured.
     steps = np.diff(t[thin])
     gaps = np.flatnonzero(np.abs(steps) > 5 * max(np.median(steps), 1e-12)) + 1 if len(steps) > 1 else np.zeros(0, int)
@@ -81,12 +120,9 @@ def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residu
     def broken(x: Floats) -> Floats:
         return np.insert(x[thin].astype(float), gaps, np.nan)
 
-    axis.plot(broken(t), broken(measured), color=MEASURED, lw=2.2, label="measured")
-    axis.plot(broken(t), broken(estimated), color=ESTIMATED, lw=0.9, label="estimated")
-    if residual:
-        axis.plot(broken(t), broken(measured - estimated), color=RESIDUAL, lw=0.7, label="residual")
-    shown = [measured, estimated, measured - estimated] if residual else [measured, estimated]
-    low, high = np.nanpercentile(np.concatenate(shown), [0.2, 99.8])
+    for label, (values, color, width) in curves.items():
+        axis.plot(broken(t), broken(values), color=color, lw=width, label=label)
+    low, high = np.nanpercentile(np.concatenate([values for values, _, _ in curves.values()]), [0.2, 99.8])
     room = 0.12 * max(high - low, 1e-9)
     axis.set_ylim(low - room, high + room)
     axis.grid(color=GRID, lw=0.6)

@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import SameRecording
+from dynid.errors import SameRecording, WrongUsage
 from dynid.log import Log
 from dynid.options import option
 from dynid.progress import SILENT, Progress
+from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
+    from pandas import DataFrame
 
     from dynid.estimation.observation_rows import Rows
     from dynid.estimation.result import StoredResult
@@ -32,7 +35,7 @@ class ValidateOptions(LogOptions):
     allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Validation:
     """Predicted beside measured torques of a log that was not used to identify.
 
@@ -55,6 +58,57 @@ class Validation:
     baseline: str
     motion: EstimatedMotion
     cutoff: float
+
+    def table(self) -> Table:
+        """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
+        rows = [
+            {
+                "joint": quality.joint,
+                "rms error": quality.rms,
+                "rms torque": quality.torque_rms,
+                "unexplained %": quality.relative_percent,
+                "rms of baseline": quality.baseline_rms,
+                "unit": joint.torque_unit,
+            }
+            for quality, joint in zip(self.joints, self.robot.joints, strict=True)
+        ]
+        total = f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
+        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", (total,))
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the table as a pandas DataFrame."""
+        return self.table().to_dataframe()
+
+    def __repr__(self) -> str:
+        """Return the table as text."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def plot_torque(self) -> Figure:
+        """Return a figure of measured and estimated torque and their difference, one panel per joint."""
+        return self._figure(self.robot.joint_names)
+
+    def plot_residual(self, joint: int | str) -> Figure:
+        """Return a figure of what the model leaves of the torque of one joint.
+
+        Args:
+            joint: number from 1, or name.
+
+        Raises:
+            WrongUsage: there is no such joint.
+        """
+        names = self.robot.joint_names
+        if joint not in names and joint not in range(1, len(names) + 1):
+            raise WrongUsage(f"there is no joint '{joint}'", fix=f"a number from 1 to {len(names)}, or a name")
+        return self._figure((joint if isinstance(joint, str) else names[joint - 1],), residual_only=True)
+
+    def _figure(self, joints: tuple[str, ...], *, residual_only: bool = False) -> Figure:
+        from dynid.reports.figures import torque_figure
+
+        title = f"{self.robot.name}, {Path(self.log).name}"
+        return torque_figure(self.motion, self.robot, joints, title, residual_only=residual_only)
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid validate`` says."""

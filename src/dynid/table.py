@@ -1,0 +1,98 @@
+"""Tables of results for terminals, notebooks and pandas: rows are dictionaries with the same keys.
+
+Text from files is shown as text: control characters become visible, and HTML is escaped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import PackageMissing
+from dynid.text import html, visible
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Table(Sequence[dict[str, Any]]):
+    """Rows that print as a table.
+
+    Args:
+        rows: dictionaries with the same keys, in the order of the columns.
+        title: a line above the table.
+        footer: lines below it.
+    """
+
+    def __init__(self, rows: Sequence[Mapping[str, Any]], title: str = "", footer: Sequence[str] = ()) -> None:
+        self._rows = [dict(row) for row in rows]
+        self.title = title
+        self.footer = tuple(footer)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self._rows)
+
+    def __getitem__(self, index: Any) -> Any:  # noqa: ANN401
+        """Return a row by number, or several by a slice."""
+        return self._rows[index]
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Walk over the rows."""
+        return iter(self._rows)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the rows as a pandas DataFrame.
+
+        Raises:
+            PackageMissing: pandas is not installed.
+        """
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
+        return DataFrame(self._rows)
+
+    def __repr__(self) -> str:
+        """Return the table as text with aligned columns."""
+        lines = [self.title] if self.title else []
+        if self._rows:
+            heads = list(self._rows[0])
+            cells = [[cell_text(row[head]) for head in heads] for row in self._rows]
+            numbers = [all(_is_number(row[head]) for row in self._rows) for head in heads]
+            widths = [max(len(head), *(len(row[k]) for row in cells)) for k, head in enumerate(heads)]
+            for row in [heads, *cells]:
+                aligned = (
+                    text.rjust(width) if number else text.ljust(width)
+                    for text, width, number in zip(row, widths, numbers, strict=True)
+                )
+                lines.append("  ".join(aligned).rstrip())
+        return "\n".join([*lines, *self.footer])
+
+    def _repr_html_(self) -> str:
+        """Return the table as HTML for notebooks."""
+        parts = [f"<p>{html(self.title)}</p>"] if self.title else []
+        if self._rows:
+            heads = "".join(f"<th>{html(str(head))}</th>" for head in self._rows[0])
+            body = "".join(
+                "<tr>" + "".join(f"<td>{html(cell_text(value))}</td>" for value in row.values()) + "</tr>"
+                for row in self._rows
+            )
+            parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
+        return "".join([*parts, *(f"<p>{html(line)}</p>" for line in self.footer)])
+
+
+def cell_text(value: Any) -> str:  # noqa: ANN401
+    """Return a value as a person wants to read it: four digits, a dash for what is not there, text made visible."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return visible(str(value))
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401
+    return value is None or (isinstance(value, (int, float)) and not isinstance(value, bool))
