@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import prediction
+from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, StoredResult, load
 from dynid.files.artifact import read_artifact
 from dynid.reports import gap_record
 from dynid.reports.gap_record import GapRecord
 from dynid.robot import Robot
-from dynid.validate import predict
-from dynid.validate.predict import EstimatedMotion
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def gather(parameters: Path) -> Evidence:
     files = sorted((folder / "validation").glob("*/estimatedmotion.npz"))
     return Evidence(
         stored=stored,
-        motion=predict.load(motion)[0] if motion.is_file() else None,
+        motion=prediction.load(motion)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file) for file in files),
         singular_values=_singular_values(stack) if stack.is_file() else None,
         gap=gap_record.load(folder / "gap.npz") if (folder / "gap.npz").is_file() else None,
@@ -94,7 +94,7 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
 
 
 def _unseen(path: Path) -> Unseen:
-    motion, header = predict.load(path)
+    motion, header = prediction.load(path)
     return Unseen(Path(str(header.get("log", path.parent.name))).name, motion, *relative_percent(motion))
 
 

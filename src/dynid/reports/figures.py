@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.prediction import EstimatedMotion
 from dynid.files.artifact import written_whole
 from dynid.robot import Robot
-from dynid.validate.predict import EstimatedMotion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

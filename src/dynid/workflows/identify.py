@@ -183,16 +183,16 @@ def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None
         result: what ``identify`` returned.
         facts: further facts for the headers, such as the inputs that they depend on.
     """
+    from dynid.estimation import prediction
     from dynid.estimation import result as results
-    from dynid.validate import predict
 
     found, seen, robot = result.identification, result.observations, result.robot
     assert seen is not None
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     header = {**(facts or {}), **result.header}
-    motions = [predict.predict(log, seen.stack.rows_of_log(k), found.theta) for k, log in enumerate(seen.stack.logs)]
+    motions = [prediction.predict(log, seen.stack.rows_of_log(k), found.theta) for k, log in enumerate(seen.stack.logs)]
     wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
-    predict.save(wrote[0], motions, {**header, "joints": list(seen.stack.joints), "torque_from": "identified"})
+    prediction.save(wrote[0], motions, {**header, "joints": list(seen.stack.joints), "torque_from": "identified"})
     table = {
         "schema": "dynid/parameters-table/1",
         "robot": robot.name,

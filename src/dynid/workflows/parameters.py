@@ -95,19 +95,19 @@ class Observations:
             folder: where to.
             facts: further facts for the headers, such as the inputs that they depend on.
         """
+        from dynid.estimation import prediction
         from dynid.model.prior import prior_base_parameters
-        from dynid.validate import predict
 
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
         prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
-        motions = [predict.predict(log, self.stack.rows_of_log(k), prior) for k, log in enumerate(self.stack.logs)]
+        motions = [prediction.predict(log, self.stack.rows_of_log(k), prior) for k, log in enumerate(self.stack.logs)]
         estimated = {
             **header,
             "joints": list(self.stack.joints),
             "torque_from": "the prior; dynid identify puts the identified torque here",
         }
-        predict.save(wrote[1], motions, estimated)
+        prediction.save(wrote[1], motions, estimated)
         return wrote
 
     def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:

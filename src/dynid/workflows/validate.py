@@ -21,11 +21,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from dynid.estimation.observation_rows import Rows
+    from dynid.estimation.prediction import EstimatedMotion, JointCheck
     from dynid.estimation.result import StoredResult
     from dynid.model.store import BaseModel
     from dynid.robot import Robot
-    from dynid.validate.metrics import JointCheck
-    from dynid.validate.predict import EstimatedMotion
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,7 @@ class Validation:
 
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
-        from dynid.validate import predict
+        from dynid.estimation import prediction
 
         path = folder / "estimatedmotion.npz"
         header = {
@@ -159,7 +158,7 @@ class Validation:
             "log_sha256": [self.log_sha256],
             "torque_from": "identified",
         }
-        predict.save(path, [self.motion], header)
+        prediction.save(path, [self.motion], header)
         return path
 
     def write_figures(self, folder: Path) -> list[Path]:
@@ -192,9 +191,9 @@ def validate(
         SameRecording: the result was identified from this log.
         DynidError: the first serious fault of the log.
     """
+    from dynid.estimation import prediction
     from dynid.estimation.effect_columns import scaled
     from dynid.estimation.stack import rows_of
-    from dynid.validate import metrics, predict
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
     base = base or base_model_of(result)
@@ -208,9 +207,9 @@ def validate(
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     rows = list(rows_of(replayed, base.model.observer(base.reduction.base)))
-    motion = predict.predict(replayed, rows, theta)
+    motion = prediction.predict(replayed, rows, theta)
     baseline, what = baseline_torque(base, result, rows, motion)
-    joints, total = metrics.check(motion, baseline, base.robot.joint_names)
+    joints, total = prediction.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or log.name)
     return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff)
 

@@ -7,13 +7,13 @@ import pytest
 
 from dynid.errors import Finding
 from dynid.estimation.physical_parameters import FullSet
+from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, JointQuality, StoredResult
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.reports.evidence import Evidence, Unseen, relative_percent
-from dynid.validate.predict import EstimatedMotion
 
 NASTY = '<b>x & "y"</b>'
 

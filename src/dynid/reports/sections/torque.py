@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynid.estimation.prediction import EstimatedMotion
 from dynid.reports.evidence import Evidence
 from dynid.reports.figures import QUANTITIES, draw
 from dynid.reports.sections.interface import Picture, Section
 from dynid.reports.svg import as_svg, page_style
-from dynid.validate.predict import EstimatedMotion
 
 
 class Torque(Section):
