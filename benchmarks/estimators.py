@@ -23,9 +23,9 @@ from scipy import signal
 
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.estimators import METHODS, Part, choose
+from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.stack import stack
 from dynid.log import Log
@@ -68,17 +68,16 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     observer, names = arm.base.model.observer(arm.base.reduction.base), arm.base.reduction.base_names
     rows = stack([ConditionedLog(segments, chosen, "log")], observer, names, arm.robot.joint_names)
     made = time.perf_counter() - start
-    part = Part(rows, np.ones(rows.blocks, dtype=bool), arm.robot.controller)
     prior = prior_base_parameters(arm.base.model, arm.base.reduction)
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in (*PLAIN, *SIMULATED) if draw < OF_SIMULATED else PLAIN:
         start = time.perf_counter()
-        each = METHODS[method](replace(part), prior)
+        each = METHODS[method](replace(rows), prior, arm.robot.controller)
         seconds = made + time.perf_counter() - start
         whole = full_set(arm.base, each).theta
-        fitted = relative_error(part.factors[0], each.theta)
+        fitted = relative_error(rows.whole[0], each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
-    found["auto"] = found[choose(part)[0]]
+    found["auto"] = found[choose(rows)[0]]
     return found
 
 
@@ -90,7 +89,7 @@ def butterworth(arm: Arm, log: Log) -> list[float]:
     qdd = np.gradient(qd, 1 / LOGGED, axis=0)
     inside = slice(50, -50)
     W = arm.base.model.observer(arm.base.reduction.base).dense(q[inside], qd[inside], qdd[inside])
-    factors = joint_factors([Rows(W, log.tau[inside])])
+    factors = joint_factors([dense_rows(W, log.tau[inside])])
     fit = ordinary(*factors)
     seconds, fitted = time.perf_counter() - start, relative_error(factors[0], fit.theta)
     return figures(arm, fit.theta, fit.covariance, fitted, seconds, fit.theta)

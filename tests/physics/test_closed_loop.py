@@ -10,7 +10,7 @@ from follower import follow_motion
 from dynid.errors import NotSimulated, WrongUsage
 from dynid.estimation.closed_loop import Arm, follow
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.estimators import METHODS, Part
+from dynid.estimation.estimators import METHODS
 from dynid.estimation.stack import stack
 from dynid.model.store import obtain_base_model
 from dynid.robot import Controller, Joint, Limits, Robot
@@ -57,16 +57,11 @@ def truth(base):
     return base.reduction.K @ np.array([values[name] for name in base.reduction.names])
 
 
-def stacked(base, log, cutoff):
+def stacked(base, log, cutoff=10.0):
     chosen = choose_filter(log, ROBOT, cutoff)
     segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape)
     observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
     return stack([ConditionedLog(segments, chosen, "log")], observer, names, ROBOT.joint_names)
-
-
-def part_of(base, log, cutoff=10.0, controller=GAINS):
-    rows = stacked(base, log, cutoff)
-    return Part(rows, np.ones(rows.blocks, dtype=bool), controller)
 
 
 def error(theta, truth):
@@ -76,9 +71,9 @@ def error(theta, truth):
 def test_the_simulated_arm_moves_as_pinocchio_moves_it(base, truth):
     """From the command and the true parameters alone, ten times closer than the command itself."""
     log = logged(0.0)
-    part = part_of(base, log)
-    (segment,) = part.stack.logs[0].segments
-    observer = part.stack.observer
+    rows = stacked(base, log)
+    (segment,) = rows.logs[0].segments
+    observer = rows.observer
     arm = Arm(lambda q, qd, qdd: observer.torque(truth, q, qd, qdd), observer.coulomb_sign)
     found = follow(segment, arm, np.zeros_like(segment.q), GAINS, 40.0)
     lag = np.abs(segment.command_q - segment.q).max(axis=0)
@@ -88,8 +83,8 @@ def test_the_simulated_arm_moves_as_pinocchio_moves_it(base, truth):
 
 def test_instruments_from_the_simulated_arm_remove_the_bias_of_bad_encoders(base, truth):
     """With 0.03 degrees of noise behind wide filters least squares are far off; IDIM-IV and DIDIM are not."""
-    part = part_of(base, logged(0.03), cutoff=20.0)
-    found = {name: METHODS[name](part, np.zeros(len(truth))) for name in ("ols", "wls", "idim-iv", "didim")}
+    rows = stacked(base, logged(0.03), cutoff=20.0)
+    found = {name: METHODS[name](rows, np.zeros(len(truth)), GAINS) for name in ("ols", "wls", "idim-iv", "didim")}
     wrong = {name: error(each.theta, truth) for name, each in found.items()}
     assert wrong["ols"] > 0.2
     assert wrong["idim-iv"] < 0.2 * wrong["ols"]
@@ -102,19 +97,17 @@ def test_wrong_gains_bias_the_direct_fit_more_than_the_instruments(base, truth):
     """Instruments only have to move like the arm; 30 % of wrong gain leaves IDIM-IV as it was."""
     log = logged(0.01)
     wrong = Controller(tuple(0.7 * k for k in GAINS.kp), GAINS.kd)
-    right = {name: error(METHODS[name](part_of(base, log), truth).theta, truth) for name in ("idim-iv", "didim")}
-    off = {
-        name: error(METHODS[name](part_of(base, log, controller=wrong), truth).theta, truth)
-        for name in ("idim-iv", "didim")
-    }
+    rows, names = stacked(base, log), ("idim-iv", "didim")
+    right = {name: error(METHODS[name](rows, truth, GAINS).theta, truth) for name in names}
+    off = {name: error(METHODS[name](rows, truth, wrong).theta, truth) for name in names}
     assert off["idim-iv"] < 1.5 * right["idim-iv"] + 1e-3
     assert off["didim"] > 2 * off["idim-iv"]
 
 
 def test_a_loop_that_runs_away_is_said_so(base, truth):
-    part = part_of(base, logged(0.0))
-    (segment,) = part.stack.logs[0].segments
-    observer = part.stack.observer
+    rows = stacked(base, logged(0.0))
+    (segment,) = rows.logs[0].segments
+    observer = rows.observer
     arm = Arm(lambda q, qd, qdd: observer.torque(-truth, q, qd, qdd), observer.coulomb_sign)
     with pytest.raises(NotSimulated):
         follow(segment, arm, np.zeros_like(segment.q), GAINS, 40.0)
@@ -123,6 +116,6 @@ def test_a_loop_that_runs_away_is_said_so(base, truth):
 def test_the_gains_and_the_command_are_asked_for(base):
     log = logged(0.0, seconds=6.0)
     with pytest.raises(WrongUsage, match="gains"):
-        METHODS["didim"](part_of(base, log, controller=None), np.zeros(1))
+        METHODS["didim"](stacked(base, log), np.zeros(1), None)
     with pytest.raises(WrongUsage, match="commanded"):
-        METHODS["idim-iv"](part_of(base, replace(log, extra={})), np.zeros(1))
+        METHODS["idim-iv"](stacked(base, replace(log, extra={})), np.zeros(1), GAINS)

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from dynid.estimation import result
-from dynid.estimation.stack import rows_of
+from dynid.estimation.observation_rows import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters

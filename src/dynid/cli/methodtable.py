@@ -26,7 +26,7 @@ SHOWN = 4
 def compare_methods(common: Common, words: tuple[Path, ...]) -> dict[str, Any]:
     """Run all estimators, print the table, and return the JSON answer."""
     from dynid.estimation.estimate import estimate, last_share
-    from dynid.estimation.estimators import METHODS, Part, choose
+    from dynid.estimation.estimators import METHODS, choose
     from dynid.files.robotfile import load_robot
     from dynid.workflows.logs import read_log
     from dynid.workflows.model import base_model
@@ -40,8 +40,7 @@ def compare_methods(common: Common, words: tuple[Path, ...]) -> dict[str, Any]:
         seen = observe(robot, [read_log(path, robot) for path in words[1:]], base=base, progress=progress)
     stack, header = seen.stack, seen.header()
     holdout = last_share(stack, 0.2)
-    part = Part(stack, holdout.train | True)
-    chosen, why = choose(part)
+    chosen, why = choose(stack)
     common.terminal.stage("estimate", f"auto takes {chosen}: {why}")
     found: dict[str, tuple[Identification, float]] = {}
     for name in sorted(METHODS, key=lambda name: name != chosen):

@@ -11,15 +11,14 @@ Reads conditioned segments with a command; writes the simulated motion on the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotSimulated
-from dynid.estimation.observation_rows import Rows
-from dynid.estimation.stack import Stack, with_logs
+from dynid.estimation.stack import Stack
 from dynid.model.mass_matrix import Torque, mass_matrices
 from dynid.robot import Controller
 from dynid.signals.conditioning import Segment, resampled
@@ -119,40 +118,18 @@ def _thinned(x: Floats, cutoff: float, rate: float, every: int) -> Floats:
     return np.ascontiguousarray(decimate(padded, kernel, every)[0].T)
 
 
-@dataclass(frozen=True)
-class Simulated:
-    """The rows of logs whose commanded motion was replaced by the simulated one; may be walked many times.
-
-    Attributes:
-        stack: the logs.
-        blocks: which of its blocks of time count, (B,).
-    """
-
-    stack: Stack
-    blocks: NDArray[np.bool_]
-
-    def __iter__(self) -> Iterator[Rows]:
-        """Walk over the rows of the chosen blocks in order of time; instruments are the simulated motion's."""
-        return self.stack.rows_of_blocks(self.blocks)
-
-    def of_simulation(self) -> Iterator[Rows]:
-        """Walk over the same rows with the regressor itself on the simulated motion."""
-        for rows in self:
-            assert rows.Z is not None
-            yield replace(rows, W=rows.Z, Z=None)
-
-
-def simulated(stack: Stack, blocks: NDArray[np.bool_], theta: Floats, controller: Controller) -> Simulated:
-    """Simulate logs under their controller.
+def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
+    """Return a stack whose commanded motion is that of the arm simulated under its controller.
 
     Args:
         stack: the stacked logs, all with a command.
-        blocks: which of its blocks of time count, (B,).
         theta: base parameters, (p,).
-        controller: gains.
+        controller: gains of the position controller.
+
+    Raises:
+        NotSimulated: the parameters belong to no arm, or the loop is unstable.
     """
     observer = stack.observer
-    assert observer is not None
 
     def torque(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return observer.torque(theta, q, qd, qdd)
@@ -175,7 +152,7 @@ def simulated(stack: Stack, blocks: NDArray[np.bool_], theta: Floats, controller
     logs = [
         replace(log, segments=[along(each, log.filter.position_cutoff) for each in log.segments]) for log in stack.logs
     ]
-    return Simulated(with_logs(stack, logs), blocks)
+    return stack.with_logs(logs)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ friction looks like late gravity) widens its error. Docs: docs/explanation/estim
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from dynid.estimation.conditioned_log import condition_logs
 from dynid.estimation.effect_columns import settled
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import RowWalk, joint_factors
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
 from dynid.model.store import BaseModel
@@ -55,19 +55,6 @@ class Delay:
         return abs(self.seconds) >= LEAST and abs(self.seconds) > CLEAR * self.std_error
 
 
-@dataclass(frozen=True)
-class _WithSlope:
-    """The rows of a stack with the slope of the fitted torques as last column; may be walked many times."""
-
-    stack: Stack
-    columns: Floats
-    slopes: tuple[Floats, ...]
-
-    def __iter__(self) -> Iterator[Rows]:
-        for rows, slope in zip(self.stack, self.slopes, strict=True):
-            yield replace(rows, W=np.concatenate([rows.W @ self.columns, -slope[:, :, None]], axis=2), Z=None)
-
-
 def estimate_delay(stack: Stack) -> Delay:
     """Estimate the delay that all joints share.
 
@@ -80,7 +67,13 @@ def estimate_delay(stack: Stack) -> Delay:
     length = np.where(length > 0.0, length, 1.0)
     _, sigma, Vt = np.linalg.svd(whitened / length)
     columns = (Vt[sigma > RANK_TOLERANCE * sigma[0]] / length).T
-    rows = _WithSlope(stack, columns, _slopes(stack, fit.theta))
+    slopes = _slopes(stack, fit.theta)
+    rows = RowWalk(
+        lambda: (
+            rows.with_arrays(np.concatenate([rows.W @ columns, -slope[:, :, None]], axis=2), rows.tau)
+            for rows, slope in zip(stack, slopes, strict=True)
+        )
+    )
     found = weighted(*joint_factors(rows))
     variance = hac_covariance(rows, found.theta, found.noise).covariance[-1, -1]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))

@@ -9,16 +9,15 @@ dynamics".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.closed_loop import Simulated
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
 from dynid.estimation.robust import huber, look_for_spikes
 
 Floats = NDArray[np.float64]
@@ -42,15 +41,7 @@ class DirectFit:
     noise: Floats
 
 
-@dataclass(frozen=True)
-class _OfSimulation:
-    rows: Simulated
-
-    def __iter__(self) -> Iterator[Rows]:
-        return self.rows.of_simulation()
-
-
-def direct(simulate: Callable[[Floats], Simulated], start: Floats) -> DirectFit:
+def direct(simulate: Callable[[Floats], Iterable[ObservationRows]], start: Floats) -> DirectFit:
     """Fit the torques of the simulated motion until the motion no longer changes.
 
     Args:
@@ -59,7 +50,7 @@ def direct(simulate: Callable[[Floats], Simulated], start: Floats) -> DirectFit:
     """
     theta = start
     for _ in range(ROUNDS):
-        rows = _OfSimulation(simulate(theta))
+        rows = of_simulation(simulate(theta))
         before, fit = theta, weighted(*joint_factors(rows))
         theta, noise, robust = fit.theta, fit.noise, look_for_spikes(rows, fit.theta).found
         if robust:
@@ -69,3 +60,10 @@ def direct(simulate: Callable[[Floats], Simulated], start: Floats) -> DirectFit:
         if np.all(np.abs(theta - before) <= SETTLED * np.sqrt(np.diagonal(covariance))):
             break
     return DirectFit(theta, covariance, noise)
+
+
+def of_simulation(rows: Iterable[ObservationRows]) -> RowWalk:
+    """Return the rows with the regressor itself on the simulated motion."""
+    return RowWalk(
+        lambda: (replace(each, entries=each.command, command=None) for each in rows if each.command is not None)
+    )

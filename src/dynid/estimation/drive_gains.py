@@ -11,14 +11,14 @@ a known load); here solved by Gauss-Newton on triangular factors, friction free 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
 from dynid.estimation.hac import hac_covariance
-from dynid.estimation.observation_rows import Rows
+from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.payload import friction
 from dynid.estimation.stack import Stack
 
@@ -90,24 +90,6 @@ class _Problem:
         if len(place):
             J[:, len(x) - len(self.unknown) + place[0]] = h * (W @ self.theta(x, log))
         return J
-
-
-@dataclass(frozen=True)
-class _Linearised:
-    """Rows of all logs about a solution, for the honest covariance; may be walked many times."""
-
-    problem: _Problem
-    x: Floats
-    h: Floats
-
-    def __iter__(self) -> Iterator[Rows]:
-        for log, stack in enumerate(self.problem.stacks):
-            theta = self.problem.theta(self.x, log)
-            for rows in stack:
-                J = np.stack(
-                    [self.problem.jacobian(rows.W[:, j], h, j, self.x, log) for j, h in enumerate(self.h)], axis=1
-                )
-                yield replace(rows, W=J, tau=rows.tau - self.h * (rows.W @ theta) + J @ self.x, Z=None)
 
 
 def find_gains(stack: Stack, known: Floats, load: Load | None = None) -> Gains:
@@ -205,11 +187,19 @@ def _solve(problem: _Problem, x: Floats, known: Floats) -> tuple[Floats, Floats]
     return x, sigma
 
 
+def _linearised(problem: _Problem, x: Floats, h: Floats) -> Iterator[ObservationRows]:
+    """Yield the rows of all logs about a solution, for the covariance."""
+    for log, stack in enumerate(problem.stacks):
+        theta = problem.theta(x, log)
+        for rows in stack:
+            J = np.stack([problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)], axis=1)
+            yield rows.with_arrays(J, rows.tau - h * (rows.W @ theta) + J @ x)
+
+
 def _variances(problem: _Problem, x: Floats, h: Floats, sigma: Floats, relative: bool) -> Floats:
     """Return the honest variance of log h of each unknown gain, (count,)."""
-    rows = _Linearised(problem, x, h)
     information: Floats | float = 0.0
-    for part in rows:
+    for part in _linearised(problem, x, h):
         J = (part.W * (part.mask / sigma)[:, :, None]).reshape(-1, len(x))
         information = information + J.T @ J
     length = np.sqrt(np.diagonal(np.asarray(information)))
@@ -225,7 +215,7 @@ def _variances(problem: _Problem, x: Floats, h: Floats, sigma: Floats, relative:
             fix="move more joints at once and faster, or use a heavier load",
         )
     columns = axes[:, kept] / length[:, None]
-    reduced = [replace(part, W=part.W @ columns, tau=part.residual(x)) for part in rows]
+    reduced = [part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)]
     inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma).covariance
     spread = columns[len(x) - count :]
     if relative:

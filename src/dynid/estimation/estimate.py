@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient
-from dynid.estimation.estimators import METHODS, Estimate, Part, choose
+from dynid.estimation.estimators import METHODS, Estimate, choose
 from dynid.estimation.least_squares import joint_rms, relative_error
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import Identification, JointQuality
@@ -20,7 +20,6 @@ from dynid.model.store import BaseModel
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Beyond this condition number with normalised columns, a percent of noise becomes tens of percent of parameter.
 LARGE_CONDITION = 1000.0
@@ -41,20 +40,18 @@ class HoldOut:
     """Rows that are kept back to judge the fit.
 
     Attributes:
-        train: blocks of the training stack that are fitted, (B,).
-        test: the stack that is judged on.
-        judged: blocks of it that count, (B',).
-        text: what it is, for people.
+        train: the rows that are fitted.
+        test: the rows that judge.
+        text: what they are, for people.
     """
 
-    train: Mask
+    train: Stack
     test: Stack
-    judged: Mask
     text: str
 
 
 def last_share(stack: Stack, share: float) -> HoldOut:
-    """Hold out the last share of each log; one block of time between the parts belongs to neither.
+    """Hold out the last share of each log, in whole blocks of time.
 
     Args:
         stack: the stacked logs.
@@ -69,7 +66,7 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         cut = len(blocks) - max(1, round(share * len(blocks)))
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
-    return HoldOut(train, stack, judged, f"last {100 * share:.0f} % of each log")
+    return HoldOut(stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log")
 
 
 def estimate(
@@ -98,13 +95,12 @@ def estimate(
         PoorlyExcited: they determine all, but some only through what is left of noise.
         NothingChanged: the physical set in force is the prior although the torques say otherwise.
     """
-    whole = Part(stack, np.ones(stack.blocks, dtype=bool), controller_of(base))
     prior = prior_base_parameters(base.model, base.reduction)
-    name, why = choose(whole) if method == "auto" else (method, "as asked")
-    plain = replace(METHODS[name](whole, prior), why=why)
+    name, why = choose(stack) if method == "auto" else (method, "as asked")
+    plain = replace(METHODS[name](stack, prior, controller_of(base)), why=why)
     findings = _excitation_findings(stack, plain, drop_weak)
     physical = full_set(base, plain)
-    held = {} if holdout is None else _held_out(stack, base, holdout, name, prior)
+    held = {} if holdout is None else _held_out(base, holdout, name, prior)
     if feasible is None:
         feasible, choice = _physical_wins(base, method, held)
     else:
@@ -112,7 +108,7 @@ def estimate(
     if feasible:
         _require_change(prior, plain.theta, physical.theta)
     theta = physical.theta if feasible else plain.theta
-    factors, rows = whole.factors
+    factors, rows = stack.whole
     rms = joint_rms(factors, rows, theta)
     size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
     judged = held.get("physical" if feasible else "plain")
@@ -276,12 +272,10 @@ def _physics_findings(
     return found
 
 
-def _held_out(
-    stack: Stack, base: BaseModel, holdout: HoldOut, method: str, prior: Floats
-) -> dict[str, tuple[Floats, float]]:
+def _held_out(base: BaseModel, holdout: HoldOut, method: str, prior: Floats) -> dict[str, tuple[Floats, float]]:
     """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
-    fitted = METHODS[method](Part(stack, holdout.train, controller_of(base)), prior)
-    factors, rows = holdout.test.joint_factors(holdout.judged)
+    fitted = METHODS[method](holdout.train, prior, controller_of(base))
+    factors, rows = holdout.test.whole
     sets = {"plain": fitted.theta, "physical": full_set(base, fitted).theta}
     return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
-from dynid.estimation.estimators import Part, wls
+from dynid.estimation.estimators import wls
 from dynid.estimation.stack import Stack
 from dynid.estimation.uncertainty import HARMLESS, ROUGHLY, WELL
 from dynid.model.store import BaseModel
@@ -36,12 +36,11 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     Returns:
         Findings W402, the worst first.
     """
-    part = Part(stack, np.ones(stack.blocks, dtype=bool))
-    fit = wls(part, prior)
+    fit = wls(stack, prior)
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     error[np.abs(fit.solution.weak).max(axis=1, initial=0.0) > 1e-9] = np.inf
     size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
-    rows = max(1, int(part.factors[1].sum()))
+    rows = max(1, int(stack.whole[1].sum()))
     harmless = error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows) <= HARMLESS
     relative = error / np.maximum(size, np.finfo(float).tiny)
     weak = [k for k in np.argsort(-relative) if relative[k] > ROUGHLY and not harmless[k]]

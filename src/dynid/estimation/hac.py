@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.observation_rows import Rows, joined, runs
+from dynid.estimation.observation_rows import ObservationRows, joined, runs
 from dynid.estimation.robust import HUBER
 from dynid.estimation.small_sample import LONGEST, short_log_factor
 from dynid.estimation.uncertainty import automatic_lags, long_run_variance, scores
@@ -31,7 +31,7 @@ class HonestCovariance:
 
 
 def hac_covariance(
-    segments: Iterable[Rows],
+    segments: Iterable[ObservationRows],
     theta: Floats,
     noise: Floats,
     lags: int | None = None,
@@ -55,7 +55,7 @@ def hac_covariance(
     sensitivity: Floats | float = 0.0
     # Why arrays that grow in place: of a long log, pieces and joined scores would not fit into memory together.
     pulls: list[array[float]] = []
-    short: list[Rows] = []
+    short: list[ObservationRows] = []
     instants = 0
     for segment in segments:
         residual = segment.residual(theta)

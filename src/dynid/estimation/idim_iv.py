@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.instrumental import InstrumentalFit, instrumental
-from dynid.estimation.observation_rows import Rows
+from dynid.estimation.observation_rows import ObservationRows
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,9 @@ Floats = NDArray[np.float64]
 ROUNDS, SETTLED = 4, 0.1
 
 
-def simulated_instruments(simulate: Callable[[Floats], Iterable[Rows]], start: InstrumentalFit) -> InstrumentalFit:
+def simulated_instruments(
+    simulate: Callable[[Floats], Iterable[ObservationRows]], start: InstrumentalFit
+) -> InstrumentalFit:
     """Estimate with instruments on the simulated motion, and simulate again with the estimate.
 
     Args:

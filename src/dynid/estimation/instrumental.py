@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
 from dynid.estimation.hac import hac_covariance
-from dynid.estimation.observation_rows import Rows, robust_noise, root_mean_square
+from dynid.estimation.observation_rows import ObservationRows, robust_noise, root_mean_square
 from dynid.estimation.robust import huber_weight
 
 Floats = NDArray[np.float64]
@@ -47,7 +47,7 @@ class InstrumentalFit:
 
 
 def instrumental(
-    segments: Iterable[Rows], lags: int | None = None, *, robust: bool = False, max_rounds: int = 50
+    segments: Iterable[ObservationRows], lags: int | None = None, *, robust: bool = False, max_rounds: int = 50
 ) -> InstrumentalFit:
     """Estimate with the instruments that come with the segments.
 
@@ -76,7 +76,9 @@ def instrumental(
     return InstrumentalFit(theta, honest.covariance, noise, honest.lags, condition)
 
 
-def _normal_equations(segments: Iterable[Rows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats, float]:
+def _normal_equations(
+    segments: Iterable[ObservationRows], noise: Floats, theta: Floats | None
+) -> tuple[Floats, Floats, float]:
     """Return (Z^T S W)^-1, Z^T S tau and the scaled condition number; Huber weights where theta is given."""
     left: Floats | float = 0.0
     right: Floats | float = 0.0
@@ -97,7 +99,7 @@ def _normal_equations(segments: Iterable[Rows], noise: Floats, theta: Floats | N
     return scale[:, None] * np.linalg.inv(scaled) * scale, np.asarray(right), condition
 
 
-def _weighted_instruments(segment: Rows, noise: Floats, theta: Floats | None) -> Floats:
+def _weighted_instruments(segment: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
     assert segment.Z is not None
     weight = segment.mask / noise**2
     if theta is not None:

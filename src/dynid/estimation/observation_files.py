@@ -35,8 +35,8 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
         else np.concatenate([getattr(stretch, name) for stretch in stretches])
         for name in _ARRAYS
     }
-    factors, rows = stack.whole
-    arrays |= {"R": factors, "rows": rows}
+    factors, counts = stack.whole
+    arrays |= {"R": factors, "rows": counts}
     facts = {
         **header,
         "base": list(stack.names),

@@ -1,39 +1,65 @@
-"""Rows in time order, for estimators that need residual series and not only triangular factors."""
+"""Rows of the observation matrix in time order: what a filtered log says about the parameters (Paper Eq. 23).
+
+    tau = W theta + noise
+
+They are evaluated from conditioned logs block by block and filtered like the torques. Estimators that need residual
+series walk over them; everything else needs only the triangular factors of ``dynid.estimation.stack``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.least_squares import accumulate
+from dynid.model.regressor import Observer
+from dynid.signals.conditioning import Segment
+from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+#: Length of a block of time [s]: longer than the correlation of the residuals, short enough for a fine hold-out.
+BLOCK_SECONDS = 1.0
+#: At most this many blocks per log, so that the factors of an hour stay small.
+MOST_BLOCKS = 64
+#: Samples evaluated at once.
+EVALUATED = 4096
+
 
 @dataclass(frozen=True)
-class Rows:
-    """Filtered rows of one stretch of time. Pass them as a list, or as any object that can be walked many times.
+class ObservationRows:
+    """Rows of one interval of time: M instants, n joints, p columns. Pass them as a list, or anything walked anew.
 
     Attributes:
-        W: base regressor after the parallel filter, (M, n, p).
-        tau: torques after the parallel filter, (M, n) [N m].
-        Z: instruments, (M, n, p): the regressor on a motion that does not know the measurement noise; or None.
+        entries: of W that are not zero by structure, (E, M); in single precision where a long log is kept.
+        joints: joint of each entry, (E,).
+        columns: column of each entry, (E,).
+        size: number of columns p.
+        tau: torques after the parallel filter, (M, n) [N m or N].
+        command: the entries on the commanded or simulated motion, which knows no measurement noise, (E, M); or None.
         usable: rows that count, (M, n); None for all.
         follows: whether its first row follows the last row of the rows before it without a gap.
         t: time, (M,) [s].
         block: number of the block of time within its log.
         reversal_times: when each joint reverses [s]; empty where the Coulomb sign does not come with the log.
-        cutoff: of the parallel filter [Hz].
+        cutoff: cut-off frequency of the parallel filter [Hz].
     """
 
-    W: Floats
+    entries: NDArray[Any]
+    joints: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    size: int
     tau: Floats
-    Z: Floats | None = None
+    command: NDArray[Any] | None = None
     usable: Mask | None = None
     follows: bool = False
     t: Floats = field(default_factory=lambda: np.zeros(0))
@@ -41,19 +67,193 @@ class Rows:
     reversal_times: tuple[Floats, ...] = ()
     cutoff: float = 0.0
 
+    @cached_property
+    def W(self) -> Floats:
+        """Base regressor after the parallel filter, (M, n, p)."""
+        return self._dense(self.entries)
+
+    @cached_property
+    def Z(self) -> Floats | None:
+        """Instruments, (M, n, p): the regressor on the commanded motion; None where the log has none."""
+        return None if self.command is None else self._dense(self.command)
+
+    def _dense(self, entries: NDArray[Any]) -> Floats:
+        M, n = self.tau.shape
+        if np.array_equal(self.joints * self.size + self.columns, np.arange(n * self.size)):
+            return np.asarray(entries.T.reshape(M, n, self.size), dtype=float)
+        full = np.zeros((M, n, self.size))
+        full[:, self.joints, self.columns] = entries.T
+        return full
+
     @property
     def mask(self) -> Mask:
         """Rows that count, (M, n)."""
         return np.ones(self.tau.shape, dtype=bool) if self.usable is None else self.usable
 
     def residual(self, theta: Floats) -> Floats:
-        """Return tau - W theta, (M, n) [N m]; zero where rows do not count."""
+        """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
         return np.where(self.mask, self.tau - self.W @ theta, 0.0)
 
+    def fresh(self) -> ObservationRows:
+        """Return the same rows without W and Z in memory; rows that are kept are walked as fresh ones."""
+        return replace(self)
 
-def runs(segments: Iterable[Rows], longest: int | None = None) -> Iterator[list[Rows]]:
+    def part(self, start: int, end: int, *, follows: bool, block: int) -> ObservationRows:
+        """Return some of the rows, copied so that they keep nothing else alive."""
+        return replace(
+            self,
+            entries=self.entries[:, start:end].copy(),
+            command=None if self.command is None else self.command[:, start:end].copy(),
+            tau=self.tau[start:end],
+            usable=self.mask[start:end],
+            t=self.t[start:end],
+            follows=follows,
+            block=block,
+        )
+
+    def single(self) -> ObservationRows:
+        """Return the rows in single precision: enough to look at residuals once more, half the memory."""
+        command = None if self.command is None else self.command.astype(np.float32)
+        return replace(self, entries=self.entries.astype(np.float32), command=command)
+
+    def with_arrays(self, W: Floats, tau: Floats, Z: Floats | None = None) -> ObservationRows:
+        """Return rows of the same instants made of other arrays.
+
+        Args:
+            W: regressor, (M, n, p); p may differ.
+            tau: torques, (M, n).
+            Z: instruments, (M, n, p), or None.
+        """
+        return dense_rows(
+            W, tau, Z, usable=self.usable, follows=self.follows, t=self.t, block=self.block,
+            reversal_times=self.reversal_times, cutoff=self.cutoff,
+        )  # fmt: skip
+
+
+def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) -> ObservationRows:  # noqa: ANN401
+    """Return rows made of whole arrays.
+
+    Args:
+        W: regressor, (M, n, p).
+        tau: torques, (M, n) [N m or N].
+        Z: instruments, (M, n, p), or None.
+        facts: further attributes of ``ObservationRows``.
+    """
+    M, n, p = W.shape
+    joints, columns = np.divmod(np.arange(n * p), p)
+    entries, command = (None if x is None else np.asarray(x, dtype=float).reshape(M, n * p).T for x in (W, Z))
+    assert entries is not None
+    return ObservationRows(entries, joints, columns, p, tau, command, **facts)
+
+
+@dataclass(frozen=True)
+class RowWalk:
+    """Rows that are made anew every time they are walked over.
+
+    Attributes:
+        start: begins a walk.
+    """
+
+    start: Callable[[], Iterator[ObservationRows]]
+
+    def __iter__(self) -> Iterator[ObservationRows]:
+        return self.start()
+
+
+# ---------------------------------------------------------------- evaluation
+def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows]:
+    """Yield the filtered rows of one log, block of time by block of time.
+
+    Args:
+        log: the conditioned log.
+        observer: the columns to evaluate.
+    """
+    chosen = log.filter
+    kernel, step = chosen.second_kernel, chosen.second_step
+    taps = kernel.shape[1]
+    outputs = [max(0, (len(s) - taps) // step + 1) for s in log.segments]
+    per_block = max(1, round(chosen.kept_rate * BLOCK_SECONDS), -(-sum(outputs) // MOST_BLOCKS))
+    together = max(1, EVALUATED // step)
+    block = 0
+    for segment, count in zip(log.segments, outputs, strict=True):
+        blocks = max(1, round(count / per_block)) if count else 0
+        reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
+        edges = np.linspace(0, count, blocks + 1).astype(int)
+        for first in range(0, count, together):
+            last = min(first + together, count)
+            rows = replace(
+                _evaluated(segment, observer, kernel, step, first, last), reversal_times=reversals, cutoff=chosen.cutoff
+            )
+            inside = edges[(edges > first) & (edges < last)]
+            cuts = np.concatenate([[first], inside, [last]])
+            for start, end in pairwise(cuts.tolist()):
+                number = block + int(np.searchsorted(edges, start, side="right")) - 1
+                yield rows.part(start - first, end - first, follows=start > 0, block=number)
+        block += blocks
+
+
+def _evaluated(
+    segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int
+) -> ObservationRows:
+    part = slice(first * step, (last - 1) * step + kernel.shape[1])
+    tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
+    usable = np.ones((last - first, observer.shape[0]), dtype=bool)
+    if not segment.usable[part].all():
+        invalid = (~segment.usable[part]).T.astype(float)
+        usable = decimate(np.ascontiguousarray(invalid), np.ones_like(kernel), step)[0].T < 0.5
+    command, effects = segment.command, segment.effects[part]
+    motion = (segment.q[part], segment.qd[part], segment.qdd[part])
+    commanded = None if command is None else tuple(x[part] for x in command)
+    signs = (segment.coulomb_sign[part], segment.command_coulomb_sign[part])
+    return ObservationRows(
+        entries=_entries(motion, signs[0], effects, observer, kernel, step),
+        joints=observer.rows,
+        columns=observer.cols,
+        size=observer.shape[1],
+        tau=np.ascontiguousarray(tau.T),
+        command=None if commanded is None else _entries(commanded, signs[1], effects, observer, kernel, step),
+        usable=usable,
+        t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
+    )
+
+
+def _entries(
+    motion: tuple[Floats, ...], sign: Floats, effects: Floats, observer: Observer, kernel: Floats, step: int
+) -> Floats:
+    """Return the base regressor's entries after the parallel filter, (E, M).
+
+    Added effects come with the segment, and so do Coulomb signs where it has them: filtered as the torques were.
+    """
+    q, qd, qdd = motion
+    blocks = observer.blocks(q, qd, qdd, sign if sign.size else None)
+    entries = np.concatenate([e.copy() for _, e in blocks], axis=1)
+    if len(observer.added_entries):
+        entries = np.vstack([entries, effects.T[observer.added_entries]])
+    kept: Floats = decimate(entries, kernel, step)[0]
+    return kept
+
+
+def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
+    """Return when each joint reverses [s]; several reversals within a period of the cut-off count as one.
+
+    Args:
+        segment: conditioned motion with Coulomb signs.
+        cutoff: cut-off frequency of the position filter [Hz].
+    """
+    found = []
+    for sign in segment.coulomb_sign.T:
+        k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
+        share = sign[k] / (sign[k] - sign[k + 1])
+        times = segment.t[k] + share * (segment.t[k + 1] - segment.t[k])
+        groups = np.split(times, np.flatnonzero(np.diff(times) > 1.0 / cutoff) + 1)
+        found.append(np.array([float(np.mean(group)) for group in groups if len(group)]))
+    return tuple(found)
+
+
+# ---------------------------------------------------------------- walks over rows
+def runs(segments: Iterable[ObservationRows], longest: int | None = None) -> Iterator[list[ObservationRows]]:
     """Yield rows that follow each other together; a run ends before it would begin beyond a number of instants."""
-    run: list[Rows] = []
+    run: list[ObservationRows] = []
     for segment in segments:
         full = longest is not None and sum(len(each.tau) for each in run) >= longest
         if run and (full or not segment.follows):
@@ -64,20 +264,21 @@ def runs(segments: Iterable[Rows], longest: int | None = None) -> Iterator[list[
         yield run
 
 
-def joined(run: Sequence[Rows]) -> Rows:
+def joined(run: Sequence[ObservationRows]) -> ObservationRows:
     """Return rows that follow each other as one."""
     first = run[0]
+    commands = [each.command for each in run if each.command is not None]
     return replace(
         first,
-        W=np.concatenate([each.W for each in run]),
+        entries=np.concatenate([each.entries for each in run], axis=1),
+        command=np.concatenate(commands, axis=1) if commands else None,
         tau=np.concatenate([each.tau for each in run]),
-        Z=None if first.Z is None else np.concatenate([each.Z for each in run if each.Z is not None]),
         usable=np.concatenate([each.mask for each in run]),
         t=np.concatenate([each.t for each in run]),
     )
 
 
-def joint_factors(segments: Iterable[Rows]) -> tuple[Floats, Ints]:
+def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
     """Return the triangular factor of each joint's rows, (n, p + 1, p + 1), and their number, (n,)."""
     factors: list[Floats | None] = []
     rows: Ints = np.zeros(0, dtype=np.int64)
@@ -92,7 +293,7 @@ def joint_factors(segments: Iterable[Rows]) -> tuple[Floats, Ints]:
     return np.array(factors), rows
 
 
-def root_mean_square(segments: Iterable[Rows], theta: Floats) -> Floats:
+def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
     """Return the root mean square of each joint's residual, (n,) [N m]; never quite zero."""
     squares: Floats | float = 0.0
     rows: Ints | int = 0
@@ -104,7 +305,7 @@ def root_mean_square(segments: Iterable[Rows], theta: Floats) -> Floats:
     return np.asarray(np.maximum(np.sqrt(squares / np.maximum(rows, 1)), 1e-12 * max(largest, 1e-18)))
 
 
-def robust_noise(segments: Iterable[Rows], theta: Floats) -> Floats:
+def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m]."""
     residuals, masks = zip(*((segment.residual(theta), segment.mask) for segment in segments), strict=True)
     residual, mask = np.concatenate(residuals), np.concatenate(masks)

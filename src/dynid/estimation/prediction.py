@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.observation_rows import Rows
+from dynid.estimation.observation_rows import ObservationRows
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.signals.conditioning import Filter, Segment
 from dynid.signals.filters import decimate
@@ -52,7 +52,7 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-def predict(log: ConditionedLog, rows: Iterable[Rows], theta: Floats) -> EstimatedMotion:
+def predict(log: ConditionedLog, rows: Iterable[ObservationRows], theta: Floats) -> EstimatedMotion:
     """Predict the torques of one log.
 
     Args:

@@ -39,8 +39,8 @@ def with_earlier(stack: Stack, stored: StoredResult) -> Stack:
     return replace(
         stack,
         factors=np.concatenate([found.factors[None], stack.factors]),
-        rows=np.concatenate([found.counts[None], stack.rows]),
+        counts=np.concatenate([found.counts[None], stack.counts]),
         log_of_block=np.concatenate([[-1], stack.log_of_block]),
-        start=np.concatenate([[0.0], stack.start]),
+        block=np.concatenate([[0], stack.block]),
         earlier=Earlier(found.factors, found.noise, found.covariance),
     )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import Solution, merge, solve
-from dynid.estimation.observation_rows import Rows, joint_factors, robust_noise
+from dynid.estimation.observation_rows import ObservationRows, joint_factors, robust_noise
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class RobustFit:
     rounds: int
 
 
-def look_for_spikes(segments: Iterable[Rows], theta: Floats) -> Spikes:
+def look_for_spikes(segments: Iterable[ObservationRows], theta: Floats) -> Spikes:
     """Look at the residuals of a first fit.
 
     Args:
@@ -82,7 +82,7 @@ def look_for_spikes(segments: Iterable[Rows], theta: Floats) -> Spikes:
     return Spikes(beyond / np.maximum(rows, 1), fourth / variance**2)
 
 
-def huber(segments: Iterable[Rows], start: Floats, max_rounds: int = 50) -> RobustFit:
+def huber(segments: Iterable[ObservationRows], start: Floats, max_rounds: int = 50) -> RobustFit:
     """Fit with weights min(1, 1.345 sigma / |residual|), iterated.
 
     Args:
@@ -104,13 +104,13 @@ def huber(segments: Iterable[Rows], start: Floats, max_rounds: int = 50) -> Robu
             return RobustFit(theta, noise, _share_beyond(segments, theta, noise), solution, rounds)
 
 
-def _weighted(segments: Iterable[Rows], theta: Floats, noise: Floats) -> Iterator[Rows]:
+def _weighted(segments: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
     for segment in segments:
         root = np.sqrt(huber_weight(segment.residual(theta), noise))
-        yield replace(segment, W=segment.W * root[:, :, None], tau=segment.tau * root, Z=None)
+        yield segment.with_arrays(segment.W * root[:, :, None], segment.tau * root)
 
 
-def _share_beyond(segments: Iterable[Rows], theta: Floats, noise: Floats) -> Floats:
+def _share_beyond(segments: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Floats:
     beyond: Floats | float = 0.0
     rows: Floats | float = 0.0
     for segment in segments:

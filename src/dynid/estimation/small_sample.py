@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.observation_rows import Rows
+from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.uncertainty import moving_sums
 from dynid.signals.filters import pulse, pulse_width
 
@@ -29,7 +29,7 @@ FEWEST, MOST = 8, 48
 LEAST_FREEDOM = 2.5
 
 
-def short_log_factor(stretches: Sequence[Rows], bread: Floats, noise: Floats, lags: int) -> Floats:
+def short_log_factor(stretches: Sequence[ObservationRows], bread: Floats, noise: Floats, lags: int) -> Floats:
     """Return the factor on each standard error after which 1.96 of them are a 95 % interval, (p,).
 
     Args:
@@ -67,13 +67,13 @@ def _factor(true: Floats, judged: Floats) -> Floats:
     return np.asarray(np.sqrt(true / mean) * quantile)
 
 
-def _influence(rows: Rows, bread: Floats, noise: Floats) -> Floats:
+def _influence(rows: ObservationRows, bread: Floats, noise: Floats) -> Floats:
     """Return what a residual of one standard deviation does to the parameters, (M, p, n)."""
     Z = rows.W if rows.Z is None else rows.Z
     return np.asarray(bread @ (Z * (rows.mask / noise)[:, :, None]).swapaxes(1, 2))
 
 
-def _kernel(rows: Rows) -> Floats:
+def _kernel(rows: ObservationRows) -> Floats:
     """Return what made the noise in the rows as coloured as it is, (K,), of unit length."""
     if rows.cutoff == 0.0 or len(rows.t) < 2:
         return np.ones(1)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import triangle, weighted
-from dynid.estimation.observation_rows import Rows, joined, robust_noise, runs
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, joined, robust_noise, runs
 from dynid.signals.filters import pulse, pulse_slope, pulse_width
 
 Floats = NDArray[np.float64]
@@ -32,11 +32,11 @@ SAME = 1e-3
 
 
 @dataclass(frozen=True)
-class Shapes:
-    """What reversals may leave in the rows of one joint and stretch.
+class ReversalSubspace:
+    """What reversals may leave in the rows of one joint over one run of rows: M instants, k shapes.
 
     Attributes:
-        basis: orthonormal, (M, k).
+        basis: orthonormal shapes, (M, k).
         size: length of a reversal's effect along each, of those that are one long, (k,).
         seen: the rows [W tau] along each, (k, p + 1).
     """
@@ -47,75 +47,84 @@ class Shapes:
 
 
 @dataclass(frozen=True)
-class Settled:
-    """Rows in which what happens at reversals counts no more than it tells; may be walked many times.
+class ReversalEffects:
+    """What velocity reversals leave in the rows of a log, as random effects with variances.
 
     Attributes:
-        rows: the rows as they are.
-        shapes: of each stretch and joint.
+        subspaces: of each run of rows and joint.
         strength: variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
     """
 
-    rows: Iterable[Rows]
-    shapes: tuple[tuple[Shapes, ...], ...]
+    subspaces: tuple[tuple[ReversalSubspace, ...], ...]
     strength: Floats
 
-    def __iter__(self) -> Iterator[Rows]:
-        for together, shapes in zip(_stretches(self.rows), self.shapes, strict=True):
-            yield _without(together, shapes, self.strength)
+    def whitened(self, rows: Iterable[ObservationRows]) -> RowWalk:
+        """Return the rows times the inverse root of the covariance that noise and reversals give them.
+
+        Args:
+            rows: the rows that the effects were found in, or others of the same instants.
+        """
+        return RowWalk(
+            lambda: (_whitened(run, each, self.strength) for run, each in zip(_runs(rows), self.subspaces, strict=True))
+        )
 
     def factors(self, factors: Floats) -> Floats:
-        """Return the factors of these rows from those of the rows as they are, (n, p + 1, p + 1)."""
-        return np.array([_less(R, [each[j] for each in self.shapes], self.strength[j]) for j, R in enumerate(factors)])
+        """Return the factors of the whitened rows from those of the rows as they are, (n, p + 1, p + 1)."""
+        return np.array(
+            [_less(R, [each[j] for each in self.subspaces], self.strength[j]) for j, R in enumerate(factors)]
+        )
 
 
-def settled(rows: Iterable[Rows], factors: Floats, counts: Ints) -> Iterable[Rows]:
-    """Return the rows with as little trust in reversals as their residuals ask for.
+def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: Ints) -> ReversalEffects | None:
+    """Find how much reversals disturb the rows of each joint.
 
     Args:
-        rows: filtered rows; they come back as they are when they do not say where joints turn back.
-        factors: one factor of them a joint, (n, p + 1, p + 1).
+        rows: filtered rows.
+        factors: their factors, one per joint, (n, p + 1, p + 1).
         counts: number of rows of each joint, (n,).
+
+    Returns:
+        The random effects; None when the rows do not say where joints reverse, or are too many.
     """
     first = next(iter(rows), None)
     if first is None or not first.reversal_times or counts.max() > LONGEST:
-        return rows
-    shapes = tuple(tuple(_shapes(some, j) for j in range(len(counts))) for some in _stretches(rows))
+        return None
+    subspaces = tuple(tuple(_subspace(run, j) for j in range(len(counts))) for run in _runs(rows))
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
-    without = Settled(rows, shapes, np.full(len(counts), np.inf))
-    taken = np.array([sum(len(each[j].size) for each in shapes) for j in range(len(counts))])
+    without = ReversalEffects(subspaces, np.full(len(counts), np.inf))
+    taken = np.array([sum(len(each[j].size) for each in subspaces) for j in range(len(counts))])
     rest = np.maximum(counts - taken, 1)
     theta = weighted(without.factors(factors), rest).theta
-    noise = robust_noise(without, theta) * np.sqrt(counts / rest)
-    return replace(without, strength=_strength(shapes, theta, noise * np.sqrt(flat)))
+    noise = robust_noise(without.whitened(rows), theta) * np.sqrt(counts / rest)
+    return replace(without, strength=_strength(subspaces, theta, noise * np.sqrt(flat)))
 
 
-def _strength(shapes: tuple[tuple[Shapes, ...], ...], theta: Floats, noise: Floats) -> Floats:
+def _strength(subspaces: tuple[tuple[ReversalSubspace, ...], ...], theta: Floats, noise: Floats) -> Floats:
     """Return how much larger residuals are in the shapes of reversals than noise makes them, by moments, (n,).
 
     Args:
-        shapes: of each stretch and joint.
+        subspaces: of each run of rows and joint.
         theta: parameters that reversals had no part in, (p,).
         noise: along any of the shapes; filtered noise has all its power where they have theirs, (n,) [N m].
     """
     excess, sizes = np.zeros_like(noise), np.zeros_like(noise)
-    for stretch in shapes:
-        for j, each in enumerate(stretch):
+    for run in subspaces:
+        for j, each in enumerate(run):
             left = each.seen @ np.append(theta, -1.0) / noise[j]
             excess[j] += float(np.sum(left**2 - 1.0))
             sizes[j] += float(np.sum(each.size**2))
     return np.asarray(np.maximum(excess, 0.0) / np.maximum(sizes, 1e-12))
 
 
-def _stretches(rows: Iterable[Rows]) -> Iterator[Rows]:
+def _runs(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
     return (joined(run) for run in runs(rows, TOGETHER))
 
 
-def _step(rows: Rows) -> float:
+def _step(rows: ObservationRows) -> float:
     return float(np.median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
 
 
-def _shapes(rows: Rows, joint: int) -> Shapes:
+def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:
     half, times = pulse_width(rows.cutoff), rows.reversal_times[joint]
     times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
     whole = np.arange(-half, half, _step(rows))
@@ -128,16 +137,16 @@ def _shapes(rows: Rows, joint: int) -> Shapes:
     vector, size = vector[:, size > SAME], size[size > SAME]
     basis = effects @ (vector / size)
     seen = basis.T @ np.column_stack([rows.W[:, joint], rows.tau[:, joint]])
-    return Shapes(basis, size, seen)
+    return ReversalSubspace(basis, size, seen)
 
 
-def _trusted(each: Shapes, strength: float) -> Floats:
+def _trusted(each: ReversalSubspace, strength: float) -> Floats:
     """Return the share of the rows' weight along each shape that is left, (k,)."""
     return 1.0 / (1.0 + strength * each.size**2)
 
 
-def _less(R: Floats, shapes: list[Shapes], strength: float) -> Floats:
-    taken = np.concatenate([each.seen * np.sqrt(1.0 - _trusted(each, strength))[:, None] for each in shapes])
+def _less(R: Floats, subspaces: list[ReversalSubspace], strength: float) -> Floats:
+    taken = np.concatenate([each.seen * np.sqrt(1.0 - _trusted(each, strength))[:, None] for each in subspaces])
     length = np.linalg.norm(R, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     scaled, taken = R / length, taken / length
@@ -145,13 +154,13 @@ def _less(R: Floats, shapes: list[Shapes], strength: float) -> Floats:
     return triangle(np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T * length)
 
 
-def _without(rows: Rows, shapes: tuple[Shapes, ...], strength: Floats) -> Rows:
+def _whitened(rows: ObservationRows, subspaces: tuple[ReversalSubspace, ...], strength: Floats) -> ObservationRows:
     """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
     W, tau = np.where(rows.mask[:, :, None], rows.W, 0.0), np.where(rows.mask, rows.tau, 0.0)
     Z = None if rows.Z is None else np.where(rows.mask[:, :, None], rows.Z, 0.0)
-    for j, each in enumerate(shapes):
+    for j, each in enumerate(subspaces):
         if strength[j] > 0.0 and len(each.size):
             less = each.basis * (1.0 - np.sqrt(_trusted(each, strength[j])))
             for x in (W, tau) if Z is None else (W, tau, Z):
                 x[:, j] -= less @ (each.basis.T @ x[:, j])
-    return replace(rows, W=W, tau=tau, Z=Z)
+    return rows.with_arrays(W, tau, Z)

@@ -76,8 +76,7 @@ def identify_again(
     made = settled(only([with_effects(s, added.model, first) for s in late], problem, problem.train), added)
     train = stack_base(made, added)
     held = stack_base(scaled(only(late, problem, problem.held), added, weighted(*train.whole).theta), added)
-    blocks, judged = np.ones(train.blocks, dtype=bool), held.rows.sum(axis=1) > 0
-    holdout = HoldOut(blocks, held, judged, problem.held_text)
+    holdout = HoldOut(train, held.select(held.counts.sum(axis=1) > 0), problem.held_text)
     return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 

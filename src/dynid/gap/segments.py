@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.conditioned_log import ConditionedLog, arm_motion, with_effects
-from dynid.estimation.stack import rows_of
+from dynid.estimation.observation_rows import rows_of
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.model.store import BaseModel
 from dynid.signals.filters import decimate

@@ -114,7 +114,7 @@ def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
     from dynid.workflows.parameters import stack_logs
 
     stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)[0]
-    factors, rows = stack.joint_factors(np.ones(stack.blocks, dtype=bool))
+    factors, rows = stack.whole
     found = weighted(factors, rows).noise
     p = base.reduction.rank
     return np.asarray(sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True)))

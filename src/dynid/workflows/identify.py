@@ -156,8 +156,6 @@ def updated(
 
 def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
-    import numpy as np
-
     from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import HoldOut, last_share
     from dynid.estimation.least_squares import weighted
@@ -172,7 +170,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     conditioned = condition_logs([checked_log(kept, base.robot, same)], base.model, same, progress)
     test = stack_base(scaled(conditioned, base, weighted(*stack.whole).theta), base, progress)
-    return HoldOut(np.ones(stack.blocks, dtype=bool), test, np.ones(test.blocks, dtype=bool), str(kept.source or "log"))
+    return HoldOut(stack, test, str(kept.source or "log"))
 
 
 def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None = None) -> list[Path]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
-    from dynid.estimation.observation_rows import Rows
+    from dynid.estimation.observation_rows import ObservationRows
     from dynid.estimation.prediction import EstimatedMotion, JointCheck
     from dynid.estimation.result import StoredResult
     from dynid.model.store import BaseModel
@@ -193,7 +193,7 @@ def validate(
     """
     from dynid.estimation import prediction
     from dynid.estimation.effect_columns import scaled
-    from dynid.estimation.stack import rows_of
+    from dynid.estimation.observation_rows import rows_of
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
     base = base or base_model_of(result)
@@ -242,7 +242,7 @@ def refuse_training_log(result: StoredResult, sha256: str, where: str, options: 
 
 
 def baseline_torque(
-    base: BaseModel, result: StoredResult, rows: list[Rows], motion: EstimatedMotion
+    base: BaseModel, result: StoredResult, rows: list[ObservationRows], motion: EstimatedMotion
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
     import numpy as np

@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import RankDeficient
 from dynid.estimation.instrumental import instrumental
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import dense_rows, joint_factors
 
 TRUTH = np.array([2.0, -1.0])
 NOISE = np.array([0.2, 1.0])
@@ -20,7 +20,7 @@ def recording(seed=0, error=0.5, samples=2000, spikes=0.0, shift=0):
     tau = clean @ TRUTH + NOISE * rng.standard_normal((samples + 20, 2))
     tau += NOISE * 40 * (rng.random(tau.shape) < spikes)
     W = clean + error * rng.standard_normal(clean.shape)
-    return Rows(W[20:], tau[20:], Z=0.9 * clean[20 - shift : len(clean) - shift])
+    return dense_rows(W[20:], tau[20:], Z=0.9 * clean[20 - shift : len(clean) - shift])
 
 
 def test_least_squares_shrinks_by_the_textbook_factor_and_instruments_do_not():
@@ -46,7 +46,7 @@ def test_honest_errors_cover():
 
 def test_with_the_regressor_as_instrument_it_is_weighted_least_squares():
     segment = recording()
-    same = Rows(segment.W, segment.tau, Z=segment.W)
+    same = dense_rows(segment.W, segment.tau, Z=segment.W)
     fit = weighted(*joint_factors([segment]))
     assert np.allclose(instrumental([same]).theta, fit.theta, rtol=1e-3)
 
@@ -54,7 +54,7 @@ def test_with_the_regressor_as_instrument_it_is_weighted_least_squares():
 def test_pieces_that_follow_each_other_count_as_one():
     whole = recording()
     pieces = [
-        Rows(whole.W[k : k + 500], whole.tau[k : k + 500], whole.Z[k : k + 500], follows=k > 0)
+        dense_rows(whole.W[k : k + 500], whole.tau[k : k + 500], whole.Z[k : k + 500], follows=k > 0)
         for k in range(0, 2000, 500)
     ]
     one, many = instrumental([whole], lags=20), instrumental(pieces, lags=20)
@@ -76,4 +76,4 @@ def test_a_command_that_is_not_followed_is_refused():
     Z = segment.Z.copy()
     Z[:, :, 1] = 0.0
     with pytest.raises(RankDeficient, match="commanded"):
-        instrumental([Rows(segment.W, segment.tau, Z)])
+        instrumental([dense_rows(segment.W, segment.tau, Z)])

@@ -14,7 +14,7 @@ from dynid.estimation.least_squares import (
     solve,
     weighted,
 )
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import dense_rows, joint_factors
 
 TRUTH = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
 NOISE = np.array([0.1, 1.0, 10.0])
@@ -27,7 +27,7 @@ def rows(samples=400, noise=NOISE, seed=0):
 
 
 def factors(W, tau):
-    return joint_factors([Rows(W, tau)])
+    return joint_factors([dense_rows(W, tau)])
 
 
 def test_ordinary_fit_is_that_of_all_rows():
@@ -134,7 +134,7 @@ def test_unusable_rows_do_not_count():
     usable = np.ones(tau.shape, dtype=bool)
     usable[::7, 1] = False
     spoilt = np.where(usable, tau, 1e6)
-    R, count = joint_factors([Rows(W, spoilt, usable=usable)])
+    R, count = joint_factors([dense_rows(W, spoilt, usable=usable)])
     assert list(count) == [400, usable[:, 1].sum(), 400]
     keep = usable.ravel()
     expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]

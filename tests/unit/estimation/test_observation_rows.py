@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.observation_rows import Rows, joint_factors, robust_noise, root_mean_square
+from dynid.estimation.observation_rows import dense_rows, joint_factors, robust_noise, root_mean_square
 
 
 def pieces():
@@ -11,7 +11,7 @@ def pieces():
     for k in range(3):
         W = rng.standard_normal((40, 2, 3))
         usable = rng.random((40, 2)) > 0.1
-        yield Rows(W, np.where(usable, W @ [1.0, 2.0, 3.0] + [0.0, 1.0], 1e9), usable=usable, follows=k == 1)
+        yield dense_rows(W, np.where(usable, W @ [1.0, 2.0, 3.0] + [0.0, 1.0], 1e9), usable=usable, follows=k == 1)
 
 
 def test_factors_hold_the_normal_equations_of_the_rows_that_count():

@@ -5,18 +5,18 @@ import pytest
 
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import ObservationRows, dense_rows, joint_factors
 from dynid.estimation.robust import huber, look_for_spikes
 
 TRUTH = np.array([3.0, -1.0, 0.5])
 NOISE = np.array([0.1, 2.0])
 
 
-def recording(spikes: float, seed: int = 0, samples: int = 2000) -> Rows:
+def recording(spikes: float, seed: int = 0, samples: int = 2000) -> ObservationRows:
     rng = np.random.default_rng(seed)
     W = rng.standard_normal((samples, 2, 3))
     tau = W @ TRUTH + NOISE * rng.standard_normal((samples, 2))
-    return Rows(W, tau + NOISE * rng.uniform(20, 60, (samples, 2)) * (rng.random((samples, 2)) < spikes))
+    return dense_rows(W, tau + NOISE * rng.uniform(20, 60, (samples, 2)) * (rng.random((samples, 2)) < spikes))
 
 
 def fits(segment):
@@ -36,7 +36,7 @@ def test_coloured_and_uniform_residuals_are_no_spikes():
     segment = recording(0.0)
     t = np.arange(2000)[:, None]
     for shape in (np.sin(t / 50), np.sign(np.sin(t / 80)), np.random.default_rng(1).laplace(size=(2000, 2))):
-        disturbed = Rows(segment.W, segment.W @ TRUTH + NOISE * shape)
+        disturbed = dense_rows(segment.W, segment.W @ TRUTH + NOISE * shape)
         assert not look_for_spikes([disturbed], TRUTH).found
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.small_sample import short_log_factor
 from dynid.signals.filters import pulse, pulse_width
 
@@ -21,7 +21,7 @@ def slow_log(seed, instants=120, columns=24):
     kernel = pulse(np.arange(-half, half + 1.0) / RATE, CUTOFF)
     noise = np.convolve(np.random.default_rng(seed).standard_normal(instants + 2 * half), kernel, "valid")
     theta = np.linspace(-1, 1, columns)
-    return theta, Rows(W, W @ theta + 0.1 * noise[:, None], t=t, cutoff=CUTOFF)
+    return theta, dense_rows(W, W @ theta + 0.1 * noise[:, None], t=t, cutoff=CUTOFF)
 
 
 def test_intervals_of_a_short_log_cover_what_they_say():

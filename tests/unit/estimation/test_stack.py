@@ -9,10 +9,11 @@ from dynid.errors import NothingChanged, RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.conditioned_log import ConditionedLog, without_known
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.estimators import Part, wls
+from dynid.estimation.estimators import wls
+from dynid.estimation.observation_rows import rows_of
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import load, save
-from dynid.estimation.stack import rows_of, stack
+from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -86,7 +87,7 @@ def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
     source = ConditionedLog(condition(log, chosen), chosen, "log")
     observer = base.model.observer(base.reduction.base)
     whole = np.concatenate([r.W for r in rows_of(source, observer)])
-    monkeypatch.setattr("dynid.estimation.stack._EVALUATED", 150)
+    monkeypatch.setattr("dynid.estimation.observation_rows.EVALUATED", 150)
     monkeypatch.setattr("dynid.signals.conditioning.BLOCK", 300)
     pieces = ConditionedLog(condition(log, chosen), chosen, "log")
     assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(whole, abs=1e-9)
@@ -122,8 +123,9 @@ def test_standard_errors_match_the_spread_over_many_draws_of_noise(base):
 def test_held_out_rows_are_not_those_that_were_fitted(base):
     found = stacked(base, simulated(base, noise=0.2))
     split = last_share(found, 0.2)
-    assert not (split.train & split.judged).any()
-    assert split.judged.mean() == pytest.approx(0.2, abs=0.05)
+    assert not set(split.train.block) & set(split.test.block)
+    assert split.test.blocks / found.blocks == pytest.approx(0.2, abs=0.05)
+    assert min(rows.t[0] for rows in split.test) > max(rows.t[-1] for rows in split.train)
     result = estimate(found, base, method="ols", holdout=split)
     assert result.heldout_relative_error_percent > 0.9 * result.relative_error_percent
 
@@ -210,7 +212,7 @@ def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     found = stacked(base, simulated(base))
     believed = prior_base_parameters(base.model, base.reduction)
     start = np.where(np.isfinite(believed), believed, 0.0)
-    unmoved = replace(full_set(base, wls(Part(found, np.ones(found.blocks, dtype=bool)), believed)), theta=start)
+    unmoved = replace(full_set(base, wls(found, believed)), theta=start)
     monkeypatch.setattr("dynid.estimation.estimate.full_set", lambda *given: unmoved)
     with pytest.raises(NothingChanged, match="nothing changed: the physical set equals the prior in"):
         estimate(found, base, method="wls", holdout=None, feasible=True)

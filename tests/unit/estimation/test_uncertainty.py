@@ -5,7 +5,7 @@ import pytest
 
 from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
+from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.uncertainty import (
     Knowledge,
     automatic_lags,
@@ -36,7 +36,7 @@ def recording(seed, rho, samples=1000, joints=2):
     rng = np.random.default_rng(seed)
     W = ar1(rng, (samples, joints * 4), 0.95).reshape(samples, joints, 4)
     noise = ar1(rng, (samples, joints), rho) @ np.array([[1.0, 0.5], [0.0, 0.5]])
-    return Rows(W, W @ TRUTH + noise)
+    return dense_rows(W, W @ TRUTH + noise)
 
 
 def fitted(segment):
@@ -84,7 +84,7 @@ def test_jackknife_and_bootstrap_match_the_spread_over_recordings(many):
     ratios = []
     for seed in range(15):
         segment = recording(seed, 0.8)
-        blocks = [joint_factors([Rows(segment.W[k : k + 25], segment.tau[k : k + 25])])[0] for k in range(0, 1000, 25)]
+        blocks = [joint_factors([segment.part(k, k + 25, follows=False, block=0)])[0] for k in range(0, 1000, 25)]
         factors, noise = np.stack(blocks, axis=1), many[seed][0].noise
         by_jackknife = np.sqrt(np.diagonal(jackknife(factors, noise)))
         by_bootstrap = np.std(block_bootstrap(factors, noise, draws=200), axis=0)

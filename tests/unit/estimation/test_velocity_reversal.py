@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import Rows, joint_factors
-from dynid.estimation.velocity_reversal import Settled, settled
+from dynid.estimation.observation_rows import dense_rows, joint_factors
+from dynid.estimation.velocity_reversal import reversal_effects
 from dynid.signals.filters import lowpass_kernel
 
 TRUTH = np.array([1.5, 0.8, 2.0])
@@ -20,28 +20,33 @@ def recording(seed=0, late=0.0, stuck=0.0, seconds=20, noise=0.05):
     a, phase = np.array([1.0, 0.6, 0.4]), rng.uniform(0, 6, 3)
     qd = np.sin(np.outer(t, w) + phase) @ a
     qdd = np.cos(np.outer(t, w) + phase) @ (a * w)
-    turns = t[np.flatnonzero(np.diff(np.sign(qd)))]
-    since = t - turns[np.clip(np.searchsorted(turns, t, side="right") - 1, 0, None)]
+    reversals = t[np.flatnonzero(np.diff(np.sign(qd)))]
+    since = t - reversals[np.clip(np.searchsorted(reversals, t, side="right") - 1, 0, None)]
     sign = np.where((since >= 0) & (since < late), -np.sign(qd), np.sign(qd))
-    near = np.abs(t[:, None] - turns).min(axis=1)
+    near = np.abs(t[:, None] - reversals).min(axis=1)
     sign = np.where(near < stuck, 0.3 * sign, sign)
     tau = np.stack([qdd, qd, sign]).T @ TRUTH + noise * rng.standard_normal(len(t)) * (RATE / CUTOFF) ** 0.5
     kernel = lowpass_kernel(CUTOFF, RATE)
     columns = np.stack([qdd, qd, np.sign(qd), tau])
     filtered = np.array([np.convolve(x, kernel, "valid")[::EVERY] for x in columns]).T
     times = t[len(kernel) // 2 :][: len(t) - len(kernel) + 1 : EVERY]
-    return Rows(filtered[:, None, :3], filtered[:, 3:], t=times, reversal_times=(turns,), cutoff=CUTOFF)
+    return dense_rows(filtered[:, None, :3], filtered[:, 3:], t=times, reversal_times=(reversals,), cutoff=CUTOFF)
 
 
 def fitted(rows):
     return weighted(*joint_factors(rows)).theta
 
 
+def whitened(rows):
+    found = reversal_effects(rows, *joint_factors(rows))
+    return found.whitened(rows)
+
+
 def errors(**what):
     both = []
     for seed in range(10):
         rows = [recording(seed, **what)]
-        both.append([fitted(rows) - TRUTH, fitted(settled(rows, *joint_factors(rows))) - TRUTH])
+        both.append([fitted(rows) - TRUTH, fitted(whitened(rows)) - TRUTH])
     return np.abs(np.mean(both, axis=0))
 
 
@@ -56,32 +61,27 @@ def test_reversals_as_modelled_keep_their_weight():
     squares = []
     for seed in range(20):
         rows = [recording(seed)]
-        squares.append([(fitted(x) - TRUTH) ** 2 for x in (rows, settled(rows, *joint_factors(rows)))])
+        squares.append([(fitted(x) - TRUTH) ** 2 for x in (rows, whitened(rows))])
     plain, without = np.mean(squares, axis=0)
     assert np.all(without < 1.1 * plain)
 
 
-def test_factors_of_settled_rows_are_those_of_walking_over_them():
+def test_factors_of_whitened_rows_are_those_of_walking_over_them():
     rows = [recording(late=0.02)]
     factors, counts = joint_factors(rows)
-    calm = settled(rows, factors, counts)
-    assert isinstance(calm, Settled)
-    ours, walked = calm.factors(factors)[0], joint_factors(calm)[0][0]
+    effects = reversal_effects(rows, factors, counts)
+    ours, walked = effects.factors(factors)[0], joint_factors(effects.whitened(rows))[0][0]
     assert np.allclose(ours.T @ ours, walked.T @ walked, rtol=1e-9, atol=1e-9 * np.linalg.norm(walked) ** 2)
 
 
-def test_rows_that_do_not_say_where_joints_turn_come_back_as_they_are():
-    rows = [Rows(np.ones((30, 1, 2)), np.ones((30, 1)))]
-    assert settled(rows, *joint_factors(rows)) is rows
+def test_rows_that_do_not_say_where_joints_reverse_are_left_alone():
+    rows = [dense_rows(np.ones((30, 1, 2)), np.ones((30, 1)))]
+    assert reversal_effects(rows, *joint_factors(rows)) is None
 
 
-def test_pieces_that_follow_each_other_settle_like_the_whole():
+def test_pieces_that_follow_each_other_are_whitened_like_the_whole():
     whole = recording(late=0.02)
     cuts = np.array_split(np.arange(len(whole.tau)), 7)
-    pieces = [
-        Rows(whole.W[k], whole.tau[k], follows=i > 0, t=whole.t[k], reversal_times=whole.reversal_times, cutoff=CUTOFF)
-        for i, k in enumerate(cuts)
-    ]
-    factors = joint_factors([whole])
-    one, many = (fitted(settled(x, *factors)) for x in ([whole], pieces))
+    pieces = [whole.part(int(k[0]), int(k[-1]) + 1, follows=i > 0, block=0) for i, k in enumerate(cuts)]
+    one, many = (fitted(whitened(x)) for x in ([whole], pieces))
     assert np.allclose(one, many, rtol=1e-3)
