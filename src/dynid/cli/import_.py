@@ -38,7 +38,7 @@ def command(common: Common, urdf: Path, **options: Any) -> ExitStatus:  # noqa: 
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
     from dynid.cli.prompt import may_write
     from dynid.files.artifact import write_text
-    from dynid.files.robotwrite import robot_text
+    from dynid.files.robotfile import robot_text
     from dynid.files.urdffile import read_urdf
     from dynid.model.from_urdf import import_arm
 

@@ -1,4 +1,4 @@
-"""The pages of docs/reference that are made from the code: commands, codes and the Python API.
+"""The pages of docs/reference that are made from the code: commands, codes, the Python API and the robot file.
 
 ``python -m dynid.cli.reference docs/reference`` writes them; a test compares them with the code.
 """
@@ -16,6 +16,7 @@ from dynid.cli.main import COMMANDS, available, cli
 from dynid.cli.options import COMMON_NAMES, Command
 from dynid.errors import EXIT_MEANING
 from dynid.files.artifact import write_text
+from dynid.files.robotkeys import ROBOT, Key
 from dynid.options import Options
 
 #: Topics by the first digit of a code.
@@ -208,7 +209,53 @@ def _prose(doc: str) -> list[str]:
     return lines
 
 
+_ROBOT_HEAD = """# The robot file
+
+The tables are made by `make reference` from the keys as they are read; a test keeps both equal.
+
+One YAML file describes one arm. Unknown keys, keys given twice, text where a number belongs and missing keys are errors
+with file and line. `dynid check FILE` reads it and says what it understood.
+
+![Frames and the four numbers of a DH row, in the standard and in the modified convention](../images/dh.svg)
+
+The two conventions describe different robots with the same numbers. If you do not know which one you have: when `a` and
+`twist` of a row belong to the *next* axis, it is standard; when they belong to the axis *before*, it is modified. Then
+compare the tool of `dynid check` with a ruler.
+"""
+_ROBOT_FOOT = """
+Angles within 1e-4 rad of a multiple of 15 degrees are taken to mean it, with warning W202: 1.5708 would otherwise break
+exact zeros of the model.
+
+YAML reads `1e-3` as text, `012` as 10, `1:30` as 90 and `off` as false. dynid refuses them instead of guessing: write
+`1.0e-3`.
+
+Examples are in `robots/`: two research arms, an industrial arm in modified DH, a SCARA with a sliding joint, an arm
+with a coupled wrist.
+"""
+
+
+def robot_page() -> str:
+    """Return docs/reference/robot-file.md: every key with its type, unit, default and meaning."""
+    tables: dict[tuple[Key, ...], list[str]] = {}
+    _collect(ROBOT, "", tables)
+    lines = [_ROBOT_HEAD.rstrip("\n")]
+    for keys, places in tables.items():
+        titled = ["", f"## {', '.join(f'`{place}`' for place in places)}"] if keys is not ROBOT else []
+        lines += [*titled, "", "| key | type | unit | default | meaning |", "| --- | --- | --- | --- | --- |"]
+        lines += [f"| `{key.name}` | {key.kind.words} | {key.unit} | {key.default} | {key.help} |" for key in keys]
+    return "\n".join([*lines, _ROBOT_FOOT])
+
+
+def _collect(keys: tuple[Key, ...], place: str, tables: dict[tuple[Key, ...], list[str]]) -> None:
+    """Note where each set of keys stands: the keys of a body stand in two places."""
+    tables.setdefault(keys, []).append(place)
+    for key in keys:
+        if key.kind.keys:
+            _collect(key.kind.keys, f"{place}.{key.name}".lstrip("."), tables)
+
+
 if __name__ == "__main__":
     write_text(Path(sys.argv[1]) / "errors.md", errors_page())
     write_text(Path(sys.argv[1]) / "cli.md", cli_page())
     write_text(Path(sys.argv[1]) / "api.md", api_page())
+    write_text(Path(sys.argv[1]) / "robot-file.md", robot_page())

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUrdf
-from dynid.files.robotfile import SNAP_RAD, SNAP_STEP
+from dynid.files.robotkeys import SNAP_RAD, SNAP_STEP
 from dynid.files.yamlfile import closest
 from dynid.robot import Body, Limits, rotation_rpy
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUrdf
-from dynid.files.robotfile import SNAP_STEP
+from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
 from dynid.model.kinematics import link_frames
 from dynid.model.prior import body_of, moved

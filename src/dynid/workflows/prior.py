@@ -131,5 +131,5 @@ def read_prior(path: Path, robot: Robot) -> Prior:
     if not path.is_file():
         raise LogNotFound(f"no such file {path}", where=str(path), fix="--prior FILE.yaml or --prior FILE.urdf")
     if path.suffix in (".yaml", ".yml"):
-        return robotfile.read_prior(path, robot.n)
+        return robotfile.read_prior(path, robot)
     return attached(path, robot).prior()

@@ -8,14 +8,9 @@ import pytest
 
 from dynid.drivers.registry import DRIVERS, driver_of
 from dynid.errors import TopicMissing, WrongMessageType
-from dynid.files.robotfile import DRIVER_KINDS
 from makelogs import gen2, lwr
 
 STATE = "sensor_msgs/JointState"
-
-
-def test_there_is_a_driver_for_every_kind_a_robot_file_may_name():
-    assert set(DRIVERS) == set(DRIVER_KINDS)
 
 
 def test_a_robot_without_driver_gets_the_generic_one():

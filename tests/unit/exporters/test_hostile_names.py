@@ -17,7 +17,8 @@ from export_cases import made
 from dynid.errors import NotAnArtifact, WrongRobotFile
 from dynid.exporters import FORMATS, Provenance
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.files.robotfile import LONGEST_NAME, parse_robot
+from dynid.files.robotfile import parse_robot
+from dynid.files.robotkeys import LONGEST_NAME
 from dynid.model.regressor import build_model
 from dynid.model.store import BaseModel, load_model, save_model
 from dynid.text import printable

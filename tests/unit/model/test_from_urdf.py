@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dynid.errors import WrongUrdf
-from dynid.files.robotfile import parse_robot
-from dynid.files.robotwrite import robot_text
+from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
 from dynid.model.from_urdf import import_arm
 from dynid.model.kinematics import tool_pose

@@ -1,0 +1,88 @@
+"""The robot file is read by the declarations of its keys, and what the reference says of a key is what holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dynid.errors import NotANumber, UnknownKey, WrongRobotFile
+from dynid.files.robotfile import parse_robot
+from dynid.files.robotkeys import JOINT, ROBOT, Key
+from dynid.robot import Joint, Robot
+
+LEAST = "name: arm\nconvention: standard\njoints:\n  - {name: one}\n  - {name: two, type: prismatic}\n"
+
+
+def read(text: str = "") -> Robot:
+    return parse_robot(LEAST + text, Path("arm.yaml"))
+
+
+def every(keys: tuple[Key, ...]) -> list[Key]:
+    return [each for key in keys for each in (key, *every(key.kind.keys))]
+
+
+def test_every_key_has_a_type_a_default_and_a_sentence():
+    for key in every(ROBOT):
+        assert key.kind.words
+        assert key.default
+        assert key.help[0].isupper() or key.help.startswith("tanh"), key
+        assert key.help.endswith("."), key
+
+
+def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_out():
+    shown = {key.name: key.default.strip("`") for key in JOINT}
+    plain = Joint("joint_1")
+    assert (shown["a"], shown["d"], shown["twist"], shown["theta_offset"]) == ("0", "0", "0", "0")
+    assert shown["friction"] == f"[{', '.join(plain.friction)}]"
+    assert (shown["type"], shown["motor_inertia"]) == (plain.type, str(plain.motor_inertia).lower())
+    robot, top = read(), {key.name: key.default.strip("`") for key in ROBOT}
+    assert top["gravity"] == str([*map(float, robot.gravity)]).replace(".0", "")
+    assert top["torque"] == robot.torque.source
+    assert top["coulomb"].startswith(f"{robot.coulomb_shape.shape}`, {robot.coulomb_shape.velocity[0]} rad/s")
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "says"),
+    [
+        ("driver: {kind: generic, units: {position: gon}}\n", WrongRobotFile, r"'gon' is none of rad, deg, m, mm"),
+        ("driver: {kind: generic, sign: [1, 2]}\n", WrongRobotFile, r"driver\.sign entries are 1 or -1, not 2"),
+        ("driver: {topic: /x}\n", WrongRobotFile, "driver lacks the key 'kind'"),
+        ("controller: {kp: [1, -2], kd: 0}\n", WrongRobotFile, r"controller\.kp\[1\] = -2 is negative"),
+        ("torque: {gain: [1, 0]}\n", WrongRobotFile, r"torque\.gain\[1\] = 0 must be positive"),
+        ("torque: {noise: [1, null]}\n", WrongRobotFile, r"torque\.noise: a joint has none"),
+        ("tool: {mass: -1}\n", WrongRobotFile, r"tool\.mass = -1 kg is negative"),
+        ("prior: {}\n", WrongRobotFile, "prior needs one of cylinders, links"),
+        ("known: {link_mass: {3: [0, 1]}}\n", UnknownKey, "unknown key '3'"),
+        ("known: {total_mass: [2, 1]}\n", WrongRobotFile, "2, 1 is no range of masses"),
+        ("simulator: {offset: [1, x]}\n", NotANumber, r"simulator\.offset\[1\] = 'x' is not a number"),
+        ("links: [3]\n", WrongRobotFile, "there is no link 3, the arm has 2"),
+        ("coupling: {matrix: [[1, 1], [1, 1]]}\n", WrongRobotFile, "cannot be inverted"),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_line_and_place(text, error, says):
+    with pytest.raises(error, match=says) as caught:
+        read(text)
+    assert caught.value.where == "arm.yaml:6"
+
+
+def test_plain_angles_are_in_the_unit_of_the_file_and_only_those_of_turning_joints():
+    robot = read("angle_unit: deg\ncoulomb: {velocity: 90}\nsimulator: {offset: [180, 0.5]}\n")
+    assert robot.coulomb is not None
+    assert robot.coulomb.velocity == pytest.approx((3.14159265 / 2, 90))
+    assert robot.simulator is not None
+    assert robot.simulator.offset == pytest.approx((3.14159265, 0.5))
+
+
+def test_one_value_may_stand_for_all_joints_where_the_reference_says_so():
+    robot = read("torque: {source: motor_current, gain: 2}\ncontroller: {kp: 100, kd: [1, 2]}\n")
+    assert robot.torque.gain == (2.0, 2.0)
+    assert robot.controller is not None
+    assert (robot.controller.kp, robot.controller.kd) == ((100.0, 100.0), (1.0, 2.0))
+
+
+def test_null_leaves_a_key_out_where_that_has_a_meaning():
+    robot = read("tool: null\ncoupling: null\ntorque: {gain: null}\ndriver: {kind: generic, topic: null}\n")
+    assert (robot.tool, robot.coupling, robot.torque.gain) == (None, None, None)
+    assert robot.driver is not None
+    assert robot.driver.topic is None
