@@ -14,7 +14,7 @@ from dynid.estimation.physical_parameters import FullSet
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot
 from dynid.model.reduce import Reduction
-from dynid.model.store import BaseModel
+from dynid.model.store import BaseModel, reduction_facts, reduction_from
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -185,20 +185,14 @@ def save(path: Path, result: Identification, base: BaseModel, header: dict[str, 
     scalars = asdict(replace(result, findings=()))
     arrays = {key: scalars.pop(key) for key in ARRAYS}
     arrays |= {f"full_{key}": scalars["physical"].pop(key) for key in FULL_ARRAYS}
-    reduction = base.reduction
-    arrays |= {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
+    reduction, reduction_arrays = reduction_facts(base.reduction)
+    arrays |= reduction_arrays
     robot_text = base.robot.path.read_text(encoding="utf-8") if base.robot.path else ""
     facts = {
         **header,
         "result": scalars,
         "findings": [asdict(f) for f in result.findings],
-        "all_parameters": list(reduction.names),
-        "alone": list(reduction.alone),
-        "none": list(reduction.none),
-        "combined": list(reduction.combined),
-        "gap": reduction.gap if np.isfinite(reduction.gap) else None,
-        "reduction_method": reduction.method,
-        "formulas": list(reduction.formulas),
+        "reduction": reduction,
         "robot_file": robot_text,
         "robot_path": str(base.robot.path or ""),
     }
@@ -209,6 +203,10 @@ def load(path: Path) -> StoredResult:
     """Read parameters.npz."""
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
+    if "reduction" not in h:
+        raise NotAnArtifact(
+            f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
+        )
     try:
         facts: dict[str, Any] = dict(h["result"])
         facts["joints"] = tuple(JointQuality(**joint) for joint in facts["joints"])
@@ -220,18 +218,7 @@ def load(path: Path) -> StoredResult:
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
         facts |= {"physical": FullSet(**full)} | {key: a[key] for key in ARRAYS if key in a}
         identification = Identification(**facts)
-        reduction = Reduction(
-            names=tuple(h["all_parameters"]),
-            base=a["base"].astype(np.intp),
-            K=a["K"],
-            alone=tuple(h["alone"]),
-            none=tuple(h["none"]),
-            combined=tuple(h["combined"]),
-            singular_values=a["singular_values"],
-            gap=np.inf if h["gap"] is None else float(h["gap"]),
-            method=str(h["reduction_method"]),
-            formulas=tuple(h["formulas"]),
-        )
+        reduction = reduction_from(h["reduction"], a)
         robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
         cutoff, delay = float(h["cutoff_hz"]), float(h.get("delay_applied_s") or 0.0)
         return StoredResult(identification, reduction, robot, cutoff, delay, tuple(h["log_sha256"]), h, path)

@@ -6,11 +6,13 @@ The program is stored as integer arrays; loading it builds no code.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, read_header, write_artifact
@@ -100,41 +102,54 @@ def load_model(path: Path, robot: Robot) -> Model:
 
 def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
     """Write fullregressor.npz."""
-    header = _header(
-        model.robot,
-        parameters=list(reduction.names),
-        base=list(reduction.base_names),
-        rank=reduction.rank,
-        alone=list(reduction.alone),
-        none=list(reduction.none),
-        combined=list(reduction.combined),
-        gap=reduction.gap if np.isfinite(reduction.gap) else None,
-        method=reduction.method,
-        formulas=list(reduction.formulas),
-    )
-    arrays = {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
-    write_artifact(path, Artifact(FULL, header, arrays))
+    facts, arrays = reduction_facts(reduction)
+    write_artifact(path, Artifact(FULL, _header(model.robot, **facts), arrays))
 
 
 def load_reduction(path: Path) -> Reduction:
     """Read fullregressor.npz."""
     artifact = read_artifact(path, FULL)
-    h, a = artifact.header, artifact.arrays
     try:
-        return Reduction(
-            names=tuple(h["parameters"]),
-            base=a["base"].astype(np.intp),
-            K=a["K"],
-            alone=tuple(h["alone"]),
-            none=tuple(h["none"]),
-            combined=tuple(h["combined"]),
-            singular_values=a["singular_values"],
-            gap=np.inf if h["gap"] is None else float(h["gap"]),
-            method=str(h["method"]),
-            formulas=tuple(h["formulas"]),
-        )
+        return reduction_from(artifact.header, artifact.arrays)
     except (KeyError, TypeError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+
+
+def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return base parameters as facts of a header and arrays, for any file that holds them."""
+    facts = {
+        "parameters": list(reduction.names),
+        "base": list(reduction.base_names),
+        "rank": reduction.rank,
+        "alone": list(reduction.alone),
+        "none": list(reduction.none),
+        "combined": list(reduction.combined),
+        "gap": reduction.gap if np.isfinite(reduction.gap) else None,
+        "method": reduction.method,
+        "formulas": list(reduction.formulas),
+    }
+    return facts, {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
+
+
+def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Reduction:
+    """Return the base parameters that ``reduction_facts`` wrote.
+
+    Raises:
+        KeyError: something is missing.
+        TypeError: something is of another kind.
+    """
+    return Reduction(
+        names=tuple(facts["parameters"]),
+        base=arrays["base"].astype(np.intp),
+        K=arrays["K"],
+        alone=tuple(facts["alone"]),
+        none=tuple(facts["none"]),
+        combined=tuple(facts["combined"]),
+        singular_values=arrays["singular_values"],
+        gap=np.inf if facts["gap"] is None else float(facts["gap"]),
+        method=str(facts["method"]),
+        formulas=tuple(facts["formulas"]),
+    )
 
 
 def obtain_model(robot: Robot, out: Path, *, rebuild: bool = False) -> tuple[Model, float | None]:
