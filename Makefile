@@ -53,7 +53,6 @@ docs: $(VENV)/.ready-docs
 
 reference: $(VENV)/.ready
 	$(BIN)/python -m dynid.cli.reference docs/reference
-	$(BIN)/python -m dynid.model.effects.page > docs/reference/effects.md
 
 $(VENV)/.ready: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .

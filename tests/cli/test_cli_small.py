@@ -11,7 +11,7 @@ from rich.console import Console
 
 from dynid.cli import terminal
 from dynid.cli.explain import codes
-from dynid.cli.reference import api_page, cli_page, errors_page, robot_page
+from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, robot_page
 from dynid.files.artifact import Artifact, write_artifact
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +20,13 @@ ROOT = Path(__file__).parents[2]
 # ---------------------------------------------------------------- explain
 @pytest.mark.parametrize(
     ("name", "page"),
-    [("errors.md", errors_page), ("cli.md", cli_page), ("api.md", api_page), ("robot-file.md", robot_page)],
+    [
+        ("errors.md", errors_page),
+        ("cli.md", cli_page),
+        ("api.md", api_page),
+        ("robot-file.md", robot_page),
+        ("effects.md", effects_page),
+    ],
 )
 def test_the_reference_pages_are_made_from_the_code(name, page):
     assert (ROOT / "docs/reference" / name).read_text() == page(), "make them again: make reference"

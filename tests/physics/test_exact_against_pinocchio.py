@@ -8,8 +8,7 @@ import pytest
 
 from dynid.model import build_model
 from dynid.model.exact import reduce_exactly
-from dynid.model.reduce import random_states, reduce
-from dynid.model.reduction_check import require_agreement
+from dynid.model.reduce import random_states, reduce, require_agreement
 from dynid.robot import Joint, Robot
 
 TWISTS = (0, 30, 45, 60, 90, -90, 180)

@@ -168,8 +168,7 @@ def _shown(value: object) -> str:
 
 def reduce_now(common: Common, built: Built, *, samples: int, tolerance: str) -> None:
     """Group into base parameters and write them."""
-    from dynid.model.reduce import DEPENDENT
-    from dynid.model.reduction_check import base_parameters
+    from dynid.model.reduce import DEPENDENT, base_parameters
     from dynid.model.store import key_of, load_reduction, paths, save_reduction, stored_key
 
     path = paths(common.folder(built.model.robot.slug))[1]
@@ -270,16 +269,15 @@ def show_groups(common: Common, model: Model, form: str, *, still: bool) -> None
     """Print the relations, so that a vendor's grouped numbers can be named."""
     import json
 
-    from dynid.model.exact import reduce_exactly
-    from dynid.model.relation_text import groups_json, groups_latex, groups_text
+    from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
 
     exact = reduce_exactly(model, still=still)
-    facts = {"schema": "dynid/model/1", "robot": model.robot.name, **groups_json(exact)}
+    facts = {"schema": "dynid/model/1", "robot": model.robot.name, **relations_json(exact)}
     common.terminal.emit_json(facts)
     if form == "json":
         common.terminal.answer(json.dumps(facts, indent=2))
     else:
-        common.terminal.answer(groups_latex(exact) if form == "latex" else groups_text(exact, alone=True))
+        common.terminal.answer(relations_latex(exact) if form == "latex" else relations_text(exact, alone=True))
 
 
 def show_code(common: Common, model: Model, *, latex: bool) -> None:

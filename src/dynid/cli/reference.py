@@ -1,4 +1,4 @@
-"""The pages of docs/reference that are made from the code: commands, codes, the Python API and the robot file.
+"""The pages of docs/reference that are made from the code: commands, codes, Python API, robot file and effects.
 
 ``python -m dynid.cli.reference docs/reference`` writes them; a test compares them with the code.
 """
@@ -254,8 +254,43 @@ def _collect(keys: tuple[Key, ...], place: str, tables: dict[tuple[Key, ...], li
             _collect(key.kind.keys, f"{place}.{key.name}".lstrip("."), tables)
 
 
+# ---------------------------------------------------------------- torque effects
+_EFFECTS_HEAD = """# Torque effects
+
+Made by `make reference` from the effect classes; a test keeps both equal.
+
+`tau_rb` is the rigid-body torque of the current model, `sign` the Coulomb sign of the robot file, `j` the joint.
+Amplitudes enter linearly and are identified again whenever the robot file is; shape parameters stay as they were found.
+"""
+_WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the whole arm"}
+_USES = {
+    ("refit", "frozen"): "found by refit and by frozen search",
+    ("frozen",): "found by frozen search: identifying again absorbs it",
+}
+
+
+def effects_page() -> str:
+    """Return docs/reference/effects.md: every torque effect of the catalogue."""
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    lines = [_EFFECTS_HEAD]
+    for effect in CATALOGUE.values():
+        shape = dict.fromkeys(effect.shape_units, 1.0)
+        lines += [f"## `{effect.name}`: {effect.title}", "", f"    {effect.equation}", ""]
+        lines += [f"- acts on {_WHERE[effect.scope]}; {_USES[effect.uses]}"]
+        lines += [f"- amplitudes: {_with_units(effect.amplitudes(shape))}"]
+        lines += [f"- shape: {_with_units(effect.shape_units)}"] if effect.shape_units else []
+        lines += [f"- seen as: {effect.signature}", f"- to tell it from others: {effect.separate}", ""]
+    return "\n".join(lines)
+
+
+def _with_units(units: dict[str, str]) -> str:
+    return ", ".join(f"`{name}` [{unit or '1'}]" for name, unit in units.items())
+
+
 if __name__ == "__main__":
     write_text(Path(sys.argv[1]) / "errors.md", errors_page())
     write_text(Path(sys.argv[1]) / "cli.md", cli_page())
     write_text(Path(sys.argv[1]) / "api.md", api_page())
     write_text(Path(sys.argv[1]) / "robot-file.md", robot_page())
+    write_text(Path(sys.argv[1]) / "effects.md", effects_page())

@@ -44,14 +44,14 @@ class FieldState:
     qdd: Residues
 
 
-def typed(value: float) -> Fraction:
+def decimal_fraction(value: float) -> Fraction:
     """Return the decimal fraction that a person typed: 0.41 is 41/100."""
     return Fraction(repr(float(value)))
 
 
 def residue(value: float | Fraction) -> int:
     """Return a number as typed modulo the prime."""
-    fraction = value if isinstance(value, Fraction) else typed(value)
+    fraction = value if isinstance(value, Fraction) else decimal_fraction(value)
     return fraction.numerator * pow(fraction.denominator, -1, PRIME) % PRIME
 
 

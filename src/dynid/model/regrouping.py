@@ -17,7 +17,7 @@ _P = np.uint64(PRIME)
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def transfer(joint: Joint, number: int, convention: str, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
+def regrouping(joint: Joint, number: int, convention: str, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
     """Return how parameters of a link pass through its joint.
 
     Args:

@@ -176,7 +176,7 @@ def obtain_base_model(robot: Robot, out: Path, *, rebuild: bool = False, samples
     path = paths(out)[1]
     if seconds is None and stored_key(path) == key_of(robot):
         return BaseModel(model, load_reduction(path))
-    from dynid.model.reduction_check import base_parameters
+    from dynid.model.reduce import base_parameters
 
     reduction = base_parameters(model, samples=samples)
     save_reduction(path, model, reduction)

@@ -10,15 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations_with_replacement
+from itertools import product as pairings
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.exact import Draws, relations
+from dynid.model.field_regressor import FieldRegressor
 from dynid.model.formula import ONE, Formula
-from dynid.model.monomials import Fitter, lengths_up_to_two, monomials, needed_geometries
-from dynid.model.prime_field import PRIME, ROOTS, Residues, echelon, residue
-from dynid.model.regrouping import transfer
+from dynid.model.prime_field import PRIME, ROOTS, Residues, echelon, inverse, product, residue
+from dynid.model.regrouping import regrouping
 from dynid.robot import Joint
 
 Formulas = dict[tuple[int, int], Formula]
@@ -32,10 +33,12 @@ _FACTORS = sorted(
 _SAMPLES = 12
 #: Number of neighbouring links that a relation is looked for in.
 _REACH = 2
+#: Largest number of monomials that a coefficient is fitted with, and the geometries beyond it that check the fit.
+_TABLE, _CHECKS = 130, 4
 
 
 @dataclass(frozen=True)
-class Names:
+class NamedCoefficients:
     """Formulas found.
 
     Attributes:
@@ -47,11 +50,11 @@ class Names:
     generic: bool
 
 
-def name_coefficients(draws: Draws, base: Sequence[int], K: Residues) -> Names:
+def name_coefficients(regressor: FieldRegressor, base: Sequence[int], K: Residues) -> NamedCoefficients:
     """Name the coefficients of K.
 
     Args:
-        draws: source of random geometries.
+        regressor: source of random geometries.
         base: base columns at the arm's own geometry.
         K: relations at the arm's own geometry, (p, c).
 
@@ -59,25 +62,27 @@ def name_coefficients(draws: Draws, base: Sequence[int], K: Residues) -> Names:
         The formulas found. Twists are symbols where that leaves the base columns the same; else they are numbers.
     """
     for turned in (True, False):
-        geometry = draws.free(2, turned)
+        geometry = regressor.free(2, turned)
         try:
-            found, values = relations(draws, geometry)
+            found, values = regressor.relations(geometry)
         except ZeroDivisionError:
             continue
         if found == list(base):
-            return Names(_Namer(draws, geometry, turned, found, values).run(K), True)
-    own = draws.actual()
-    return Names(_Namer(draws, own, False, list(base), K[None]).run(K), False)
+            return NamedCoefficients(_Naming(regressor, geometry, turned, found, values).run(K), True)
+    own = regressor.actual()
+    return NamedCoefficients(_Naming(regressor, own, False, list(base), K[None]).run(K), False)
 
 
-class _Namer:
+class _Naming:
     """Names the coefficients of relations that are known at two random geometries."""
 
-    def __init__(self, draws: Draws, geometry: dict[str, Residues], turned: bool, base: list[int], K: Residues) -> None:
-        self._draws, self._turned, self._base, self._K = draws, turned, base, K
+    def __init__(
+        self, regressor: FieldRegressor, geometry: dict[str, Residues], turned: bool, base: list[int], K: Residues
+    ) -> None:
+        self._regressor, self._turned, self._base, self._K = regressor, turned, base, K
         self._at = [{name: int(v[g % len(v)]) for name, v in geometry.items()} for g in range(len(K))]
-        lengths = [name for name in draws.symbols if name[0] in "ad"] if len(K) > 1 else []
-        angles = [name for name in draws.symbols if name[0] in "cs"]
+        lengths = [name for name in regressor.symbols if name[0] in "ad"] if len(K) > 1 else []
+        angles = [name for name in regressor.symbols if name[0] in "cs"]
         self._symbols = lengths + (angles if turned else [])
         self._roots = {} if turned or not angles else ROOTS
         self._monomials = [Formula.monomial(1, dict(m)) for m in lengths_up_to_two(lengths)]
@@ -87,10 +92,10 @@ class _Namer:
             for f in _FACTORS
         }
         self._known = np.array(list(self._factors), dtype=np.uint64)
-        self._links = draws.model.link_columns // 11 + 1
-        joints = draws.model.robot.joints
-        self._dimension = [_dimension(joints[k // 11], k) for k in draws.model.link_columns.tolist()]
-        self._transfers: dict[int, dict[int, dict[int, Formula]]] = {}
+        self._links = regressor.model.link_columns // 11 + 1
+        joints = regressor.model.robot.joints
+        self._dimension = [_dimension(joints[k // 11], k) for k in regressor.model.link_columns.tolist()]
+        self._regroupings: dict[int, dict[int, dict[int, Formula]]] = {}
         self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
 
@@ -150,23 +155,23 @@ class _Namer:
 
     def _passed(self, link: int) -> dict[int, dict[int, Formula]]:
         """Return the parameters that pass through a link's joint, expressed by others of it and the link before."""
-        if link not in self._transfers:
-            self._transfers[link] = self._find_passed(link) if link > 1 else {}
-        return self._transfers[link]
+        if link not in self._regroupings:
+            self._regroupings[link] = self._find_passed(link) if link > 1 else {}
+        return self._regroupings[link]
 
     def _find_passed(self, link: int) -> dict[int, dict[int, Formula]]:
-        joint, convention = self._draws.model.robot.joints[link - 1], self._draws.model.robot.convention
+        joint, convention = self._regressor.model.robot.joints[link - 1], self._regressor.model.robot.convention
         both = [11 * (link - 2) + k for k in (*range(10), *range(11, 21))]
-        place = {int(k): i for i, k in enumerate(self._draws.model.link_columns)}
+        place = {int(k): i for i, k in enumerate(self._regressor.model.link_columns)}
         passed: dict[int, dict[int, Formula]] = {}
         for stage in (0, 1):
             tables = self._tables(link, link, stage)
-            geometry = self._draws.free(needed_geometries(tables), self._turned)
+            geometry = self._regressor.free(needed_geometries(tables), self._turned)
             try:
-                dependent, K = transfer(joint, link, convention, geometry)
+                dependent, K = regrouping(joint, link, convention, geometry)
             except ZeroDivisionError:
                 return passed
-            fitter = Fitter(tables, geometry, len(K))
+            fitter = FormulaFitter(tables, geometry, len(K))
             for row, own in enumerate(dependent):
                 used = np.flatnonzero(K[0, row]).tolist()
                 degree = {k: _dimension(joint, both[k]) - _dimension(joint, both[own + 10]) for k in used}
@@ -206,14 +211,14 @@ class _Namer:
         key = first, last, stage
         if key not in self._windows:
             tables = self._tables(last if stage < 2 else first, last, stage)
-            geometry = self._draws.free(needed_geometries(tables), self._turned)
+            geometry = self._regressor.free(needed_geometries(tables), self._turned)
             columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
-                pivots, K = echelon(self._draws.columns(geometry, columns, samples=_SAMPLES))
+                pivots, K = echelon(self._regressor.columns(geometry, columns, samples=_SAMPLES))
             except ZeroDivisionError:
                 self._windows[key] = None
             else:
-                fitter = Fitter(tables, geometry, len(K))
+                fitter = FormulaFitter(tables, geometry, len(K))
                 self._windows[key] = _Window(columns, [int(columns[k]) for k in pivots], K, fitter)
         return self._windows[key]
 
@@ -232,7 +237,7 @@ class _Window:
     columns: NDArray[np.intp]
     pivots: list[int]
     K: Residues
-    fitter: Fitter
+    fitter: FormulaFitter
 
 
 def _dimension(joint: Joint, column: int) -> int:
@@ -241,3 +246,139 @@ def _dimension(joint: Joint, column: int) -> int:
     if kind == 10:
         return 2 if joint.revolute else 0
     return 0 if kind == 0 else 1 if kind < 4 else 2
+
+
+# ---------------------------------------------------------------- fitting sums of monomials to known coefficients
+class FormulaFitter:
+    """Names coefficients that are known at many geometries.
+
+    Args:
+        tables: monomials that a coefficient of each degree in lengths may hold.
+        geometry: the geometries, (G,) each.
+        count: G.
+    """
+
+    def __init__(self, tables: dict[int, list[Formula]], geometry: dict[str, Residues], count: int) -> None:
+        self._tables, self._geometry, self._count = tables, geometry, count
+        self._solvers: dict[int, _Solver] = {}
+
+    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
+        """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
+        table = self._tables.get(degree, [])
+        if not table:
+            return None
+        if degree not in self._solvers:
+            self._solvers[degree] = _solver(table, self._geometry, self._count)
+        solver = self._solvers[degree]
+        ratios = wanted[:2, None] * solver.inverses % np.uint64(PRIME)
+        for k in np.flatnonzero(ratios[0] == ratios[1]).tolist():
+            if int(ratios[0, k]) in factors:
+                return factors[int(ratios[0, k])] * table[k]
+        return _fit(table, solver, wanted)
+
+
+def needed_geometries(tables: dict[int, list[Formula]]) -> int:
+    """Return at how many geometries a coefficient must be known to be fitted with these tables."""
+    return max(map(len, tables.values())) + _CHECKS
+
+
+def lengths_up_to_two(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...]]:
+    """Return monomials of at most two lengths, and the inverses of one."""
+    found: list[tuple[tuple[str, int], ...]] = []
+    for degree in (0, 1, 2):
+        for chosen in combinations_with_replacement(lengths, degree):
+            found.append(tuple((s, chosen.count(s)) for s in sorted(set(chosen))))
+    return found + [((s, -k),) for k in (1, 2) for s in lengths]
+
+
+def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Formula]:
+    """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
+
+    Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
+    """
+    lengths = [s for s in symbols if s[0] in "ad"]
+    angles = [s for s in symbols if s[0] in "cs"]
+    most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
+    reach = range(0 if stage == 0 else -2, 3)
+    stretched = [p for p in pairings(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
+    turned = [
+        p
+        for p in pairings(range(-2, 3), repeat=len(angles))
+        if sum(map(abs, p)) <= (4 if min(p, default=0) >= 0 else most)
+    ]
+    surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
+    powers = [
+        {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
+        for a, b, c in pairings(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
+    ]
+    return [Formula.monomial(1, p) for p in powers][:_TABLE]
+
+
+def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
+    return sum(map(abs, powers)), sum(k < 0 for k in powers)
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """The values of a table's monomials at G geometries, ready to solve for sums of them.
+
+    Attributes:
+        rows: values, (G, M).
+        inverses: reciprocals at the first two geometries, (2, M).
+        independent: the leftmost independent monomials, (m,).
+        solve: inverse of their values at the first m geometries, (m, m).
+    """
+
+    rows: Residues
+    inverses: Residues
+    independent: list[int]
+    solve: Residues
+
+
+def _solver(table: list[Formula], geometry: dict[str, Residues], count: int) -> _Solver:
+    rows = _evaluated(table, geometry, count)
+    independent, _ = echelon(rows[None])
+    size = len(independent)
+    square = np.concatenate([rows[:size, independent], np.eye(size, dtype=np.uint64)], axis=1)
+    return _Solver(rows, inverse(rows[:2]), independent, echelon(square[None])[1][0, :, size:])
+
+
+def _fit(table: list[Formula], solver: _Solver, wanted: Residues) -> Formula | None:
+    """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
+    size = len(solver.independent)
+    shares = product(solver.solve, wanted[:size, None])
+    if np.any(product(solver.rows[:, solver.independent], shares)[:, 0] != wanted):
+        return None
+    total = Formula(())
+    for k in np.flatnonzero(shares).tolist():
+        factor = small_fraction(int(shares[k, 0]))
+        if factor is None:
+            return None
+        total += Formula.monomial(factor, dict(table[solver.independent[k]].terms[0][1]))
+    return total
+
+
+def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) -> Residues:
+    """Return the value of each monomial at each geometry, (G, M)."""
+    known = {name: np.resize(value, count) for name, value in geometry.items()}
+    known |= {f"sqrt({k})": np.full(count, root, dtype=np.uint64) for k, root in ROOTS.items()}
+    raised: dict[tuple[str, int], Residues] = {}
+    rows = np.ones((count, len(table)), dtype=np.uint64)
+    for column, monomial in enumerate(table):
+        for symbol, exponent in monomial.terms[0][1]:
+            if (symbol, exponent) not in raised:
+                raised[symbol, exponent] = np.array(
+                    [pow(x, exponent, PRIME) for x in known[symbol].tolist()], dtype=np.uint64
+                )
+            rows[:, column] = rows[:, column] * raised[symbol, exponent] % np.uint64(PRIME)
+    return rows
+
+
+def small_fraction(value: int, limit: int = 1000) -> Fraction | None:
+    """Return the fraction of numbers up to ``limit`` that a residue stands for, None when there is none."""
+    r0, r1, t0, t1 = PRIME, value, 0, 1
+    while r1 > limit:
+        r0, r1, t0, t1 = r1, r0 % r1, t1, t0 - r0 // r1 * t1
+    if t1 == 0 or abs(t1) > limit:
+        return None
+    return Fraction(r1, t1)

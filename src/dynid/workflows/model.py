@@ -39,7 +39,7 @@ def base_model(robot: Robot, folder: Path | None = None, progress: Progress = SI
 
 
 def _in_memory(robot: Robot) -> BaseModel:
-    from dynid.model.reduction_check import base_parameters
+    from dynid.model.reduce import base_parameters
     from dynid.model.regressor import Model, build_model
     from dynid.model.store import BaseModel, key_of
 

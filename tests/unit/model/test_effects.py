@@ -1,4 +1,4 @@
-"""Effects against Pinocchio, against an integrated law, and against their own page."""
+"""Effects against Pinocchio, against an integrated law."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,6 @@ from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.friction import presliding
 from dynid.model.effects.interface import ArmMotion
-from dynid.model.effects.page import page
 from dynid.model.reduce import reduce
 from dynid.model.reference import ModelTorques
 from dynid.model.regressor import build_model
@@ -115,11 +114,3 @@ def test_a_listed_effect_without_its_shape_is_an_error(model):
     robot = replace(model.robot, effects=(EffectSpec("stribeck", ("lwr_2_joint",), {"a": 1.0}),))
     with pytest.raises(WrongRobotFile, match="vs"):
         _ = build_model(robot).parameter_names
-
-
-def test_the_page_of_effects_is_current():
-    assert (ROOT / "docs" / "reference" / "effects.md").read_text(encoding="utf-8") == page()
-
-
-def test_pinocchio_is_independent_of_the_model(arm, model, motion):
-    np.testing.assert_allclose(motion.rigid, arm.torque(motion.q, motion.qd, motion.qdd), atol=1e-9)

@@ -10,10 +10,8 @@ import pytest
 from dynid.errors import ReductionsDisagree
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.exact import reduce_exactly
-from dynid.model.reduce import reduce
-from dynid.model.reduction_check import certified, require_agreement
-from dynid.model.relation_text import base_name, group_text
+from dynid.model.exact import base_name, reduce_exactly, relation_text
+from dynid.model.reduce import confirmed, reduce, require_agreement
 from dynid.robot import Coupling, Joint, Robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -45,8 +43,8 @@ def counts(robot):
 
 
 def texts(robot):
-    groups = reduce_exactly(build_model(robot)).groups
-    return [group_text(group) for group in groups if len(group) > 1]
+    groups = reduce_exactly(build_model(robot)).relations
+    return [relation_text(group) for group in groups if len(group) > 1]
 
 
 FRICTION = ("viscous", "coulomb")
@@ -173,7 +171,7 @@ def test_classes_do_not_depend_on_how_small_an_offset_is(d4):
     joints = tuple(replace(j, d=d4) if k == 3 else j for k, j in enumerate(GEN2.joints))
     r = reduce_exactly(build_model(replace(GEN2, joints=joints)))
     usual = reduce_exactly(build_model(GEN2))
-    assert [group_text(g) for g in r.groups] == [group_text(g) for g in usual.groups]
+    assert [relation_text(g) for g in r.relations] == [relation_text(g) for g in usual.relations]
 
 
 @pytest.mark.parametrize("twist", ["1.5708", "90 deg", "pi/2"])
@@ -195,10 +193,10 @@ def test_a_near_right_angle_makes_the_methods_disagree_and_the_message_says_wher
     assert "singular values relative to the largest are" in caught.value.what
 
 
-def test_methods_that_agree_give_one_certified_answer():
+def test_methods_that_agree_give_one_confirmed_answer():
     model = build_model(LWR)
     svd = reduce(model)
-    both = certified(reduce_exactly(model), svd)
+    both = confirmed(reduce_exactly(model), svd)
     assert (both.method, both.rank, both.alone, both.none) == ("exact", 48, svd.alone, svd.none)
 
 
@@ -217,7 +215,7 @@ def test_gravity_along_an_oblique_joint_axis_is_recognised_without_a_tolerance()
 def test_a_subset_of_links_keeps_only_their_columns():
     r = reduce_exactly(build_model(replace(GEN2, links=(6, 7))))
     assert set(r.names) <= {f"{n.rstrip('0123456789')}{k}" for n in r.names for k in (6, 7)}
-    assert "mcz6R = mcz6 + mcz7 + d7*m7" in [group_text(g) for g in r.groups]
+    assert "mcz6R = mcz6 + mcz7 + d7*m7" in [relation_text(g) for g in r.relations]
     require_agreement(r, reduce(build_model(replace(GEN2, links=(6, 7)))))
 
 
@@ -235,7 +233,7 @@ def test_coupled_motors_take_part_like_any_column():
 def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_offsets():
     arm = load_robot(ROBOTS / "kinova_gen2.yaml")
     r = reduce_exactly(build_model(arm), still=True)
-    names = [base_name(g) for g in r.groups]
+    names = [base_name(g) for g in r.relations]
     assert r.rank == 19
     assert names[:12] == [
         "mcx2",

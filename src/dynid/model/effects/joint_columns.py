@@ -6,7 +6,7 @@ import numpy as np
 
 from dynid.model.effects.interface import Column, Floats, State, coulomb_sign
 from dynid.model.parameters import numbered
-from dynid.model.prime_field import FieldState, Residues, product, residue, typed
+from dynid.model.prime_field import FieldState, Residues, decimal_fraction, product, residue
 from dynid.robot import FRICTION_PARAMETERS, Coulomb, Robot
 
 
@@ -102,5 +102,5 @@ def _spread(robot: Robot, kind: str, unit: str, motor: int, share: Floats) -> Co
 
 def _exact_share(robot: Robot, motor: int) -> Residues:
     """Return a motor's row of the coupling, divided by its own entry, in the prime field."""
-    row = [typed(x) for x in robot.coupling.matrix[motor]] if robot.coupling else []
+    row = [decimal_fraction(x) for x in robot.coupling.matrix[motor]] if robot.coupling else []
     return np.array([residue(x / row[motor] if row[motor] else x) for x in row], dtype=np.uint64)

@@ -12,10 +12,10 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.exact import Draws, reduce_exactly, relations
+from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
+from dynid.model.field_regressor import FieldRegressor
 from dynid.model.formula import ONE, Formula
 from dynid.model.reduce import reduce
-from dynid.model.relation_text import groups_json, groups_latex, groups_text
 from dynid.robot import Joint, Robot
 
 PAPER = Path(__file__).parents[3] / "robots" / "paper"
@@ -39,7 +39,7 @@ def oblique(n):
 
 
 def test_json_terms_are_the_coefficients_of_the_singular_values(gen2, exact):
-    found = json.loads(json.dumps(groups_json(exact)))
+    found = json.loads(json.dumps(relations_json(exact)))
     svd = reduce(gen2)
     assert found["rank"] == 48
     assert [g["name"] for g in found["groups"]] == list(svd.base_names)
@@ -48,7 +48,7 @@ def test_json_terms_are_the_coefficients_of_the_singular_values(gen2, exact):
 
 
 def test_json_formulas_give_the_terms_when_computed_with_the_symbols(exact):
-    found = groups_json(exact)
+    found = relations_json(exact)
     for group in found["groups"]:
         for name, text in group["formulas"].items():
             size = math.prod(
@@ -61,11 +61,11 @@ def test_json_formulas_give_the_terms_when_computed_with_the_symbols(exact):
 
 
 def test_text_shows_numbers_beside_the_formulas(exact):
-    assert "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)    [d3 = -0.41]" in groups_text(exact).splitlines()
+    assert "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)    [d3 = -0.41]" in relations_text(exact).splitlines()
 
 
 def test_latex_has_a_row_for_each_combination(exact):
-    latex = groups_latex(exact)
+    latex = relations_latex(exact)
     assert latex.count("^{R} &=") == 17
     assert r"mc_{6,z}^{R} &= mc_{6,z} + mc_{7,z} + d_{7} m_{7}" in latex
 
@@ -78,9 +78,9 @@ def test_formulas_add_multiply_and_evaluate_like_numbers():
 
 
 def test_relations_do_not_depend_on_the_random_states(gen2):
-    first, second = (Draws(gen2, seed=seed) for seed in (1, 2))
-    base, K = relations(first, first.actual())
-    again, L = relations(second, second.actual())
+    first, second = (FieldRegressor(gen2, seed=seed) for seed in (1, 2))
+    base, K = first.relations(first.actual())
+    again, L = second.relations(second.actual())
     assert base == again
     assert np.array_equal(K, L)
 
@@ -96,7 +96,7 @@ def test_special_oblique_twists_are_symbols_with_the_same_formulas():
     def arm(degrees):
         joints = tuple(replace(j, twist=math.radians(degrees)) for j in oblique(3).joints)
         return [
-            g["text"] for g in groups_json(reduce_exactly(build_model(replace(oblique(3), joints=joints))))["groups"]
+            g["text"] for g in relations_json(reduce_exactly(build_model(replace(oblique(3), joints=joints))))["groups"]
         ]
 
     assert arm(30) == arm(60) == arm(37.123)
