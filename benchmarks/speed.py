@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -136,7 +135,7 @@ def make_log(path, model, samples):
     gamma = np.concatenate([rigid, random.uniform(0.2, 1.0, model.size - len(rigid))])
     tau = model.observer().torque(gamma, q, qd, qdd) + 0.05 * random.standard_normal(q.shape)
     names = model.robot.joint_names
-    write_log(path, Log(t=t, q=q, tau=tau, names=names, units={"position": "rad", "effort": "Nm"}, dh=False))
+    Log(t=t, q=q, tau=tau, names=names, units={"position": "rad", "effort": "Nm"}, dh=False).save(path)
 
 
 # ---------------------------------------------------------------- rows of the table

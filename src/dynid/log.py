@@ -7,6 +7,7 @@ A ``Log`` straight from a file or from arrays is raw: the columns, their order a
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,12 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
+from dynid.npz import write_npz
 from dynid.units import FACTORS
+from dynid.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Floats = NDArray[np.float64]
+
+#: Name and number of the format of a saved log.
+SCHEMA = "dynid/log/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,9 +179,29 @@ class Log:
         columns = [f"{kind}_{name}" for kind in kinds for name in names]
         return pd.DataFrame(np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns)
 
-    def save(self, path: str | Path) -> Path:
-        """Write the log as .npz with names and units in its header; ``dynid.load_log`` reads it back, and checks it."""
-        from dynid.files.npzlog import write_log
+    def save(self, path: str | Path, run: Mapping[str, Any] | None = None) -> Path:
+        """Write the log as .npz, whole, with names and units in its header; ``dynid.load_log`` reads and checks it.
 
-        write_log(Path(path), self)
+        Args:
+            path: the file.
+            run: facts about the run that made it, for the header: command line, seed, hashes of inputs.
+        """
+        arrays: dict[str, Any] = {"t": self.t, "q": self.q, "tau": self.tau}
+        if self.qd is not None:
+            arrays["qd"] = self.qd
+        if "q_ref" in self.extra:
+            arrays["q_ref"] = self.extra["q_ref"]
+        header = {
+            "schema": SCHEMA,
+            "dynid": __version__,
+            **(run or {}),
+            "joint_names": list(self.names),
+            "units": self.units | ({"effort": self.tau_unit} if self.tau_unit and "effort" not in self.units else {}),
+            "topic": self.topic,
+            "motor_side": self.motor_side,
+            "dh": self.dh,
+            "source": {"file": self.source.name if self.source else "", "sha256": self.sha256},
+            "findings": [{"code": f.code, "level": f.level, "text": f.text} for f in self.findings],
+        }
+        write_npz(Path(path), header, arrays)
         return Path(path)

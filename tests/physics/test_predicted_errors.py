@@ -8,7 +8,6 @@ import pytest
 
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import stack
-from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.model.prior import prior_base_parameters
@@ -44,7 +43,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     rng = np.random.default_rng(8)
     draws = []
     for _ in range(DRAWS):
-        write_log(tmp_path / "log.npz", sensors.measure(truth, robot.log_names, rng))
+        sensors.measure(truth, robot.log_names, rng).save(tmp_path / "log.npz")
         sources, _ = condition_logs([load_log(tmp_path / "log.npz", robot)], model, LogOptions())
         stacked = stack(sources, model.observer(reduction.base), reduction.base_names, robot.joint_names)
         draws.append(weighted(*stacked.whole).theta)

@@ -67,15 +67,13 @@ def check_log(common: Common, path: Path, robot: Robot | None, options: LogOptio
 
 def _written(common: Common, path: Path, robot: Robot, options: LogOptions, log: Log) -> tuple[Path, ...]:
     """Write log.npz where that was asked for and is not done yet."""
-    from dynid.files.npzlog import write_log
-
     if not (options.convert or options.fix):
         return ()
     target = common.folder(robot.slug) / "log.npz"
     inputs = input_hashes({"log": path}, asdict(options))
     if not may_write(common, target, inputs):
         return ()
-    write_log(target, log, common.header(inputs))
+    log.save(target, common.header(inputs))
     return (target,)
 
 

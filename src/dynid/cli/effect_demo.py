@@ -84,7 +84,6 @@ def simulate(common: Common, folder: Path, hidden: Hidden) -> tuple[Path, tuple[
     import numpy as np
 
     from dynid.files.artifact import write_text
-    from dynid.files.npzlog import write_log
     from dynid.files.robotfile import load_robot, packaged
     from dynid.sim.hidden import hidden_logs
     from dynid.sim.plant import read_plant
@@ -99,5 +98,5 @@ def simulate(common: Common, folder: Path, hidden: Hidden) -> tuple[Path, tuple[
         progress.stage("simulate", "")
         logs = hidden_logs(source, plant, hidden, np.random.default_rng([common.seed, 1]), seconds=SECONDS)
     for path, log in zip(paths, logs, strict=True):
-        write_log(path, log)
+        log.save(path)
     return robot, paths

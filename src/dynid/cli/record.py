@@ -404,16 +404,12 @@ class Recording:
         """Ask the paper's question and write log.npz."""
         from dynid.cli.prompt import input_hashes
         from dynid.files.logs import read_log
-        from dynid.files.npzlog import write_log
 
         if ask(self.common, "P4", given=self.given.convert) is not Answer.YES:
             self.terminal.next(f"dynid check {bag} --robot {self.arm.slug} --convert")
             return ()
         target = self.folder / "log.npz"
-        write_log(
-            target,
-            read_log(bag, robot=self.arm, topic=self.given.topic),
-            self.common.header(input_hashes({"log": bag})),
-        )
+        log = read_log(bag, robot=self.arm, topic=self.given.topic)
+        log.save(target, self.common.header(input_hashes({"log": bag})))
         self.terminal.wrote(target)
         return (target,)

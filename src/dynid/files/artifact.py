@@ -7,27 +7,20 @@ carry a fixed date, so that two runs on the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import os
-import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import CannotWrite, NewerSchema, NotAnArtifact
+from dynid.errors import NewerSchema, NotAnArtifact
+from dynid.npz import HEADER, write_npz, written_whole
 from dynid.version import __version__
-
-HEADER = "header"
-#: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
-COMPRESSED_BYTES = 4 << 20
 
 
 @dataclass(frozen=True)
@@ -64,31 +57,6 @@ def _sha256(files: tuple[tuple[Path, int, int], ...]) -> str:
     return digest.hexdigest()
 
 
-@contextmanager
-def written_whole(path: Path) -> Iterator[IO[bytes]]:
-    """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        # Why: mkstemp makes the file private; a result should follow the user's umask like any other file.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with written_whole(path) as stream:
@@ -97,15 +65,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_artifact(path: Path, artifact: Artifact) -> None:
     """Write a result file whole; equal contents give equal bytes."""
-    header = {"schema": artifact.schema, "dynid": __version__, **artifact.header}
-    with written_whole(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        text = np.array(json.dumps(header, sort_keys=True, default=_plain))
-        for name, array in {HEADER: text, **artifact.arrays}.items():
-            buffer = io.BytesIO()
-            np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
-            content = buffer.getbuffer()
-            how = zipfile.ZIP_DEFLATED if len(content) < COMPRESSED_BYTES else zipfile.ZIP_STORED
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content, how, 1)
+    write_npz(path, {"schema": artifact.schema, "dynid": __version__, **artifact.header}, artifact.arrays)
 
 
 def read_artifact(path: Path, schema: str | None = None) -> Artifact:
@@ -146,14 +106,3 @@ def read_header(path: Path) -> dict[str, Any] | None:
             return dict(json.loads(str(archive[HEADER])))
     except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
         return None
-
-
-def _plain(value: object) -> object:
-    """Make numpy scalars, arrays and paths JSON-able."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"{type(value).__name__} cannot be written as JSON")

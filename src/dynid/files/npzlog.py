@@ -1,25 +1,23 @@
-"""The .npz log: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header; also plain npz files of other people.
+"""Reads the .npz log, which ``Log.save`` writes: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header.
 
-A plain file has no header: the order of its columns is assumed to be the robot's (finding W320). ``q_motor`` and
-``tau_motor`` in the place of ``q`` and ``tau`` say that the numbers are on the motor side of the gears.
+Also plain .npz files of other people: without a header the order of the columns is assumed to be the robot's (finding
+W320). ``q_motor`` and ``tau_motor`` in the place of ``q`` and ``tau`` say that the numbers are on the motor side.
 """
 
 from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
-from dynid.files.artifact import HEADER, Artifact, sha256, write_artifact
-from dynid.log import Log
+from dynid.files.artifact import sha256
+from dynid.log import SCHEMA, Log
+from dynid.npz import HEADER
 from dynid.version import __version__
-
-SCHEMA = "dynid/log/1"
 
 
 def read_npz_log(path: Path) -> Log:
@@ -63,32 +61,6 @@ def read_npz_log(path: Path) -> Log:
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
     return log
-
-
-def write_log(path: Path, log: Log, run: Mapping[str, Any] | None = None) -> None:
-    """Write a log whole, with names and units in the header.
-
-    Args:
-        path: the file.
-        log: what to write.
-        run: facts about the run that made it: command line, seed, hashes of inputs.
-    """
-    arrays: dict[str, Any] = {"t": log.t, "q": log.q, "tau": log.tau}
-    if log.qd is not None:
-        arrays["qd"] = log.qd
-    if "q_ref" in log.extra:
-        arrays["q_ref"] = log.extra["q_ref"]
-    header = {
-        **(run or {}),
-        "joint_names": list(log.names),
-        "units": log.units | ({"effort": log.tau_unit} if log.tau_unit and "effort" not in log.units else {}),
-        "topic": log.topic,
-        "motor_side": log.motor_side,
-        "dh": log.dh,
-        "source": {"file": log.source.name if log.source else "", "sha256": log.sha256},
-        "findings": [{"code": f.code, "level": f.level, "text": f.text} for f in log.findings],
-    }
-    write_artifact(path, Artifact(SCHEMA, header, arrays))
 
 
 def _check_schema(path: Path, header: dict[str, Any]) -> None:

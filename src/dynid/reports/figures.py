@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.files.artifact import written_whole
+from dynid.npz import written_whole
 from dynid.robot import Robot
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.files.artifact import written_whole
 from dynid.gap.localisation import JointGap
 from dynid.gap.refit import HeldOutImprovement
+from dynid.npz import written_whole
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 
 if TYPE_CHECKING:

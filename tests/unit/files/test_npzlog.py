@@ -10,14 +10,14 @@ import pytest
 
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.logs import read_log
-from dynid.files.npzlog import read_npz_log, write_log
+from dynid.files.npzlog import read_npz_log
 from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log, shared_data
 
 
 def test_a_log_comes_back_as_it_was_written(tmp_path):
     log = replace(lwr_log(), tau_unit="Nm", dh=True, extra={"q_ref": lwr_log().q + 1})
-    write_log(tmp_path / "log.npz", log)
+    log.save(tmp_path / "log.npz")
     again = read_npz_log(tmp_path / "log.npz")
     for key in ("t", "q", "tau"):
         np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
@@ -27,7 +27,7 @@ def test_a_log_comes_back_as_it_was_written(tmp_path):
 
 def test_units_declared_by_the_file_go_before_those_of_the_robot_file(tmp_path):
     log = replace(lwr_log(), q=np.degrees(lwr_log().q), units={"position": "deg"})
-    write_log(tmp_path / "log.npz", log)
+    log.save(tmp_path / "log.npz")
     again = prepare(read_npz_log(tmp_path / "log.npz"), lwr())
     np.testing.assert_allclose(again.q, lwr_log().q, atol=1e-12)
 
@@ -40,8 +40,8 @@ def test_a_unit_that_is_not_known_is_refused_with_those_that_are(tmp_path):
 
 
 def test_the_same_log_gives_the_same_bytes(tmp_path):
-    write_log(tmp_path / "a.npz", lwr_log())
-    write_log(tmp_path / "b.npz", lwr_log())
+    lwr_log().save(tmp_path / "a.npz")
+    lwr_log().save(tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
 
@@ -96,7 +96,7 @@ def test_odd_shapes_of_time_are_refused(tmp_path, t):
 
 
 def test_a_truncated_file_is_no_log(tmp_path):
-    write_log(tmp_path / "log.npz", lwr_log())
+    lwr_log().save(tmp_path / "log.npz")
     content = (tmp_path / "log.npz").read_bytes()
     (tmp_path / "log.npz").write_bytes(content[: len(content) // 2])
     with pytest.raises(LogNotFound, match="damaged"):

@@ -9,7 +9,6 @@ import pytest
 
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.files.logs import read_log
-from dynid.files.npzlog import write_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
@@ -100,7 +99,7 @@ def test_motor_columns_without_gear_ratios_are_refused():
 def test_a_converted_log_is_not_converted_twice(tmp_path):
     robot = replace(gen2(), driver=replace(gen2().driver, map=JointMap((-1.0,) * 7, (0.3,) * 7)))
     once = prepare(gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")))
-    write_log(tmp_path / "log.npz", once)
+    once.save(tmp_path / "log.npz")
     twice = prepare(read_log(tmp_path / "log.npz", robot=robot), replace(robot, torque=TorqueSource("gravity_free")))
     np.testing.assert_array_equal(once.q, twice.q)
     np.testing.assert_array_equal(once.tau, twice.tau)
