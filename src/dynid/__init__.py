@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dynid.motion import Motion
     from dynid.robot import Robot
     from dynid.trajectory.options import PlanOptions
+    from dynid.workflows.compare import compare, compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
@@ -55,6 +56,8 @@ _HOMES = {
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
+    "compare": "dynid.workflows.compare",
+    "compare_methods": "dynid.workflows.compare",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
     "find_payload": "dynid.workflows.identify",
@@ -85,6 +88,8 @@ __all__ = [
     "Validation",
     "__version__",
     "base_model",
+    "compare",
+    "compare_methods",
     "export",
     "find_drive_gains",
     "find_payload",

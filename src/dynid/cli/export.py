@@ -70,7 +70,7 @@ def write(common: Common, path: Path, text: str) -> None:
 
 def show(common: Common, made: ExportedModel) -> None:
     """Print what was compared and what the formats leave out."""
-    common.terminal.table(["format", "loaded in", "compared", "largest difference"], made.table(), numbers=False)
+    common.terminal.show(made.table(), numbers=False)
     for file in made.files:
         for phrase in file.leaves_out:
             common.terminal.answer(f"{file.format} has no place for {phrase}")

@@ -146,10 +146,12 @@ def write_junit(common: Common, path: Path | None, done: list[Done]) -> list[Pat
     if path is None:
         return []
     from dynid.files.artifact import write_text
-    from dynid.reports.tables import Case, junit
+    from dynid.reports.tables import JunitCase, junit
 
     cases = [
-        Case(d.job.name, Path(d.job.robot).stem, (d.message or outcome(d)) if d.status else "", d.seconds, d.failed)
+        JunitCase(
+            d.job.name, Path(d.job.robot).stem, (d.message or outcome(d)) if d.status else "", d.seconds, d.failed
+        )
         for d in done
     ]
     write_text(path, junit("dynid run", cases))

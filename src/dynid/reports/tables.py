@@ -7,14 +7,16 @@ import io
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from dynid.estimation.result import StoredResult
+from dynid.text import csv_cell, latex, xml
 
 
 @dataclass(frozen=True)
-class Case:
+class JunitCase:
     """One line of a test report.
 
     Attributes:
@@ -32,56 +34,68 @@ class Case:
     error: bool = False
 
 
-def junit(suite: str, cases: Sequence[Case]) -> str:
+def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     """Return a JUnit XML report."""
     failed = [case for case in cases if case.failure and not case.error]
     broken = [case for case in cases if case.error]
-    facts = {"name": suite, "tests": str(len(cases)), "failures": str(len(failed)), "errors": str(len(broken))}
+    facts = {"name": xml(suite), "tests": str(len(cases)), "failures": str(len(failed)), "errors": str(len(broken))}
     root = ET.Element("testsuites", facts)
     element = ET.SubElement(root, "testsuite", facts)
     for case in cases:
-        one = ET.SubElement(element, "testcase", name=case.name, classname=case.group, time=f"{case.seconds:.3f}")
+        one = ET.SubElement(
+            element, "testcase", name=xml(case.name), classname=xml(case.group), time=f"{case.seconds:.3f}"
+        )
         if case.failure:
-            first = case.failure.splitlines()[0]
-            ET.SubElement(one, "error" if case.error else "failure", message=first).text = case.failure
+            lines = [xml(line) for line in case.failure.splitlines()]
+            ET.SubElement(one, "error" if case.error else "failure", message=lines[0]).text = "\n".join(lines)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def runs_csv(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
-    """Return one row a run: figures, then every parameter with its standard error; empty where a run has none."""
+def run_rows(names: Sequence[str], runs: Sequence[StoredResult]) -> list[dict[str, Any]]:
+    """Return one row per run: figures, then every parameter with its standard error; None where a run has none."""
     parameters = list(dict.fromkeys(name for run in runs for name in run.identification.names))
-    columns = [column for name in parameters for column in (name, f"{name}_std_error")]
-    head = ["run", "robot", "method", "rank", "condition_number_scaled", "relative_error_percent"]
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*head, "heldout_relative_error_percent", *columns])
+    rows = []
     for label, run in zip(names, runs, strict=True):
         found = run.identification
-        values = {name: repr(float(value)) for name, value in zip(found.names, found.theta, strict=True)}
-        errors = zip(found.names, found.std_error, strict=True)
-        values |= {f"{name}_std_error": repr(float(error)) for name, error in errors if np.isfinite(error)}
-        held = found.heldout_relative_error_percent
-        row = [
-            label,
-            run.robot.name,
-            found.method,
-            found.rank,
-            found.condition_number_scaled,
-            found.relative_error_percent,
-        ]
-        writer.writerow([*row, "" if held is None else held, *(values.get(column, "") for column in columns)])
+        row: dict[str, Any] = {
+            "run": label,
+            "robot": run.robot.name,
+            "method": found.method,
+            "rank": found.rank,
+            "condition_number_scaled": found.condition_number_scaled,
+            "relative_error_percent": found.relative_error_percent,
+            "heldout_relative_error_percent": found.heldout_relative_error_percent,
+        }
+        place = {name: k for k, name in enumerate(found.names)}
+        for name in parameters:
+            k = place.get(name)
+            error = None if k is None else float(found.std_error[k])
+            row[name] = None if k is None else float(found.theta[k])
+            row[f"{name}_std_error"] = error if error is not None and np.isfinite(error) else None
+        rows.append(row)
+    return rows
+
+
+def runs_csv(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
+    """Return one row per run as CSV; empty where a run has no value."""
+    rows = run_rows(names, runs)
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(map(csv_cell, rows[0]))
+    for row in rows:
+        writer.writerow(csv_cell(value) if isinstance(value, str) else value for value in row.values())
     return stream.getvalue()
 
 
 def runs_latex(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
-    """Return a table with one row a parameter and one column a run (the paper's Table 10), for booktabs."""
+    """Return a table with one row per parameter and one column per run (the paper's Table 10), for booktabs."""
     parameters = list(dict.fromkeys(name for run in runs for name in run.identification.names))
     lines = [rf"\begin{{tabular}}{{l{'r' * len(runs)}}}", r"\toprule"]
-    lines.append(" & ".join(["", *map(latex_text, names)]) + r" \\")
+    lines.append(" & ".join(["", *map(latex, names)]) + r" \\")
     lines.append(r"\midrule")
     for name in parameters:
-        lines.append(" & ".join([latex_text(name), *(_cell(run, name) for run in runs)]) + r" \\")
+        lines.append(" & ".join([latex(name), *(_cell(run, name) for run in runs)]) + r" \\")
     lines.append(r"\midrule")
     figures = (f"{run.identification.relative_error_percent:.3g}" for run in runs)
     lines.append(" & ".join([r"relative error [\%]", *figures]) + r" \\")
@@ -100,9 +114,3 @@ def _cell(run: StoredResult, name: str) -> str:
         return f"${value:.6g}$"
     places = max(0, 1 - int(np.floor(np.log10(error))))
     return rf"${value:.{places}f} \pm {error:.{places}f}$"
-
-
-def latex_text(text: str) -> str:
-    """Return text with the characters that mean something in LaTeX written out."""
-    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    return "".join(special.get(c, f"\\{c}" if c in "_&%$#{}" else c) for c in text)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
+from dynid.table import Table
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class ExportedFile:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExportedModel:
     """The files of one export.
 
@@ -106,7 +107,7 @@ class ExportedModel:
         findings: warnings.
     """
 
-    arm: IdentifiedArm = field(repr=False)
+    arm: IdentifiedArm
     files: tuple[ExportedFile, ...]
     findings: tuple[Finding, ...]
 
@@ -115,16 +116,24 @@ class ExportedModel:
         """Whether every engine that loaded a file has dynid's torques."""
         return all(file.agrees for file in self.files)
 
-    def table(self) -> list[list[str]]:
+    def table(self) -> Table:
         """Return one row per comparison: format, engine, what was compared, largest difference [N m]."""
+        heads = ("format", "loaded in", "compared", "largest difference")
         rows = []
         for file in self.files:
             for each in file.agreements:
                 shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
-                rows.append([file.format, each.engine, each.what, shown])
+                rows.append((file.format, each.engine, each.what, shown))
             if not file.agreements:
-                rows.append([file.format, "-", "refused" if file.refused else "no program here to load it", "-"])
-        return rows
+                rows.append((file.format, "-", "refused" if file.refused else "no program here to load it", "-"))
+        return Table([dict(zip(heads, row, strict=True)) for row in rows])
+
+    def __repr__(self) -> str:
+        """Return the table of comparisons."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid export`` says."""

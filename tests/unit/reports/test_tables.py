@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dynid.reports.tables import Case, junit, latex_text, runs_csv, runs_latex
+from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 
 
 def run(names, theta, error, robot="arm_1"):
@@ -40,19 +40,39 @@ def test_latex_shows_two_digits_of_the_error():
     assert r"run\_1" in text
 
 
-def test_latex_special_characters_are_written_out():
-    """An underscore in a joint's name must not start an index."""
-    assert latex_text("50% of a_b & {c}") == r"50\% of a\_b \& \{c\}"
-
-
 def test_junit_counts_failures_and_errors_apart():
     """A limit that was not met is a failure; a job that could not run is an error; names are escaped."""
     text = junit(
         "suite",
-        [Case("good", "arm"), Case("<b>", "arm", "moved & drifted"), Case("gone", "arm", "no file", error=True)],
+        [JunitCase("good", "arm"), JunitCase("<b>", "arm", "moved & drifted"), JunitCase("gone", "arm", "no file", error=True)],
     )
     suite = ET.fromstring(text).find("testsuite")
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
     assert [case.get("name") for case in suite] == ["good", "<b>", "gone"]
     assert suite[1].find("failure").get("message") == "moved & drifted"
     assert suite[2].find("error") is not None
+
+
+ATTACK = '=cmd|"/C calc"!A0 \\input{x} <b> \x00\u202e'
+
+
+def test_hostile_names_stay_text_in_every_table():
+    """Robot, run and parameter names come from files: no formula, command, element or control character is left."""
+    runs = [run((ATTACK, "m2"), [1.0, 2.0], [0.1, 0.1], robot=ATTACK)]
+    (head, row) = csv.reader(io.StringIO(runs_csv([ATTACK], runs)))
+    for cell in (head[7], head[8], row[0], row[1]):
+        assert cell.startswith("'=cmd")
+        assert cell.isprintable()
+    assert row[7] == "1.0"
+    text = runs_latex([ATTACK], runs)
+    assert "\\input" not in text
+    assert text.count(r"\textbackslash{}input\{x\}") == 2
+    one = ET.fromstring(junit(ATTACK, [JunitCase(ATTACK, ATTACK, f"{ATTACK}\n{ATTACK}")])).find("testsuite/testcase")
+    assert one.get("name") == one.get("classname") == one.find("failure").get("message")
+    assert one.get("name").startswith('=cmd|"/C calc"')
+
+
+def test_a_negative_number_is_no_formula():
+    """Numbers are written as they are."""
+    rows = list(csv.DictReader(io.StringIO(runs_csv(["a"], [run(("m1",), [-1.5], [0.5])]))))
+    assert rows[0]["m1"] == "-1.5"

@@ -1,0 +1,442 @@
+"""Many results side by side, drift against a baseline, and every estimator on the same logs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import DynidError, WrongUsage
+from dynid.log import Log
+from dynid.options import share_or_none
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.table import Table
+from dynid.workflows.logs import LogOptions
+from dynid.workflows.parameters import observe
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from dynid.estimation.compare import Change, Comparison, FigureOfMerit
+    from dynid.estimation.result import Identification, StoredResult
+    from dynid.model.store import BaseModel
+
+#: Share of each log that is held out to compare estimators.
+HELD_OUT = 0.2
+#: Names that a table shows of the parameters that differ.
+SHOWN_NAMES = 4
+
+
+# ---------------------------------------------------------------- results
+@dataclass(frozen=True)
+class ComparedRun:
+    """One run beside the reference.
+
+    Attributes:
+        name: short name.
+        result: its result.
+        reference: name of the run that it is compared with, empty for the reference itself.
+        comparison: what changed; None for the reference, or where another arm has other parameters.
+        tolerance: largest change of any number that counts as none, as a share; None to measure by the noise.
+    """
+
+    name: str
+    result: StoredResult
+    reference: str = ""
+    comparison: Comparison | None = None
+    tolerance: float | None = None
+
+    @property
+    def changed(self) -> tuple[Change | FigureOfMerit, ...]:
+        """The numbers that changed: beyond the tolerance, or more than noise explains where there is none."""
+        if self.comparison is None:
+            return ()
+        return self.comparison.drifted if self.tolerance is None else self.comparison.beyond(self.tolerance)
+
+    @property
+    def drift(self) -> str:
+        """Why the run has drifted from the reference; empty when it has not."""
+        if not self.changed:
+            return ""
+        if self.tolerance is None:
+            return f"{', '.join(each.name for each in self.changed)} changed more than noise explains"
+        worst, more = self.changed[0], len(self.changed) - 1
+        rest = f" and {more} more" if more else ""
+        return f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
+
+    def summary(self) -> str:
+        """Return how many numbers changed, in one sentence; empty where nothing was compared."""
+        if self.comparison is None:
+            return ""
+        measure = "more than noise explains" if self.tolerance is None else f"by more than {100 * self.tolerance:g} %"
+        return (
+            f"{self.name} against {self.reference}: {len(self.changed)} numbers changed {measure}; "
+            f"chance of the largest change by noise: {self.comparison.p_value:.2g}"
+        )
+
+    def table(self) -> Table:
+        """Return the numbers that changed."""
+        rows = []
+        for each in self.changed:
+            chance = getattr(each, "p_value", None)
+            rows.append(
+                {
+                    "number": each.name,
+                    "before": f"{each.before:.5g}",
+                    "after": f"{each.after:.5g}",
+                    "change": f"{each.percent:+.2f} %",
+                    "p": "-" if chance is None or chance != chance else f"{chance:.1g}",
+                }
+            )
+        return Table(rows)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the comparison as the JSON answer has it."""
+        assert self.comparison is not None
+        tolerance = self.tolerance
+        return {
+            "run": self.name,
+            "against": self.reference,
+            "p_value": self.comparison.p_value,
+            "changed": [asdict(each) for each in self.comparison.drifted],
+            "beyond_tolerance": [] if tolerance is None else [asdict(c) for c in self.comparison.beyond(tolerance)],
+            "figures": [asdict(each) for each in self.comparison.figures],
+            "passed": not self.drift,
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class RunComparison:
+    """Several results side by side.
+
+    Attributes:
+        runs: the runs, each with what changed against the baseline, or against the first run where there is none.
+        baseline: name of the baseline, None without one.
+        tolerance: largest change that counts as none, as a share; None to measure by the noise.
+    """
+
+    runs: tuple[ComparedRun, ...]
+    baseline: str | None
+    tolerance: float | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no run has drifted from the baseline; True without one."""
+        return self.baseline is None or not any(run.drift for run in self.runs)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the runs."""
+        return [run.name for run in self.runs]
+
+    @property
+    def results(self) -> list[StoredResult]:
+        """Results of the runs."""
+        return [run.result for run in self.runs]
+
+    def table(self) -> Table:
+        """Return one row per run: robot, estimator, rank, condition number, errors."""
+        rows = []
+        for run in self.runs:
+            found = run.result.identification
+            worst = max(found.joints, key=lambda joint: joint.relative_percent)
+            held = found.heldout_relative_error_percent
+            rows.append(
+                {
+                    "run": run.name,
+                    "robot": run.result.robot.name,
+                    "method": found.method,
+                    "rank": f"{found.rank}",
+                    "condition": f"{found.condition_number_scaled:.3g}",
+                    "unexplained": f"{found.relative_error_percent:.2f} %",
+                    "held out": "-" if held is None else f"{held:.2f} %",
+                    "weakest joint": f"{worst.joint} {worst.relative_percent:.1f} %",
+                }
+            )
+        return Table(rows)
+
+    def __repr__(self) -> str:
+        """Return the table and one sentence per comparison."""
+        return "\n".join([repr(self.table()), *filter(None, (run.summary() for run in self.runs))])
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def to_dataframe(self) -> DataFrame:
+        """Return one row per run: figures, then every parameter with its standard error.
+
+        Raises:
+            PackageMissing: pandas is not installed.
+        """
+        from dynid.reports.tables import run_rows
+
+        return Table(run_rows(self.names, self.results)).to_dataframe().set_index("run")
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid compare`` says."""
+        return {
+            "schema": "dynid/compare/1",
+            "runs": [_described(run) for run in self.runs],
+            "baseline": self.baseline,
+            "tolerance": self.tolerance,
+            "comparisons": [run.facts() for run in self.runs if run.comparison],
+            "passed": self.passed,
+        }
+
+    def csv(self) -> str:
+        """Return one row per run as CSV."""
+        from dynid.reports.tables import runs_csv
+
+        return runs_csv(self.names, self.results)
+
+    def latex(self) -> str:
+        """Return one column per run as a LaTeX table."""
+        from dynid.reports.tables import runs_latex
+
+        return runs_latex(self.names, self.results)
+
+    def junit(self) -> str:
+        """Return a JUnit XML report with one test per run that was compared."""
+        from dynid.reports.tables import JunitCase, junit
+
+        return junit(
+            "dynid compare",
+            [JunitCase(run.name, run.result.robot.name, run.drift) for run in self.runs if run.reference],
+        )
+
+
+def compare(
+    results: Sequence[StoredResult],
+    *,
+    baseline: StoredResult | None = None,
+    tolerance: float | str | None = None,
+    names: Sequence[str] = (),
+    baseline_name: str = "",
+) -> RunComparison:
+    """Put results side by side, and say what changed against a baseline, or against the first of them.
+
+    Args:
+        results: the results.
+        baseline: what they are judged against, None for the first result, which judges nothing.
+        tolerance: largest change of any number that counts as none, as ``0.01`` or ``"1%"``; None to measure by the
+            noise.
+        names: short names of the results; made from their files when not given.
+        baseline_name: name of the baseline.
+
+    Raises:
+        WrongUsage: a tolerance is given without a baseline, or a result has other parameters than the baseline.
+    """
+    from dynid.estimation.compare import compare as compared
+    from dynid.estimation.compare import same_parameters
+
+    if baseline is None and tolerance is not None:
+        raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
+    share = share_or_none(tolerance, "--tolerance")
+    shown = list(names) or short_names([result.path for result in results])
+    first = baseline or results[0]
+    reference = (baseline_name or short_names([first.path])[0]) if baseline else shown[0]
+    runs = []
+    for name, result in zip(shown, results, strict=True):
+        if result is first and baseline is None:
+            runs.append(ComparedRun(name, result))
+            continue
+        same = same_parameters(first.identification, result.identification)
+        if baseline is not None and not same:
+            raise WrongUsage(
+                f"{result.path} has other base parameters than {first.path}: {result.robot.name}, {first.robot.name}",
+                fix="identify both with the same robot file",
+            )
+        comparison = compared(first.identification, result.identification) if same else None
+        runs.append(ComparedRun(name, result, reference, comparison, share))
+    return RunComparison(tuple(runs), reference if baseline else None, share)
+
+
+def short_names(paths: Sequence[Path], given: Sequence[Path] = ()) -> list[str]:
+    """Return names for results: those of their folders, or what was given for them where two would be the same."""
+    names = [path.parent.name if path.name == "parameters.npz" and path.parent.name else str(path) for path in paths]
+    if len(set(names)) < len(names):
+        names = [str(path) for path in given or paths]
+    return [f"run {k}" if name == "." else name for k, name in enumerate(names, start=1)]
+
+
+def _described(run: ComparedRun) -> dict[str, Any]:
+    found = run.result.identification
+    parameters = {
+        each: {"value": float(value), "std_error": float(error)}
+        for each, value, error in zip(found.names, found.theta, found.std_error, strict=True)
+    }
+    return {
+        "run": run.name,
+        "path": str(run.result.path),
+        "robot": run.result.robot.name,
+        "method": found.method,
+        "rank": found.rank,
+        "condition_number_scaled": found.condition_number_scaled,
+        "relative_error_percent": found.relative_error_percent,
+        "heldout_relative_error_percent": found.heldout_relative_error_percent,
+        "joints": [
+            {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent} for j in found.joints
+        ],
+        "parameters": parameters,
+        "log_sha256": list(run.result.log_sha256),
+    }
+
+
+# ---------------------------------------------------------------- estimators
+@dataclass(frozen=True)
+class EstimatorRow:
+    """What one estimator made of the logs.
+
+    Attributes:
+        method: estimator.
+        result: what it found.
+        seconds: how long it took [s].
+        possible: whether some arm has exactly these base parameters; None where the logs leave directions open.
+        differs: parameters further from the chosen estimator's than the errors of both, the furthest first.
+    """
+
+    method: str
+    result: Identification
+    seconds: float
+    possible: bool | None
+    differs: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class MethodComparison:
+    """Every estimator on the same logs.
+
+    Attributes:
+        robot: the arm.
+        logs: names of the logs.
+        chosen: estimator that ``auto`` takes.
+        why: why.
+        heldout: what was held out.
+        delay: the delay of the torques, as in the JSON answer [s].
+        rows: one per estimator that could be used, the chosen one first.
+        biased: parameters on which least squares and instruments disagree, which encoder noise explains; None where
+            one of the two could not be used.
+    """
+
+    robot: Robot
+    logs: tuple[str, ...]
+    chosen: str
+    why: str
+    heldout: str
+    delay: dict[str, Any]
+    rows: tuple[EstimatorRow, ...]
+    biased: tuple[str, ...] | None
+
+    def table(self) -> Table:
+        """Return one row per estimator: errors, time, whether the parameters are possible, what differs."""
+        words = {True: "yes", False: "no", None: "-"}
+        rows = []
+        for row in self.rows:
+            held = row.result.heldout_by_set
+            more = f" and {len(row.differs) - SHOWN_NAMES} more" if len(row.differs) > SHOWN_NAMES else ""
+            rows.append(
+                {
+                    "method": row.method + (" (auto)" if row.method == self.chosen else ""),
+                    "unexplained": f"{row.result.relative_error_percent:.2f} %",
+                    "held out": f"{held['plain']:.2f} %",
+                    "physical set": f"{held['physical']:.2f} %",
+                    "time": f"{row.seconds:.2f} s",
+                    "possible as it is": words[row.possible],
+                    "differs beyond errors": ", ".join(row.differs[:SHOWN_NAMES]) + more or "-",
+                }
+            )
+        return Table(rows)
+
+    def __repr__(self) -> str:
+        """Return the table and the alarm for encoder noise."""
+        return "\n".join(filter(None, [repr(self.table()), self.alarm()]))
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def alarm(self) -> str:
+        """Return the sentence about encoder noise; empty when least squares and instruments agree."""
+        if not self.biased:
+            return ""
+        names = ", ".join(self.biased[:SHOWN_NAMES])
+        return f"bias: least squares and instruments disagree on {names}: encoder noise; use --method iv"
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid compare --methods`` says."""
+        return {
+            "schema": "dynid/compare/1",
+            "robot": self.robot.name,
+            "logs": list(self.logs),
+            "auto": self.chosen,
+            "why": self.why,
+            "heldout": self.heldout,
+            **self.delay,
+            "methods": [
+                {
+                    "method": row.method,
+                    "relative_error_percent": row.result.relative_error_percent,
+                    "heldout_relative_error_percent": row.result.heldout_by_set["plain"],
+                    "heldout_relative_error_percent_physical": row.result.heldout_by_set["physical"],
+                    "seconds": row.seconds,
+                    "physically_consistent": row.possible,
+                    "differs_from_auto": list(row.differs),
+                }
+                for row in self.rows
+            ],
+            "bias_alarm": None if self.biased is None else bool(self.biased),
+            "biased_parameters": list(self.biased or ()),
+        }
+
+
+def compare_methods(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    options: LogOptions = LogOptions(),  # noqa: B008
+    *,
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+) -> MethodComparison:
+    """Identify from the same logs with every estimator that they allow.
+
+    Args:
+        robot: the arm.
+        logs: one or several logs, as read or checked.
+        options: how they are checked and filtered.
+        base: the arm's base model, where it is there already.
+        progress: told which estimators are not possible.
+    """
+    from dynid.estimation.compare import biased, differing
+    from dynid.estimation.estimate import estimate, last_share
+    from dynid.estimation.estimators import METHODS, choose
+    from dynid.estimation.physical_parameters import reproduced
+
+    seen = observe(robot, logs, options, base=base, progress=progress)
+    stack, base, header = seen.stack, seen.base, seen.header()
+    holdout = last_share(stack, HELD_OUT)
+    chosen, why = choose(stack)
+    progress.stage("estimate", f"auto takes {chosen}: {why}")
+    found: dict[str, tuple[Identification, float]] = {}
+    for name in sorted(METHODS, key=lambda name: name != chosen):
+        start = time.perf_counter()
+        try:
+            result = estimate(stack, base, method=name, holdout=holdout, drop_weak=True)
+        except DynidError as error:
+            progress.stage(name, f"not possible: {error}")
+            continue
+        found[name] = (result, time.perf_counter() - start)
+    rows = tuple(
+        EstimatorRow(
+            name,
+            result,
+            seconds,
+            reproduced(base, result.plain, result.covariance) if result.rank == len(result.names) else None,
+            tuple(differing(result, found[chosen][0])),
+        )
+        for name, (result, seconds) in found.items()
+    )
+    alarm = tuple(biased(found["wls"][0], found["iv"][0])) if {"wls", "iv"} <= set(found) else None
+    delay = {key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
+    return MethodComparison(robot, seen.logs, chosen, why, holdout.text, delay, rows, alarm)

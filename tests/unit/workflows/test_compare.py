@@ -1,0 +1,124 @@
+"""Results side by side, what changed against a baseline, and every estimator on one log."""
+
+import builtins
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import log
+from dynid import compare, compare_methods
+from dynid.errors import PackageMissing, WrongUsage
+from dynid.estimation.compare import BIASED, biased, differing
+
+
+def test_two_motions_of_one_arm_have_not_drifted(result, other):
+    found = compare([other], baseline=result)
+    assert found.passed
+    assert [run.drift for run in found.runs] == [""]
+    assert found.runs[0].comparison.p_value > 0.01
+
+
+def test_an_elbow_with_five_percent_more_torque_is_named_with_the_size_of_the_change(result, scaled):
+    found = compare([scaled], baseline=result, tolerance="1%")
+    (run,) = found.runs
+    assert not found.passed
+    changes = {change.name: change.percent for change in run.changed}
+    assert changes["elbow torque_rms_nm"] == pytest.approx(5.0, abs=0.01)
+    assert "fv2" in changes
+    assert not {"fv1", "shoulder torque_rms_nm"} & set(changes)
+    assert run.drift.startswith(f"{run.changed[0].name} ")
+
+
+def test_the_first_run_is_the_reference_where_there_is_no_baseline(result, scaled):
+    """It judges nothing, but what changed is said."""
+    found = compare([result, scaled], names=("now", "then"))
+    assert [run.reference for run in found.runs] == ["", "now"]
+    assert found.runs[1].drift.endswith("changed more than noise explains")
+    assert found.passed
+    assert repr(found).splitlines()[-1].startswith("then against now: ")
+
+
+def test_a_tolerance_without_a_baseline_is_wrong_usage(result):
+    with pytest.raises(WrongUsage, match="--tolerance needs a --baseline"):
+        compare([result], tolerance=0.01)
+
+
+def test_another_arm_is_shown_but_not_judged_and_is_no_baseline(result):
+    found = result.identification
+    fewer = replace(result, identification=replace(found, names=("x", *found.names[1:])))
+    assert compare([result, fewer]).runs[1].comparison is None
+    with pytest.raises(WrongUsage, match="other base parameters"):
+        compare([fewer], baseline=result)
+
+
+def test_the_table_has_one_row_per_run_and_the_worst_joint(result, other):
+    table = compare([result, other], names=("a", "b")).table()
+    assert [row["run"] for row in table] == ["a", "b"]
+    worst = max(result.identification.joints, key=lambda joint: joint.relative_percent)
+    assert table[0]["weakest joint"] == f"{worst.joint} {worst.relative_percent:.1f} %"
+
+
+def test_texts_for_other_programs_hold_the_runs(result, scaled):
+    """CSV: a head and two rows; LaTeX: both names; JUnit: the run that was compared, failed."""
+    found = compare([result, scaled], names=("a", "b_2"))
+    assert len(found.csv().splitlines()) == 3
+    assert r" & a & b\_2 \\" in found.latex()
+    assert 'tests="1" failures="1" errors="0"' in found.junit()
+    assert 'testcase name="b_2"' in found.junit()
+
+
+def test_a_data_frame_has_one_row_per_run(result, other):
+    pytest.importorskip("pandas")
+    frame = compare([result, other], names=("a", "b")).to_dataframe()
+    assert list(frame.index) == ["a", "b"]
+    assert frame.loc["a", "fv1"] == result.identification.theta[result.identification.names.index("fv1")]
+
+
+def test_without_pandas_the_package_is_named(result, monkeypatch):
+    real = builtins.__import__
+
+    def missing(name, *rest):
+        if name == "pandas":
+            raise ImportError
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(PackageMissing, match="pandas is not installed"):
+        compare([result]).to_dataframe()
+
+
+def test_every_estimator_is_tried_on_the_same_log(arm):
+    """The chosen one comes first; without commanded motion or controller the instruments are not possible."""
+    found = compare_methods(arm, log(1))
+    assert found.rows[0].method == found.chosen == "wls"
+    assert {row.method for row in found.rows} == {"wls", "ols", "irls", "ridge"}
+    assert found.biased is None
+    assert found.alarm() == ""
+    assert found.rows[0].differs == ()
+    assert found.rows[0].result.heldout_by_set["plain"] == pytest.approx(
+        found.rows[0].result.relative_error_percent, rel=0.3
+    )
+    answer = found.facts()
+    assert (answer["auto"], answer["bias_alarm"], answer["heldout"]) == ("wls", None, found.heldout)
+
+
+def identification(result, shift, error):
+    """The result's numbers with all estimates moved by a number of errors of a given size."""
+    found = result.identification
+    size = np.full(len(found.names), error)
+    return replace(found, plain=found.plain + shift * error, std_error=size, covariance=np.diag(size**2))
+
+
+def test_estimates_further_apart_than_their_errors_differ(result):
+    one, near, far = (identification(result, shift, 0.1) for shift in (0.0, 1.9, 2.1))
+    assert differing(one, near) == []
+    assert set(differing(one, far)) == set(result.identification.names)
+
+
+def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result):
+    """Errors of 0.05 and 0.1: the difference has the error sqrt(0.01 - 0.0025) = 0.0866, four of which are 0.3464."""
+    instruments, error = identification(result, 0.0, 0.1), np.sqrt(0.1**2 - 0.05**2)
+    near, far = (identification(result, factor * BIASED * error / 0.05, 0.05) for factor in (0.99, 1.01))
+    assert biased(near, instruments) == []
+    assert set(biased(far, instruments)) == set(result.identification.names)
