@@ -44,7 +44,11 @@ def test_junit_counts_failures_and_errors_apart():
     """A limit that was not met is a failure; a job that could not run is an error; names are escaped."""
     text = junit(
         "suite",
-        [JunitCase("good", "arm"), JunitCase("<b>", "arm", "moved & drifted"), JunitCase("gone", "arm", "no file", error=True)],
+        [
+            JunitCase("good", "arm"),
+            JunitCase("<b>", "arm", "moved & drifted"),
+            JunitCase("gone", "arm", "no file", error=True),
+        ],
     )
     suite = ET.fromstring(text).find("testsuite")
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
