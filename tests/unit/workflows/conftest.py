@@ -1,28 +1,15 @@
 """Results of a two-link arm whose torques are written out by hand, for the tests of the workflows."""
 
-import sys
-from pathlib import Path
-
-import numpy as np
 import pytest
+from two_link_logs import ROBOT, log
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "cli"))
-import twolink
-from dynid import Log, identify, load_robot
-
-
-def log(seed, noise=0.02, scale=(1.0, 1.0)):
-    """A log of the arm; ``scale`` multiplies the torque of each joint."""
-    t, q, qd, qdd = twolink.motion(seed)
-    rng = np.random.default_rng(seed + 100)
-    tau = (twolink.torque(q, qd, qdd) + noise * rng.standard_normal(q.shape)) * np.array(scale)
-    return Log(t=t, q=q, tau=tau, names=("shoulder", "elbow"))
+from dynid import identify, load_robot
 
 
 @pytest.fixture(scope="session")
 def arm(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "arm.yaml"
-    path.write_text(twolink.ROBOT)
+    path.write_text(ROBOT)
     return load_robot(path)
 
 

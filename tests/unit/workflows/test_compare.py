@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from two_link_logs import log
 
-from conftest import log
 from dynid import compare, compare_methods
 from dynid.errors import PackageMissing, WrongUsage
 from dynid.estimation.compare import BIASED, biased, differing
