@@ -27,9 +27,9 @@ from dynid.gap.refit import held_out_improvement, refit
 from dynid.gap.search import EffectSearch
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.model.store import BaseModel
 from dynid.robot import Coulomb
 from dynid.signals.stamps import with_even_clock
 

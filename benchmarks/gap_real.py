@@ -27,9 +27,9 @@ from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.problem import kept_model, make_problem
 from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.model.store import BaseModel
 from dynid.signals.checks import prepare
 
 CUTOFF = 10.0

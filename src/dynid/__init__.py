@@ -22,7 +22,7 @@ from dynid.version import __version__
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.log import Log
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.motion import Motion
     from dynid.robot import Robot
     from dynid.trajectory.options import PlanOptions
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 #: Where each public name lives.
 _HOMES = {
-    "BaseModel": "dynid.model.store",
+    "BaseModel": "dynid.model.base_model",
     "ExportOptions": "dynid.workflows.export",
     "ExportedModel": "dynid.workflows.export",
     "Identification": "dynid.estimation.result",

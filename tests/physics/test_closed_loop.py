@@ -12,11 +12,11 @@ from dynid.estimation.closed_loop import Arm, follow
 from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimators import METHODS
 from dynid.estimation.stack import stack
-from dynid.model.store import obtain_base_model
 from dynid.robot import Controller, Joint, Limits, Robot
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.arm import Friction
 from dynid.sim.sines import SineSpec, sines
+from dynid.workflows.model import base_model
 
 HALF = np.pi / 2
 LIMITS = Limits((-2.5, 2.5), 2.0, 8.0)
@@ -44,7 +44,7 @@ def logged(encoder_deg, seed=0, seconds=12.0):
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory):
-    return obtain_base_model(ROBOT, tmp_path_factory.mktemp("three"))
+    return base_model(ROBOT, tmp_path_factory.mktemp("three"))
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from dynid.estimation.result import StoredResult
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
-from dynid.model.store import obtain_base_model
 from dynid.robot import Body, Controller
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
+from dynid.workflows.model import base_model
 
 PLANT = read_plant(Path(__file__).parents[2] / "trajectories" / "lwr4plus_truth.yaml")
 ROBOT = load_robot("kuka_lwr4plus")
@@ -32,7 +32,7 @@ RATE, ENCODER = 500.0, np.deg2rad(1e-3)
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory):
-    return obtain_base_model(ROBOT, tmp_path_factory.mktemp("lwr"))
+    return base_model(ROBOT, tmp_path_factory.mktemp("lwr"))
 
 
 def logged(seed, load=None, seconds=25.0):

@@ -8,7 +8,7 @@ from lab import Lab, start_master, store, swing
 
 from dynid.drivers.ros import missing_modules
 from dynid.files.robotfile import load_robot
-from dynid.model.store import obtain_base_model
+from dynid.workflows.model import base_model
 
 
 def pytest_collection_modifyitems(items):
@@ -36,7 +36,7 @@ def models(tmp_path_factory):
     """Return a folder with the models of the arms, which would be derived anew in each test's folder otherwise."""
     folder = tmp_path_factory.mktemp("models")
     for robot in ("kinova_gen2", "kuka_lwr4plus", "ur10"):
-        obtain_base_model(load_robot(robot), folder / robot)
+        base_model(load_robot(robot), folder / robot)
     return folder
 
 

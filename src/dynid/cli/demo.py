@@ -32,7 +32,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
 
         return tell(common, effect)
     from dynid.cli.identify import run_identify
-    from dynid.cli.model import derive_or_load, reduce_now
+    from dynid.cli.model import derive, reduce
     from dynid.cli.validate import run_validate
     from dynid.estimation import result
     from dynid.files.robotfile import load_robot, packaged
@@ -41,8 +41,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     common = replace(common, out=common.out or Path("out") / "demo" / robot, force=True)
     terminal = common.terminal
     terminal.say("--- loop 1: dynid model", "bold")
-    built = derive_or_load(common, load_robot(robot), rebuild=None)
-    reduce_now(common, built, samples=200, tolerance="auto")
+    reduce(common, derive(common, load_robot(robot)))
     terminal.say("--- loop 3: dynid identify, on a log simulated by PyBullet", "bold")
     identified = run_identify(common, robot, (logs / f"{ARMS[robot]}_identify.bag",), final=False)
     terminal.say("--- dynid validate, on another motion", "bold")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.refit import FittedEffect
     from dynid.gap.stepwise_selection import SelectionOptions
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.

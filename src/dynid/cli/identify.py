@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dynid.estimation.payload import Payload
     from dynid.estimation.result import Identification, StoredResult
     from dynid.log import Log
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
 #: Methods that depend on the controller of the robot file.

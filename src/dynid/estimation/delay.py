@@ -21,7 +21,7 @@ from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
 from dynid.estimation.observation_rows import RowWalk, joint_factors
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
-from dynid.model.store import BaseModel
+from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
 
 Floats = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dynid.estimation.conditioned_log import ConditionedLog, with_effects
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import stack_base
+from dynid.model.base_model import BaseModel
 from dynid.model.reference import model_torques
-from dynid.model.store import BaseModel
 
 Floats = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Stack
 from dynid.estimation.uncertainty import Knowledge, judge
+from dynid.model.base_model import BaseModel
 from dynid.model.mass_matrix import random_poses, sign_alarm
 from dynid.model.prior import prior_base_parameters
-from dynid.model.store import BaseModel
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from dynid.errors import Finding
 from dynid.estimation.estimators import wls
 from dynid.estimation.stack import Stack
 from dynid.estimation.uncertainty import HARMLESS, ROUGHLY, WELL
-from dynid.model.store import BaseModel
+from dynid.model.base_model import BaseModel
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from dynid.estimation.consistent import ConsistentFit, complete, fit_pooled
 from dynid.estimation.estimators import Estimate
 from dynid.estimation.physical_constraints import Physics, make_physics
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import body_of, prior_vector
-from dynid.model.store import BaseModel
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]

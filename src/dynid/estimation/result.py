@@ -13,8 +13,9 @@ from dynid.errors import Finding, NotAnArtifact
 from dynid.estimation.physical_parameters import FullSet
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import Reduction
-from dynid.model.store import BaseModel, reduction_facts, reduction_from
+from dynid.model.store import reduction_facts, reduction_from
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,8 @@ from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.least_squares import accumulate, merge
 from dynid.estimation.observation_rows import ObservationRows, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
+from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
-from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 
 Floats = NDArray[np.float64]

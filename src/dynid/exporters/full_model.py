@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation.physical_constraints import smallest_eigenvalues
 from dynid.estimation.physical_parameters import FROM_DATA, FullSet
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import body_of, prior_bodies
-from dynid.model.store import BaseModel
 from dynid.robot import LINK_PARAMETERS, Body, Robot
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from dynid.exporters.engines import Torques
 from dynid.exporters.full_model import FullModel
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import random_states
-from dynid.model.store import BaseModel
 from dynid.robot import Robot
 from dynid.text import file_name
 

@@ -15,8 +15,8 @@ from dynid.gap.search import EffectSearch, search_effects, without
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
 from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
-from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 
 #: Visible share below which these logs cannot show an effect, so that its absence means nothing.

@@ -20,10 +20,10 @@ from dynid.files.artifact import write_text
 from dynid.gap.problem import GapProblem
 from dynid.gap.refit import FittedEffect
 from dynid.gap.segments import Mask
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
 from dynid.model.regressor import Model
-from dynid.model.store import BaseModel
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioning import Segment
 from dynid.signals.delay import segment_without_delay

@@ -16,9 +16,9 @@ from dynid.estimation.physical_parameters import physics_of
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.reference import model_torques
-from dynid.model.store import BaseModel
 from dynid.sim.replay import Replay, replay
 
 #: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque

@@ -14,9 +14,9 @@ from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import WEAK, WhitenedRegression, whitened_regression
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
-from dynid.model.store import BaseModel
 
 #: Share of each log that is held out where there are fewer than three motions.
 HELD_OUT = 0.2

@@ -15,8 +15,8 @@ from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selec
 from dynid.gap.significance import SignificanceTest, candidates_at, score_candidate
 from dynid.gap.stepwise_selection import Key, SelectionOptions, StepwiseSelection, wanted_effects
 from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
-from dynid.model.store import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.signals.delay import segment_without_delay
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation.conditioned_log import ConditionedLog, arm_motion, with_effects
 from dynid.estimation.observation_rows import rows_of
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
-from dynid.model.store import BaseModel
 from dynid.signals.filters import decimate
 
 Mask = NDArray[np.bool_]

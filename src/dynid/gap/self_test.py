@@ -11,9 +11,9 @@ from dynid.estimation.conditioned_log import ConditionedLog, condition_logs
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model
-from dynid.model.store import BaseModel
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import Plant
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,24 +24,6 @@ REGRESSOR = "dynid/regressor/1"
 FULL = "dynid/fullregressor/1"
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
 DERIVATION = 2
-
-
-@dataclass(frozen=True)
-class BaseModel:
-    """A model with its base parameters.
-
-    Attributes:
-        model: the full regressor.
-        reduction: the base parameters.
-    """
-
-    model: Model
-    reduction: Reduction
-
-    @property
-    def robot(self) -> Robot:
-        """The arm."""
-        return self.model.robot
 
 
 def key_of(robot: Robot) -> str:
@@ -168,16 +149,3 @@ def obtain_model(robot: Robot, out: Path, *, rebuild: bool = False) -> tuple[Mod
     seconds = time.perf_counter() - start
     save_model(path, model)
     return model, seconds
-
-
-def obtain_base_model(robot: Robot, out: Path, *, rebuild: bool = False, samples: int = 200) -> BaseModel:
-    """Return model and base parameters of a robot from the folder, or make and write what is missing or stale."""
-    model, seconds = obtain_model(robot, out, rebuild=rebuild)
-    path = paths(out)[1]
-    if seconds is None and stored_key(path) == key_of(robot):
-        return BaseModel(model, load_reduction(path))
-    from dynid.model.reduce import base_parameters
-
-    reduction = base_parameters(model, samples=samples)
-    save_reduction(path, model, reduction)
-    return BaseModel(model, reduction)

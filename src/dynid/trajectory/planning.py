@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters
-from dynid.model.store import BaseModel
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot

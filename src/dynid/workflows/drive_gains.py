@@ -17,7 +17,7 @@ from dynid.workflows.model import base_model
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains, Load
     from dynid.estimation.stack import Stack
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
 
 
 def needs_gains(robot: Robot, log: Log) -> bool:

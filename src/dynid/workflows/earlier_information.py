@@ -16,7 +16,7 @@ from dynid.log import Log
 from dynid.progress import SILENT, Progress
 
 if TYPE_CHECKING:
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ from dynid.workflows.validate import base_model_of
 if TYPE_CHECKING:
     from dynid.estimation.result import StoredResult
     from dynid.exporters import Agreement, IdentifiedArm
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
 
 #: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
 SUFFIXES = {

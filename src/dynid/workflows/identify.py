@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dynid.estimation.payload import Payload
     from dynid.estimation.result import Identification, StoredResult
     from dynid.estimation.stack import Stack
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
 
 METHODS = ("auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge")
 #: What the estimators are, for people.

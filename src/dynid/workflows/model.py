@@ -2,52 +2,324 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from dynid.errors import WrongUsage
+from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
+    from dynid.model.regressor import Model
 
+#: Columns that each joint may have beyond its link's ten parameters.
+EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
 #: Base models that are kept in memory, by the key of their robot: deriving one takes a quarter of a second.
 _kept: dict[str, BaseModel] = {}
 KEPT = 8
 
 
-def base_model(robot: Robot, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
+# ---------------------------------------------------------------- options
+def _vector(value: Any, name: str) -> tuple[float, float, float] | None:  # noqa: ANN401
+    if value is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in (value.split(",") if isinstance(value, str) else value))
+    except (TypeError, ValueError):
+        raise WrongUsage(f"{name} '{value}' is not three numbers", fix=f"{name} 0,0,-9.81") from None
+    return x, y, z
+
+
+def _effects(value: Any, name: str) -> tuple[str, ...] | None:  # noqa: ANN401
+    if value is None:
+        return None
+    words = value.split(",") if isinstance(value, str) else value
+    wanted = () if value == "none" else tuple(word.strip() for word in words)
+    for word in wanted:
+        if word not in EFFECTS:
+            raise WrongUsage(f"{name}: no effect '{word}'", fix=f"choose from {', '.join(EFFECTS)}, or none")
+    return wanted
+
+
+def _tolerance(value: Any, name: str) -> float | None:  # noqa: ANN401
+    if value is None or value == "auto":
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise WrongUsage(f"{name} '{value}' is neither auto nor a number", fix=f"{name} auto") from None
+
+
+def _samples(value: Any, name: str) -> int:  # noqa: ANN401
+    if not 10 <= int(value) <= 100_000:
+        raise WrongUsage(f"{name} {value} is not between 10 and 100000", fix=f"such as {name} 200")
+    return int(value)
+
+
+@dataclass(frozen=True)
+class ModelOptions(Options):
+    """What differs from the robot file, and how the base parameters are found."""
+
+    gravity: tuple[float, float, float] | None = option(
+        None, "Gravity in frame 0 [m/s^2], instead of the robot file's.", metavar="X,Y,Z", read=_vector
+    )
+    effects: tuple[str, ...] | None = option(
+        None, f"Columns of every joint: some of {','.join(EFFECTS)}; or none.", metavar="LIST", read=_effects
+    )
+    links: str | tuple[int, ...] | None = option(
+        None,
+        "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
+        metavar="LIST",
+        read=lambda value, _: value,
+    )
+    samples: int = option(
+        200, "Number of random states that singular values are taken of.", bounds=(10, 100_000), read=_samples, shown=""
+    )
+    tolerance: float | None = option(
+        None,
+        "Relative size below which a column depends on others.",
+        metavar="auto|X",
+        read=_tolerance,
+        shown="auto",
+    )
+
+
+def adapted(robot: Robot, options: ModelOptions) -> Robot:
+    """Return the robot with what the options change.
+
+    Raises:
+        WrongUsage: the arm has no such links.
+    """
+    if options.gravity is not None:
+        robot = replace(robot, gravity=options.gravity)
+    if options.effects is not None:
+        friction = tuple(word for word in options.effects if word != "motor_inertia")
+        rotors = "motor_inertia" in options.effects
+        joints = (replace(joint, friction=friction, motor_inertia=rotors) for joint in robot.joints)
+        robot = replace(robot, joints=tuple(joints))
+    return robot if options.links is None else replace(robot, links=_link_numbers(options.links, robot.n))
+
+
+def _link_numbers(links: str | tuple[int, ...], most: int) -> tuple[int, ...]:
+    """Return the link numbers of a list such as ``1-3,5``, 1-based."""
+    text = links if isinstance(links, str) else ",".join(str(link) for link in links)
+    found: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        if not first.isdigit() or (last and not last.isdigit()) or not 1 <= int(first) <= int(last or first) <= most:
+            raise WrongUsage(f"--links '{text}' does not name links of 1 to {most}", fix="such as --links 1-3,5")
+        found |= set(range(int(first), int(last or first) + 1))
+    return tuple(sorted(found))
+
+
+# ---------------------------------------------------------------- the regressor
+@dataclass(frozen=True)
+class DerivedModel:
+    """The regressor of an arm, and how it was come by.
+
+    Attributes:
+        model: the regressor.
+        folder: where it is stored.
+        derived: whether it was derived now; False where the stored one was used.
+        seconds: what deriving or reading took [s].
+    """
+
+    model: Model
+    folder: Path
+    derived: bool
+    seconds: float
+
+    @property
+    def path(self) -> Path:
+        """regressor.npz."""
+        from dynid.model.store import paths
+
+        return paths(self.folder)[0]
+
+    def facts(self, reduced: ReducedModel | None = None) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid model`` says, with or without base parameters."""
+        robot = self.model.robot
+        wrote = [self.path] if self.derived else []
+        seconds = {"symbolic" if self.derived else "load": self.seconds}
+        answer = {
+            "schema": "dynid/model/1",
+            "robot": robot.name,
+            "n_joints": robot.n,
+            "n_parameters": self.model.size,
+            "key": robot.model_key,
+            "operations": self.model.rigid.flops,
+            "seconds": seconds,
+            "wrote": wrote,
+        }
+        if reduced is None:
+            return {**answer, "rank": None, "classes": None, "groups": None}
+        found = reduced.base.reduction
+        seconds["reduce"] = reduced.seconds
+        wrote += [reduced.path] if reduced.found else []
+        groups = [
+            {"name": name, "terms": found.terms(i), "formula": found.formulas[i]}
+            for i, name in enumerate(found.base_names)
+        ]
+        classes = {"alone": found.alone, "none": found.none, "combined": found.combined}
+        return {**answer, "rank": found.rank, "classes": classes, "groups": groups, "gap": found.gap}
+
+
+def stored_differences(robot: Robot, folder: Path) -> str | None:
+    """Return what differs between the robot of a stored regressor and this one; None where nothing does."""
+    from dynid.files.artifact import read_header
+    from dynid.model.store import key_of, paths, stored_key
+
+    path = paths(folder)[0]
+    if stored_key(path) in (None, key_of(robot)):
+        return None
+    header = read_header(path) or {}
+    found: list[str] = []
+    rows = header.get("geometry", [])
+    for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
+        now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
+        for name, old, new in zip(("type", "a", "twist", "d", "theta_offset"), row, now, strict=True):
+            if old != new:
+                found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
+    if len(rows) != robot.n:
+        found.append(f"{len(rows)} joints -> {robot.n}")
+    for name, new_value in (("convention", robot.convention), ("gravity", list(robot.gravity))):
+        if header.get(name) != new_value:
+            found.append(f"{name} {header.get(name)} -> {new_value}")
+    return "; ".join(found) or "other columns, links or version of dynid"
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False, progress: Progress = SILENT) -> DerivedModel:
+    """Return the regressor of an arm, the stored one where it fits, derived and stored otherwise.
+
+    Args:
+        robot: the arm.
+        folder: where regressor.npz is kept.
+        rebuild: whether to derive it again in any case.
+        progress: told when the work begins.
+    """
+    from dynid.model.store import obtain_model
+
+    start = time.perf_counter()
+    progress.stage("symbolic", "")
+    model, derived = obtain_model(robot, folder, rebuild=rebuild)
+    seconds = time.perf_counter() - start if derived is None else derived
+    return DerivedModel(model, folder, derived is not None, seconds)
+
+
+# ---------------------------------------------------------------- base parameters
+@dataclass(frozen=True)
+class ReducedModel:
+    """Base parameters of an arm, and how they were come by.
+
+    Attributes:
+        base: model and base parameters.
+        path: fullregressor.npz.
+        found: whether they were found now; False where the stored ones were used.
+        seconds: what finding or reading took [s].
+    """
+
+    base: BaseModel
+    path: Path
+    found: bool
+    seconds: float
+
+
+def reduce_model(
+    derived: DerivedModel, options: ModelOptions = ModelOptions(), *, seed: int = 0, progress: Progress = SILENT
+) -> ReducedModel:
+    """Group the parameters of a regressor into base parameters and store them.
+
+    Args:
+        derived: the regressor.
+        options: random states and tolerance; the stored base parameters serve only where both are the defaults.
+        seed: seed of the random states.
+        progress: told when the work begins.
+
+    Raises:
+        ReductionsDisagree: singular values and exact arithmetic give different answers.
+    """
+    from dynid.model.base_model import BaseModel
+    from dynid.model.reduce import DEPENDENT, base_parameters
+    from dynid.model.store import key_of, load_reduction, paths, save_reduction, stored_key
+
+    start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
+    usual = options.tolerance is None and options.samples == ModelOptions().samples
+    stored = not derived.derived and usual and stored_key(path) == key_of(model.robot)
+    if stored:
+        reduction = load_reduction(path)
+    else:
+        progress.stage("reduce", "")
+        tolerance = DEPENDENT if options.tolerance is None else options.tolerance
+        reduction = base_parameters(model, samples=options.samples, seed=seed, tolerance=tolerance)
+        save_reduction(path, model, reduction)
+    return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
+
+
+def base_model(
+    robot: Robot, folder: Path | None = None, progress: Progress = SILENT, *, options: ModelOptions = ModelOptions()
+) -> BaseModel:
     """Return the regressor of an arm with its base parameters, derived when it is not there yet or stale.
 
     Args:
         robot: the arm.
         folder: where regressor.npz and fullregressor.npz are kept; None keeps the model in memory only.
         progress: told when it was derived.
+        options: what differs from the robot file, and how the base parameters are found.
     """
-    from dynid.model.store import key_of, obtain_base_model, paths, stored_key
-
+    robot = adapted(robot, options)
     progress.stage("model")
     if folder is None:
-        return _in_memory(robot)
-    path = paths(folder)[1]
-    fresh = stored_key(path) == key_of(robot)
-    base = obtain_base_model(robot, folder)
-    if not fresh:
-        made = f"{len(base.reduction.names)} -> {base.reduction.rank} base parameters"
-        progress.stage("model", f"derived for {robot.name}: {made}, stored in {path.parent}")
-    return base
+        return _in_memory(robot, options)
+    reduced = reduce_model(derive_model(robot, folder), options)
+    if reduced.found:
+        made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
+        progress.stage("model", f"derived for {robot.name}: {made}, stored in {folder}")
+    return reduced.base
 
 
-def _in_memory(robot: Robot) -> BaseModel:
-    from dynid.model.reduce import base_parameters
+def _in_memory(robot: Robot, options: ModelOptions) -> BaseModel:
+    from dynid.model.base_model import BaseModel
+    from dynid.model.reduce import DEPENDENT, base_parameters
     from dynid.model.regressor import Model, build_model
-    from dynid.model.store import BaseModel, key_of
+    from dynid.model.store import key_of
 
-    key = key_of(robot)
+    tolerance = DEPENDENT if options.tolerance is None else options.tolerance
+    key = f"{key_of(robot)}-{options.samples}-{tolerance}"
     if key not in _kept:
         model = build_model(robot)
         if len(_kept) >= KEPT:
             del _kept[next(iter(_kept))]
-        _kept[key] = BaseModel(model, base_parameters(model))
+        _kept[key] = BaseModel(model, base_parameters(model, samples=options.samples, tolerance=tolerance))
     found = _kept[key]
     return found if found.robot is robot else BaseModel(Model(robot, found.model.rigid), found.reduction)
+
+
+# ---------------------------------------------------------------- for people
+def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[str, Any], str]:
+    """Return the relations behind all base parameters, so that a vendor's grouped numbers can be named.
+
+    Args:
+        model: the regressor.
+        form: ``"json"``, ``"latex"`` or ``"text"``.
+        at_rest: whether only what torques at rest show is wanted, as vendors publish it.
+
+    Returns:
+        The JSON answer, and the relations in the form that is wanted.
+    """
+    import json
+
+    from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
+
+    exact = reduce_exactly(model, still=at_rest)
+    facts = {"schema": "dynid/model/1", "robot": model.robot.name, **relations_json(exact)}
+    if form == "json":
+        return facts, json.dumps(facts, indent=2)
+    return facts, relations_latex(exact) if form == "latex" else relations_text(exact, alone=True)

@@ -17,7 +17,7 @@ from dynid.workflows.model import base_model
 if TYPE_CHECKING:
     from dynid.estimation.delay import Delay
     from dynid.estimation.stack import Stack
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from dynid.trajectory.options import PlanOptions
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
 
 if TYPE_CHECKING:
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.trajectory.feasible import Bounds
     from dynid.trajectory.limits import LimitCheck
     from dynid.trajectory.optimise import SearchOutcome

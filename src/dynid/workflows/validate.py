@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dynid.estimation.observation_rows import ObservationRows
     from dynid.estimation.prediction import EstimatedMotion, JointCheck
     from dynid.estimation.result import StoredResult
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
 
@@ -222,7 +222,8 @@ def base_model_of(result: StoredResult, folder: Path | None = None, progress: Pr
         folder: where the model is kept; None keeps it in memory.
         progress: told that the model is made.
     """
-    from dynid.model.store import BaseModel, obtain_model
+    from dynid.model.base_model import BaseModel
+    from dynid.model.store import obtain_model
     from dynid.workflows.model import base_model
 
     if folder is None:

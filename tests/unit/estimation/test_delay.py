@@ -10,8 +10,8 @@ from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.model.store import BaseModel
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.delay import without_delay
 

@@ -11,8 +11,8 @@ from dynid.estimation.drive_gains import Load, find_gains
 from dynid.estimation.payload import last_link
 from dynid.estimation.stack import stack
 from dynid.model import build_model
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.model.store import BaseModel
 from dynid.signals.conditioning import choose_filter, condition
 
 GAINS = np.array([11.0, 9.5, 8.0, 7.0, 3.5, 3.0, 2.4])

@@ -14,8 +14,8 @@ from dynid.estimation.physical_constraints import is_consistent
 from dynid.estimation.result import StoredResult
 from dynid.estimation.stack import stack
 from dynid.model import build_model
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.model.store import BaseModel
 from dynid.signals.conditioning import choose_filter, condition
 
 

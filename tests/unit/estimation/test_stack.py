@@ -17,9 +17,9 @@ from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters, prior_parameters
 from dynid.model.reduce import reduce
-from dynid.model.store import BaseModel
 from dynid.signals.conditioning import choose_filter, condition
 
 RATE = 100.0

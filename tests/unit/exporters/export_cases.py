@@ -5,9 +5,9 @@ from arms import random_bodies, random_robot
 
 from dynid.exporters import FullModel, IdentifiedArm, Provenance
 from dynid.files.robotfile import load_robot
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.model.store import BaseModel
 
 SHIPPED = ("kuka_lwr4plus", "kinova_gen2", "scara", "staubli_tx40", "franka_panda")
 

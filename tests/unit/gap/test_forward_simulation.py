@@ -5,10 +5,10 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.gap.forward_simulation import least_inertia, nearest_possible
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.model.store import BaseModel
 
 
 @pytest.fixture(scope="module")

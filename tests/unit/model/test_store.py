@@ -9,15 +9,19 @@ from dynid.errors import NewerSchema, NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
+from dynid.model.reduce import base_parameters
 from dynid.model.store import (
     key_of,
     load_model,
-    obtain_base_model,
+    load_reduction,
     obtain_model,
     paths,
     save_model,
+    save_reduction,
     stored_key,
 )
+
+LISTS = ("names", "alone", "none", "combined", "gap", "method", "formulas")
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +50,13 @@ def test_names_limits_and_priors_do_not_change_the_key(robot):
 
 
 def test_base_parameters_are_read_back(robot, tmp_path):
-    first, second = (obtain_base_model(robot, tmp_path) for _ in range(2))
-    assert first.reduction.base_names == second.reduction.base_names
-    assert pytest.approx(second.reduction.K, abs=0) == first.reduction.K
+    model = build_model(robot)
+    first = base_parameters(model)
+    save_reduction(tmp_path / "fullregressor.npz", model, first)
+    second = load_reduction(tmp_path / "fullregressor.npz")
+    assert [getattr(first, name) for name in LISTS] == [getattr(second, name) for name in LISTS]
+    for name in ("base", "K", "singular_values"):
+        assert np.array_equal(getattr(first, name), getattr(second, name))
 
 
 def test_two_writes_give_equal_bytes(robot, tmp_path):

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from dynid.files.robotfile import load_robot
+from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.model.store import BaseModel
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 
