@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import keyword
 import os
 import signal
 import sys
@@ -69,8 +68,8 @@ EXAMPLES = (
 
 
 def module_of(name: str) -> str:
-    """Return the module of a command; a word of Python such as ``import`` gets an underscore."""
-    return f"dynid.cli.{name.replace('-', '_')}{'_' if keyword.iskeyword(name) else ''}"
+    """Return the module of a command; ``import`` is a word of Python and cannot be one."""
+    return f"dynid.cli.{'import_urdf' if name == 'import' else name.replace('-', '_')}"
 
 
 def available() -> dict[str, Entry]:

@@ -24,7 +24,6 @@ def load_robot(source: str | Path, *, base: str | None = None, tip: str | None =
     path = Path(source)
     if path.suffix.lower() != ".urdf":
         return robotfile.load_robot(source)
-    from dynid.files.urdffile import read_urdf
-    from dynid.model.from_urdf import import_arm
+    from dynid.workflows.import_urdf import ImportOptions, import_urdf
 
-    return import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip).robot
+    return import_urdf(path, ImportOptions(base=base, tip=tip)).robot

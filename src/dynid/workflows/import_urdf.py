@@ -1,0 +1,99 @@
+"""A robot file from a URDF: DH table, limits and bodies, checked by forward kinematics."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.options import Options, option
+from dynid.robot import roll_pitch_yaw
+
+if TYPE_CHECKING:
+    from dynid.model.from_urdf import Imported
+
+
+@dataclass(frozen=True)
+class ImportOptions(Options):
+    """Which arm of a URDF, and how its table is written."""
+
+    base: str | None = option(None, "First link of the arm (default: the root).", metavar="LINK")
+    tip: str | None = option(None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK")
+    convention: str = option("standard", "DH convention.", choices=("standard", "modified"), shown="")
+    name: str | None = option(None, "Name of the robot (default: the URDF's).", metavar="NAME")
+
+
+def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Imported:
+    """Return the robot that a chain of a URDF describes, with what is worth knowing about it.
+
+    Args:
+        path: the URDF.
+        options: which chain.
+
+    Raises:
+        WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe.
+    """
+    from dynid.files.urdffile import read_urdf
+    from dynid.model.from_urdf import import_arm
+
+    convention = "modified" if options.convention == "modified" else "standard"
+    return import_arm(
+        read_urdf(path),
+        read_urdf(path, exact=True),
+        base=options.base,
+        tip=options.tip,
+        convention=convention,
+        name=options.name,
+    )
+
+
+def robot_file(found: Imported, urdf: Path) -> str:
+    """Return the text of the robot file; its first lines say where it comes from and where the tip lies."""
+    from dynid.files.robotfile import robot_text
+
+    xyz, rpy = _tip(found)
+    head = (
+        f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are the URDF's.\n"
+        f"The frame of {found.tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].\n"
+        f"Forward kinematics agree with the URDF to {found.largest:.1e} m and rad."
+    )
+    return robot_text(found.robot, head)
+
+
+def import_facts(found: Imported, wrote: Path) -> dict[str, Any]:
+    """Return what the JSON answer of ``dynid import`` says."""
+    xyz, rpy = _tip(found)
+    robot = found.robot
+    joints = [
+        {
+            "joint": j.name,
+            "type": j.type,
+            "a_m": j.a,
+            "twist_rad": j.twist,
+            "d_m": j.d,
+            "theta_offset_rad": j.theta_offset,
+        }
+        for j in robot.joints
+    ]
+    return {
+        "schema": "dynid/import/1",
+        "robot": robot.name,
+        "n_joints": robot.n,
+        "convention": robot.convention,
+        "base": found.base,
+        "tip": found.tip,
+        "joints": joints,
+        "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
+        "kinematics_largest_difference": found.largest,
+        "mass_kg": sum(body.mass for body in robot.prior.links) if robot.prior else None,
+        "findings": [asdict(finding) for finding in found.findings],
+        "wrote": [wrote],
+    }
+
+
+def _tip(found: Imported) -> tuple[list[float], list[float]]:
+    """Return position [m] and roll, pitch, yaw [rad] of the tip in the last DH frame, rounding noise taken off."""
+    pose = found.tip_pose
+    rows = (pose[:3, 3].tolist(), roll_pitch_yaw(pose[:3, :3]))
+    xyz, rpy = ([round(float(value), 12) + 0.0 for value in row] for row in rows)
+    return xyz, rpy
