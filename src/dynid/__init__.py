@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
     from dynid.workflows.logs import LogOptions, load_log
-    from dynid.workflows.model import base_model
+    from dynid.workflows.model import ModelOptions, base_model
     from dynid.workflows.parameters import Observations, observe
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
@@ -48,6 +48,7 @@ _HOMES = {
     "IdentifyOptions": "dynid.workflows.identify",
     "Log": "dynid.log",
     "LogOptions": "dynid.workflows.logs",
+    "ModelOptions": "dynid.workflows.model",
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
     "Plan": "dynid.workflows.trajectory",
@@ -79,6 +80,7 @@ __all__ = [
     "IdentifyOptions",
     "Log",
     "LogOptions",
+    "ModelOptions",
     "Motion",
     "Observations",
     "Plan",

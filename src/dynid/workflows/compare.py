@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from dynid.estimation.compare import Change, Comparison, FigureOfMerit
     from dynid.estimation.result import Identification, StoredResult
-    from dynid.model.store import BaseModel
+    from dynid.model.base_model import BaseModel
 
 #: Share of each log that is held out to compare estimators.
 HELD_OUT = 0.2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from dynid.options import Options, option
 from dynid.robot import roll_pitch_yaw
@@ -19,7 +19,9 @@ class ImportOptions(Options):
 
     base: str | None = option(None, "First link of the arm (default: the root).", metavar="LINK")
     tip: str | None = option(None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK")
-    convention: str = option("standard", "DH convention.", choices=("standard", "modified"), shown="")
+    convention: Literal["standard", "modified"] = option(
+        "standard", "DH convention.", choices=("standard", "modified"), shown=""
+    )
     name: str | None = option(None, "Name of the robot (default: the URDF's).", metavar="NAME")
 
 
@@ -36,13 +38,12 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Importe
     from dynid.files.urdffile import read_urdf
     from dynid.model.from_urdf import import_arm
 
-    convention = "modified" if options.convention == "modified" else "standard"
     return import_arm(
         read_urdf(path),
         read_urdf(path, exact=True),
         base=options.base,
         tip=options.tip,
-        convention=convention,
+        convention=options.convention,
         name=options.name,
     )
 
