@@ -85,7 +85,7 @@ def misses_limit(**_):
 
 
 def waits(common, **_):
-    from dynid.files.artifact import written_whole
+    from dynid.npz import written_whole
 
     with written_whole(Path("half.npz")) as stream:
         stream.write(b"half")
