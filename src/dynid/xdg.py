@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+#: Configuration file of the working folder; it may not exist.
+LOCAL_CONFIG = Path("dynid.yaml")
+
 
 def cache_folder() -> Path:
     """Return the folder for models and crash files; it may not exist yet."""

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from dynid.cli import terminal
-from dynid.cli.explain import codes
 from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, robot_page
+from dynid.errors import codes
 from dynid.files.artifact import Artifact, write_artifact
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +85,7 @@ def test_doctor_does_not_wait_for_a_master_that_does_not_exist(dynid):
 
 
 def test_doctor_exits_6_when_a_package_it_needs_is_missing(dynid):
-    script = "import dynid.cli.doctor as d, dynid.cli.main as m; d.REQUIRED = ('no-such-package',); m.main()"
+    script = "import dynid.workflows.doctor as d, dynid.cli.main as m; d.REQUIRED = ('no-such-package',); m.main()"
     done = subprocess.run(
         [sys.executable, "-c", script, "doctor"], cwd=dynid.folder, env=dynid.env, capture_output=True
     )

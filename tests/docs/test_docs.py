@@ -5,8 +5,8 @@ import re
 import pytest
 from blocks import ROOT, alike, commands, folder_for, pages, run
 
-from dynid.cli.explain import codes
 from dynid.cli.main import available
+from dynid.errors import codes
 
 #: Status of the commands that show a mistake on purpose, by the code they show.
 MISTAKE = re.compile(r"^error\[(E\d+)\]", re.M)

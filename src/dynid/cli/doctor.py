@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,94 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
-from dynid.cli.settings import LOCAL, load_settings, settings_files
-from dynid.cli.versions import version_of
+from dynid.cli.settings import load_settings
 from dynid.errors import ExitStatus
-from dynid.xdg import cache_folder, config_file
 
 if TYPE_CHECKING:
     from dynid.cli.terminal import Cell
 
-#: What dynid cannot do without.
-REQUIRED = ("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich", "rosbags", "jinja2")
 #: Value of --config that means: show the configuration.
 SHOW = Path("?show")
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at.
-
-    Attributes:
-        name: what.
-        ok: whether it works; None where it is only information.
-        value: what was found.
-        lost: what does not work without it.
-    """
-
-    name: str
-    ok: bool | None
-    value: str
-    lost: str = ""
-
-
-def checks() -> Iterator[Check]:
-    """Look at Python, packages, simulator, ROS, display and folders."""
-    yield Check("Python", sys.version_info >= (3, 10), platform.python_version(), "dynid needs Python 3.10 or newer")
-    for package in REQUIRED:
-        version = version_of(package)
-        yield Check(package, version is not None, version or "absent", f"dynid as a whole: pip install {package}")
-    bullet = version_of("pybullet")
-    lost = 'preview, collision check, demo: pip install "pybullet>=3.2.5" (wheels exist for Python 3.8-3.11)'
-    yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
-    yield from ros_checks()
-    display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-    yield Check("display", bool(display), display or "none", "preview window: pictures are saved instead")
-    yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
-    cache = cache_folder()
-    yield _folder("cache", cache, "models are built anew each time", f"{_size(cache) / 1e6:.1f} MB")
-    for file in (LOCAL, config_file()):
-        yield Check("configuration", None, f"{file} {'is read' if file in settings_files(None) else 'does not exist'}")
-
-
-def ros_checks() -> Iterator[Check]:
-    """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
-    from dynid.drivers.ros import APT, master_uri, missing_modules, ros_folders
-
-    missing = missing_modules()
-    lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"
-    found = (
-        f"absent: {', '.join(missing)}"
-        if missing
-        else f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
-    )
-    yield Check("ROS 1", not missing, found, lost)
-    uri = master_uri()
-    answered = master_answers(uri)
-    state = "answers" if answered else "does not answer"
-    yield Check("ROS master", answered, f"{uri} {state}", "record: start rosmaster --core, or set ROS_MASTER_URI")
-
-
-def master_answers(uri: str) -> bool:
-    """Return whether something listens at a ROS master's address, within a limit that holds for name look-up too."""
-    from dynid.drivers.ros import ping_master
-
-    try:
-        ping_master(uri)
-    except OSError:
-        return False
-    return True
-
-
-def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
-    nearest = next(p for p in (path, *path.parents) if p.exists())
-    writable = os.access(nearest, os.W_OK)
-    words = [str(path), *([note] if note else []), "" if writable else "cannot be written"]
-    return Check(name, writable, "  ".join(word for word in words if word), lost)
-
-
-def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) if folder.is_dir() else 0
 
 
 @dataclass(frozen=True)
@@ -123,7 +41,7 @@ def settings(given: Path | None) -> Iterator[Setting]:
         command = cli.get_command(group, name)
         assert isinstance(command, Command)
         keys = known_keys(command)
-        found = load_settings(given, name, keys)
+        found = load_settings(given, name, keys, COMMON_NAMES)
         for param in command.params:
             if not isinstance(param, click.Option) or key_of(param) not in keys:
                 continue
@@ -181,25 +99,25 @@ def _show_settings(common: Common) -> None:
 )
 def command(common: Common) -> ExitStatus:
     """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
+    from dynid.workflows.doctor import doctor
+
     if common.config is not None:
         _show_settings(common)
         return ExitStatus.DONE
     terminal = common.terminal
-    found = list(checks())
-    missing = [check for check in found if check.ok is False]
-    broken = [check.name for check in missing if check.name in ("Python", *REQUIRED)]
+    found = doctor()
     terminal.emit_json(
         {
             "schema": "dynid/doctor/1",
-            "checks": [asdict(check) for check in found],
-            "works": [check.name for check in found if check.ok],
-            "does_not_work": [check.name for check in missing],
+            "checks": [asdict(check) for check in found.checks],
+            "works": found.works,
+            "does_not_work": [check.name for check in found.missing],
         }
     )
     words: dict[bool | None, Cell] = {True: "ok", False: ("missing", "yellow"), None: ""}
-    terminal.table(("what", "state", "found"), [(c.name, words[c.ok], c.value) for c in found], numbers=False)
+    terminal.table(("what", "state", "found"), [(c.name, words[c.ok], c.value) for c in found.checks], numbers=False)
     terminal.answer()
-    terminal.fact("works", ", ".join(check.name for check in found if check.ok))
-    for check in missing:
+    terminal.fact("works", ", ".join(found.works))
+    for check in found.missing:
         terminal.fact("does not", f"{check.name}; lost: {check.lost}")
-    return ExitStatus.MACHINE if broken else ExitStatus.DONE
+    return ExitStatus.DONE if found.usable else ExitStatus.MACHINE

@@ -5,31 +5,7 @@ from __future__ import annotations
 import click
 
 from dynid.cli.options import Common, dynid_command
-from dynid.errors import EXIT_MEANING, WARNINGS, WrongUsage, catalogue
-
-
-def codes() -> list[str]:
-    """Return all codes, errors and warnings of a topic together."""
-    return sorted([*catalogue(), *WARNINGS], key=lambda code: (code[1:], code))
-
-
-def summary(code: str) -> str:
-    """Return what happened, in one sentence."""
-    return WARNINGS[code] if code in WARNINGS else " ".join((catalogue()[code].__doc__ or "").split())
-
-
-def page(code: str) -> dict[str, str]:
-    """Return the parts of the page of a code: what, why, fix, exit; a warning has only what."""
-    if code in WARNINGS:
-        return {"what": summary(code)}
-    mistake = catalogue()[code]
-    status = mistake.status
-    return {
-        "what": summary(code),
-        "why": mistake.why,
-        "fix": mistake.fix,
-        "exit": f"{int(status)}, {EXIT_MEANING[status]}",
-    }
+from dynid.errors import WrongUsage, codes, page, summary
 
 
 def _find(word: str) -> str:

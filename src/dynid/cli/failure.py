@@ -188,7 +188,7 @@ def _trace(error: BaseException) -> str:
 def _facts(told: Told) -> str:
     import platform
 
-    from dynid.cli.versions import version_lines
+    from dynid.workflows.doctor import version_lines
 
     command = " ".join(["dynid", *told.words])
     return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {Path.cwd()}", ""])

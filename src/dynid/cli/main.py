@@ -153,7 +153,7 @@ def loop_map() -> str:
 
 def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from dynid.cli.versions import version_lines
+        from dynid.workflows.doctor import version_lines
 
         click.echo("\n".join(version_lines()))
         ctx.exit()

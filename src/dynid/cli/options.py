@@ -80,7 +80,7 @@ def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noq
 
 def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Read the configuration files, whose values become this command's defaults."""
-    settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command))
+    settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command), COMMON_NAMES)
     ctx.default_map = settings.values
     ctx.meta["dynid.places"] = settings.places
     return value

@@ -6,18 +6,35 @@ import threading
 import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from dynid.errors import Finding
 from dynid.text import visible
 
 if TYPE_CHECKING:
     import rich.progress
-
-    from dynid.cli.terminal import Terminal
+    from rich.console import Console
 
 #: Work shorter than this is not worth a bar [s].
 PATIENCE = 0.5
+
+
+class Speaker(Protocol):
+    """Where progress is said."""
+
+    @property
+    def err(self) -> Console:
+        """Console on stderr."""
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing but warnings and errors is wanted."""
+
+    def stage(self, name: str, text: str) -> None:
+        """Say what a stage found."""
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings."""
 
 
 class Bar:
@@ -27,7 +44,7 @@ class Bar:
         terminal: where to say it.
     """
 
-    def __init__(self, terminal: Terminal) -> None:
+    def __init__(self, terminal: Speaker) -> None:
         self._terminal = terminal
         self._name = ""
         self._began = time.monotonic()
@@ -36,7 +53,7 @@ class Bar:
         self._timer: threading.Timer | None = None
         self._bar: rich.progress.Progress | None = None
         # Why: a bar moves the cursor; where colour is off no escape codes may appear at all.
-        self._lively = terminal.err.is_terminal and terminal.err.color_system is not None and not terminal.common.quiet
+        self._lively = terminal.err.is_terminal and terminal.err.color_system is not None and not terminal.quiet
 
     def __enter__(self) -> Bar:
         """Begin."""

@@ -11,10 +11,9 @@ from typing import Any
 
 import click
 
-from dynid.cli.explain import codes, page
 from dynid.cli.main import COMMANDS, available, cli
 from dynid.cli.options import COMMON_NAMES, Command
-from dynid.errors import EXIT_MEANING
+from dynid.errors import EXIT_MEANING, codes, page
 from dynid.files.artifact import write_text
 from dynid.files.robotkeys import ROBOT, Key
 from dynid.options import Options

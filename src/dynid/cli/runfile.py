@@ -17,15 +17,15 @@ from dynid.errors import WrongUsage
 from dynid.version import __version__
 
 NAME = "run.yaml"
-#: Of the common options only these change a result; the others are about the terminal.
-_REPEATED = ("out", "seed")
+#: Common options about the terminal and the files, which change no result and are not repeated.
+NOT_REPEATED = (
+    "force", "yes", "no_input", "json", "quiet", "verbose", "color", "config", "log_file", "debug",
+)  # fmt: skip
 _KEYS = ("dynid", "command", "arguments", "inputs")
 
 
 def arguments_of(ctx: click.Context) -> list[str]:
     """Return a command line that gives the same values: arguments, then options that differ from their default."""
-    from dynid.cli.options import COMMON_NAMES
-
     words: list[str] = []
     flags: list[str] = []
     for param in ctx.command.params:
@@ -35,7 +35,7 @@ def arguments_of(ctx: click.Context) -> list[str]:
             continue
         if isinstance(param, click.Argument):
             words += [str(item) for item in values]
-        elif isinstance(param, click.Option) and (param.name in _REPEATED or param.name not in COMMON_NAMES):
+        elif isinstance(param, click.Option) and param.name not in NOT_REPEATED:
             flags += _flag(param, value, values)
     return words + flags
 

@@ -6,18 +6,16 @@ that command's options. ``./dynid.yaml`` wins over the user's file, and ``--conf
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynid.errors import UnknownKey
-from dynid.xdg import config_file
+from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
     from dynid.files.yamlfile import Value
-
-LOCAL = Path("dynid.yaml")
 
 
 @dataclass(frozen=True)
@@ -37,32 +35,31 @@ def settings_files(given: Path | None) -> list[Path]:
     """Return the configuration files in force, the strongest last."""
     if given is not None:
         return [given]
-    return [path for path in (config_file(), LOCAL) if path.is_file()]
+    return [path for path in (config_file(), LOCAL_CONFIG) if path.is_file()]
 
 
-def load_settings(given: Path | None, command: str, keys: Mapping[str, str]) -> Settings:
+def load_settings(given: Path | None, command: str, keys: Mapping[str, str], common: Sequence[str]) -> Settings:
     """Read what the configuration files say about the options of a command.
 
     Args:
         given: the file of --config, or None.
         command: name of the command.
         keys: key in the file and name of the parameter that it sets.
+        common: names of the options that every command has.
 
     Raises:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
     """
     settings = Settings()
     for path in settings_files(given):
-        _read(path, command, keys, settings)
+        _read(path, command, keys, [name for name in common if name != "config"], settings)
     return settings
 
 
-def _read(path: Path, command: str, keys: Mapping[str, str], settings: Settings) -> None:
+def _read(path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings) -> None:
     from dynid.cli.main import COMMANDS
-    from dynid.cli.options import COMMON_NAMES
     from dynid.files.yamlfile import read_yaml
 
-    common = [name for name in COMMON_NAMES if name != "config"]
     try:
         top = read_yaml(path).mapping([*common, *COMMANDS])
         own = top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}

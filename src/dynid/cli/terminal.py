@@ -15,7 +15,7 @@ from enum import Enum
 from math import isfinite
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, Protocol, TextIO
 
 from rich.console import Console
 from rich.table import Table
@@ -25,9 +25,6 @@ from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
 from dynid.text import visible
-
-if TYPE_CHECKING:
-    from dynid.cli.options import Common
 
 #: Width of the first column of stage lines.
 LABEL = 11
@@ -42,6 +39,30 @@ UNLIMITED = 400
 
 #: A cell is text, or text with a rich style; the style must not be the only thing that says it.
 Cell = str | tuple[str, str]
+
+
+class OutputOptions(Protocol):
+    """Those of the common options that are about the terminal."""
+
+    @property
+    def json(self) -> bool:
+        """Whether one JSON object is printed on stdout instead of tables."""
+
+    @property
+    def quiet(self) -> bool:
+        """Whether stages and progress are left out."""
+
+    @property
+    def verbose(self) -> int:
+        """How much detail is wanted: 0, 1 or 2."""
+
+    @property
+    def color(self) -> str:
+        """``"auto"``, ``"always"`` or ``"never"``."""
+
+    @property
+    def log_file(self) -> Path | None:
+        """File that gets a copy of everything said on stderr."""
 
 
 class QuietConsole(Console):
@@ -59,7 +80,7 @@ class Terminal:
         common: the common options.
     """
 
-    def __init__(self, common: Common) -> None:
+    def __init__(self, common: OutputOptions) -> None:
         self.common = common
         self.out = _console(sys.stdout, common.color)
         self.err = _console(sys.stderr, common.color)
@@ -84,6 +105,11 @@ class Terminal:
             if error is not None:
                 self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
             self._copy.close()
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing but the answer, warnings and errors is wanted."""
+        return self.common.quiet
 
     # ------------------------------------------------------------ stderr
     def say(self, text: str, style: str = "", indent: int | None = None) -> None:
