@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import ModelOptions, base_model
     from dynid.workflows.parameters import Observations, observe
+    from dynid.workflows.report import Report, report
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
     from dynid.workflows.trajectory import Plan, plan_trajectory
@@ -53,6 +54,7 @@ _HOMES = {
     "Observations": "dynid.workflows.parameters",
     "Plan": "dynid.workflows.trajectory",
     "PlanOptions": "dynid.trajectory.options",
+    "Report": "dynid.workflows.report",
     "Robot": "dynid.robot",
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
@@ -68,6 +70,7 @@ _HOMES = {
     "load_robot": "dynid.workflows.robots",
     "observe": "dynid.workflows.parameters",
     "plan_trajectory": "dynid.workflows.trajectory",
+    "report": "dynid.workflows.report",
     "sensitivity": "dynid.workflows.identify",
     "validate": "dynid.workflows.validate",
 }
@@ -85,6 +88,7 @@ __all__ = [
     "Observations",
     "Plan",
     "PlanOptions",
+    "Report",
     "Robot",
     "ValidateOptions",
     "Validation",
@@ -101,6 +105,7 @@ __all__ = [
     "load_robot",
     "observe",
     "plan_trajectory",
+    "report",
     "sensitivity",
     "validate",
 ]

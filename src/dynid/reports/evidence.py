@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import prediction
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.estimation.result import Identification, StoredResult, load
+from dynid.estimation.result import Identification, StoredResult
 from dynid.files.artifact import read_artifact
 from dynid.reports import gap_record
 from dynid.reports.gap_record import GapRecord
@@ -64,25 +64,31 @@ class Evidence:
         """The arm."""
         return self.stored.robot
 
-    @property
-    def sliding(self) -> tuple[bool, ...]:
-        """Which joints slide."""
-        return tuple(not joint.revolute for joint in self.robot.joints)
 
-
-def gather(parameters: Path) -> Evidence:
-    """Read a run: parameters.npz and what lies beside it."""
-    stored, folder = load(parameters), parameters.parent
-    motion = folder / "estimatedmotion.npz"
-    stack = folder / "fullnumericregressor.npz"
-    files = sorted((folder / "validation").glob("*/estimatedmotion.npz"))
+def gather(stored: StoredResult) -> Evidence:
+    """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
+    if not stored.path.name:
+        seen = stored.observations
+        return Evidence(
+            stored, _fitted_motion(stored) if seen else None, (), _spectrum(seen.stack.whole[0]) if seen else None, None
+        )
+    folder = stored.path.parent
+    motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
     return Evidence(
         stored=stored,
         motion=prediction.load(motion)[0] if motion.is_file() else None,
-        unseen=tuple(_unseen(file) for file in files),
-        singular_values=_singular_values(stack) if stack.is_file() else None,
-        gap=gap_record.load(folder / "gap.npz") if (folder / "gap.npz").is_file() else None,
+        unseen=tuple(_unseen(file) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
+        singular_values=_spectrum(read_artifact(stack).arrays["R"]) if stack.is_file() else None,
+        gap=gap_record.load(gap) if gap.is_file() else None,
     )
+
+
+def _fitted_motion(stored: StoredResult) -> EstimatedMotion:
+    """Return estimated and measured motion of the logs that a new result was made from, one after the other."""
+    stack, theta = stored.observations.stack, stored.identification.theta
+    motions = [prediction.predict(log, stack.rows_of_log(k), theta) for k, log in enumerate(stack.logs)]
+    columns = ([getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion))
+    return EstimatedMotion(*map(np.concatenate, columns))
 
 
 def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
@@ -98,9 +104,12 @@ def _unseen(path: Path) -> Unseen:
     return Unseen(Path(str(header.get("log", path.parent.name))).name, motion, *relative_percent(motion))
 
 
-def _singular_values(path: Path) -> Floats:
-    """Return the singular values of the stack with columns of unit length."""
-    factors = read_artifact(path).arrays["R"]
+def _spectrum(factors: Floats) -> Floats:
+    """Return the singular values, (p,), of a stack with columns of unit length.
+
+    Args:
+        factors: triangular factor of [W tau] of each joint, (n, p + 1, p + 1).
+    """
     rows = factors[:, :, :-1].reshape(-1, factors.shape[2] - 1)
     size = np.linalg.norm(rows, axis=0)
     return np.asarray(np.linalg.svd(rows / np.where(size > 0, size, 1.0), compute_uv=False))

@@ -1,8 +1,12 @@
-"""Estimated against measured motion, one panel per joint: the paper's Figures 3 to 6, as PNG and SVG."""
+"""Figures of results: functions that take objects and return a matplotlib figure, and the one writer of figures.
+
+Estimated against measured motion are the paper's Figures 3 to 6.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.prediction import EstimatedMotion
+from dynid.estimation.result import Identification
 from dynid.npz import written_whole
 from dynid.robot import Robot
+from dynid.text import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,93 +30,87 @@ MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
 #: Points a curve is thinned to; a screen shows no more.
 MOST_POINTS = 2000
+#: Bins of the residual's mean and spread.
+BINS = 24
+#: Share of the largest singular value below which noise is amplified a thousandfold.
+WEAK_DIRECTION = 1e-3
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One figure: what is drawn and its unit for turning and sliding joints."""
+    """What one figure shows, and its unit for turning and sliding joints."""
 
     key: str
     title: str
     units: tuple[str, str]
 
 
+TORQUE = Quantity("tau", "torque", ("N m", "N"))
 QUANTITIES = (
     Quantity("q", "position", ("rad", "m")),
     Quantity("qd", "velocity", ("rad/s", "m/s")),
     Quantity("qdd", "acceleration", ("rad/s$^2$", "m/s$^2$")),
-    Quantity("tau", "torque", ("N m", "N")),
+    TORQUE,
 )
 
 
-def draw(
+# ---------------------------------------------------------------- motion
+def motion_figure(
     motion: EstimatedMotion,
+    robot: Robot,
     quantity: Quantity,
-    joints: tuple[str, ...],
-    sliding: tuple[bool, ...],
     title: str,
     *,
+    joints: tuple[str, ...] = (),
     residual_only: bool = False,
 ) -> Figure:
-    """Draw one quantity of all joints; the torque's figure shows the residual on the same scale."""
+    """Draw measured and estimated motion, one panel per joint; of torques also the residual, on the same scale.
+
+    Args:
+        motion: measured and estimated motion.
+        robot: the arm.
+        quantity: what is drawn.
+        title: above the figure.
+        joints: names of the joints that are drawn, all without.
+        residual_only: draw what is left of the measured values alone, so that it fills the panel.
+    """
     from matplotlib.figure import Figure as NewFigure
 
-    n = len(joints)
-    columns = 1 if n <= 3 else 2
-    lines = -(-n // columns)
+    numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
+    columns = 1 if len(numbers) <= 3 else 2
+    lines = -(-len(numbers) // columns)
     figure = NewFigure(figsize=(5.2 * columns + 0.6, 1.75 * lines + 1.0), layout="constrained")
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True)
     measured, estimated = getattr(motion, f"{quantity.key}_measured"), getattr(motion, f"{quantity.key}_estimated")
-    for j in range(lines * columns):
-        axis = axes[j % lines][j // lines]
-        if j >= n:
+    for place in range(lines * columns):
+        axis = axes[place % lines][place // lines]
+        if place >= len(numbers):
             axis.set_visible(False)
             continue
-        if residual_only:
-            _curves(axis, motion.t, {"residual": (measured[:, j], RESIDUAL, 0.9)})
-        else:
-            _panel(axis, motion.t, measured[:, j], estimated[:, j], residual=quantity.key == "tau")
-        axis.set_title(joints[j].replace("$", r"\$"), fontsize=9, loc="left")
-        axis.set_ylabel(quantity.units[sliding[j]], fontsize=8)
-        if j % lines == lines - 1 or j == n - 1:
+        j = numbers[place]
+        both = {"measured": (measured[:, j], MEASURED, 2.2), "estimated": (estimated[:, j], ESTIMATED, 0.9)}
+        rest = {"residual": (measured[:, j] - estimated[:, j], RESIDUAL, 0.9 if residual_only else 0.7)}
+        _curves(axis, motion.t, rest if residual_only else both | rest if quantity is TORQUE else both)
+        axis.set_title(label(robot.joints[j].name), fontsize=9, loc="left")
+        axis.set_ylabel(quantity.units[not robot.joints[j].revolute], fontsize=8)
+        if place % lines == lines - 1 or place == len(numbers) - 1:
             axis.set_xlabel("time [s]", fontsize=8)
             axis.tick_params(labelbottom=True)
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False, fontsize=9)
-    figure.suptitle(f"{title}: {quantity.title}", x=0.01, ha="left", fontsize=11)
+    what = f"residual {quantity.title}" if residual_only else quantity.title
+    figure.suptitle(f"{label(title)}: {what}", x=0.01, ha="left", fontsize=11)
     return figure
 
 
 def torque_figure(
     motion: EstimatedMotion, robot: Robot, joints: tuple[str, ...], title: str, *, residual_only: bool = False
 ) -> Figure:
-    """Draw the torques of some joints, for notebooks: measured, estimated and residual, or the residual alone.
-
-    Args:
-        motion: measured and estimated torques.
-        robot: the arm.
-        joints: names of the joints that are drawn.
-        title: above the figure.
-        residual_only: leave out measured and estimated torque, so that the residual fills the panel.
-    """
-    numbers = [robot.joint_names.index(joint) for joint in joints]
-    measured, estimated = motion.tau_measured[:, numbers], motion.tau_estimated[:, numbers]
-    if residual_only:
-        measured, estimated = measured - estimated, np.zeros_like(estimated)
-    shown = replace(motion, tau_measured=measured, tau_estimated=estimated)
-    sliding = tuple(not robot.joints[k].revolute for k in numbers)
-    quantity = QUANTITIES[3]
-    if not residual_only:
-        return draw(shown, quantity, joints, sliding, title)
-    return draw(shown, replace(quantity, title="residual torque"), joints, sliding, title, residual_only=True)
+    """Draw measured, estimated and residual torque of some joints, or the residual alone."""
+    return motion_figure(motion, robot, TORQUE, title, joints=joints, residual_only=residual_only)
 
 
-def _panel(axis: Axes, t: Floats, measured: Floats, estimated: Floats, *, residual: bool) -> None:
-    curves = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
-    _curves(axis, t, {**curves, "residual": (measured - estimated, RESIDUAL, 0.7)} if residual else curves)
-
-
-def _curves(axis: Axes, t: Floats, curves: dict[str, tuple[Floats, str, float]]) -> None:
+def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
     """Draw curves with label, values, colour and width; a gap in time stays one."""
     thin = slice(None, None, max(1, len(t) // MOST_POINTS))
     # Why: a line across a gap would show motion that nobody measured.
@@ -120,8 +120,8 @@ def _curves(axis: Axes, t: Floats, curves: dict[str, tuple[Floats, str, float]])
     def broken(x: Floats) -> Floats:
         return np.insert(x[thin].astype(float), gaps, np.nan)
 
-    for label, (values, color, width) in curves.items():
-        axis.plot(broken(t), broken(values), color=color, lw=width, label=label)
+    for name, (values, color, width) in curves.items():
+        axis.plot(broken(t), broken(values), color=color, lw=width, label=name)
     low, high = np.nanpercentile(np.concatenate([values for values, _, _ in curves.values()]), [0.2, 99.8])
     room = 0.12 * max(high - low, 1e-9)
     axis.set_ylim(low - room, high + room)
@@ -131,21 +131,125 @@ def _curves(axis: Axes, t: Floats, curves: dict[str, tuple[Floats, str, float]])
         axis.spines[side].set_visible(False)
 
 
-def write_figures(
-    folder: Path, motion: EstimatedMotion, joints: tuple[str, ...], sliding: tuple[bool, ...], title: str
-) -> list[Path]:
-    """Write the four figures as PNG and SVG and return the paths of the PNGs."""
+def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
+    """Draw the range of positions and speeds of each joint beside its limits."""
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(6.4, 0.8 + 0.34 * robot.n), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(robot.n)
+    for axis, values, what in ((axes[0], motion.q_estimated, "position"), (axes[1], motion.qd_estimated, "velocity")):
+        low, high = values.min(axis=0), values.max(axis=0)
+        for j, joint in enumerate(robot.joints):
+            speed = joint.limits.velocity
+            limit = joint.limits.position if what == "position" else (-speed, speed) if speed else None
+            if limit:
+                axis.barh(j, limit[1] - limit[0], left=limit[0], height=0.7, color=MEASURED, alpha=0.35)
+        axis.barh(rows, high - low, left=low, height=0.35, color=ESTIMATED)
+        axis.set_xlabel(f"{what} [rad{'/s' if what == 'velocity' else ''}; m for sliding joints]", fontsize=8)
+        axis.grid(axis="x", lw=0.5)
+        axis.tick_params(labelsize=8)
+    axes[0].set_yticks(rows, [label(name) for name in robot.joint_names])
+    axes[0].invert_yaxis()
+    return figure
+
+
+def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
+    """Draw mean and spread of the residual torque over velocity, position, load and time, one row per joint."""
+    from matplotlib.figure import Figure as NewFigure
+
+    residual = motion.tau_measured - motion.tau_estimated
+    against = (
+        ("velocity", motion.qd_estimated),
+        ("position", motion.q_estimated),
+        ("load", motion.tau_estimated),
+        ("time [s]", np.broadcast_to(motion.t[:, None], residual.shape)),
+    )
+    figure = NewFigure(figsize=(7.2, 0.5 + 1.0 * robot.n), layout="constrained")
+    axes = figure.subplots(robot.n, 4, squeeze=False, sharey="row")
+    for j, joint in enumerate(robot.joints):
+        usable = motion.usable[:, j]
+        size = float(np.std(residual[usable, j])) if usable.any() else 1.0
+        for k, (what, values) in enumerate(against):
+            axis = axes[j][k]
+            centre, mean, spread = binned(values[usable, j], residual[usable, j])
+            axis.axhline(0, lw=0.6, color=MEASURED)
+            axis.fill_between(centre, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0)
+            axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
+            axis.set_ylim(-3.2 * size, 3.2 * size)
+            axis.tick_params(labelsize=6)
+            axis.grid(lw=0.4)
+            if j == robot.n - 1:
+                axis.set_xlabel(what, fontsize=8)
+        axes[j][0].set_ylabel(f"{label(joint.name)}\n[{joint.torque_unit}]", fontsize=6)
+    return figure
+
+
+def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return centres, means and spreads of y, (M,), in bins of equal count over x, (M,); each (BINS,)."""
+    order = np.argsort(x)
+    parts = [part for part in np.array_split(order, BINS) if len(part) > 1]
+    rows = [(float(x[part].mean()), float(y[part].mean()), float(y[part].std())) for part in parts]
+    centre, mean, spread = np.array(rows).reshape(-1, 3).T
+    return centre, mean, spread
+
+
+# ---------------------------------------------------------------- parameters
+def spectrum_figure(singular_values: Floats) -> Figure:
+    """Draw the singular values of a stack with normalised columns, (p,), over the largest."""
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(6.4, 2.4), layout="constrained")
+    axis = figure.subplots()
+    numbers = np.arange(1, len(singular_values) + 1)
+    axis.semilogy(numbers, singular_values / singular_values[0], "o-", ms=3, lw=0.8, color=ESTIMATED)
+    axis.axhline(WEAK_DIRECTION, color=RESIDUAL, lw=1, ls="--")
+    axis.set_xlabel("direction in the space of base parameters")
+    axis.set_ylabel("singular value / largest")
+    axis.grid(lw=0.5)
+    return figure
+
+
+def error_figure(found: Identification) -> Figure:
+    """Draw the standard error of each base parameter in percent of its value."""
+    from matplotlib.figure import Figure as NewFigure
+
+    finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
+    share = np.full(len(found.theta), np.nan)
+    share[finite] = 100 * found.std_error[finite] / np.abs(found.theta[finite])
+    figure = NewFigure(figsize=(6.4, 2.6), layout="constrained")
+    axis = figure.subplots()
+    place = np.arange(len(share))
+    axis.bar(place, np.clip(share, 0.05, 300), width=0.8, color=ESTIMATED)
+    axis.axhline(10, color=RESIDUAL, lw=1, ls="--")
+    axis.set_yscale("log")
+    axis.set_ylabel("error / value [%]")
+    axis.set_xticks(place, [label(name) for name in found.names], rotation=90, fontsize=5.5)
+    axis.margins(x=0.01)
+    axis.grid(axis="y", lw=0.5)
+    return figure
+
+
+# ---------------------------------------------------------------- files
+def write_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG or SVG, as its suffix says; equal figures give equal bytes."""
+    import matplotlib as mpl
+
+    kind = path.suffix[1:]
+    # Why: without a fixed salt and date two runs on the same log would give different SVG files.
+    with mpl.rc_context({"svg.hashsalt": "dynid"}), written_whole(path) as stream:
+        figure.savefig(stream, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return path
+
+
+def write_motion_figures(folder: Path, motion: EstimatedMotion, robot: Robot, title: str) -> list[Path]:
+    """Write position, velocity, acceleration and torque as PNG and SVG, and return the paths of the PNGs."""
     import matplotlib as mpl
 
     paths = []
-    # Why: without a fixed salt and date two runs on the same log would give different SVG files.
-    with mpl.rc_context({"svg.hashsalt": "dynid", "path.simplify_threshold": 0.2}):
+    with mpl.rc_context({"path.simplify_threshold": 0.2}):
         for quantity in QUANTITIES:
-            figure = draw(motion, quantity, joints, sliding, title)
-            for suffix, facts in ((".png", {"Software": None}), (".svg", {"Date": None})):
-                path = folder / f"{quantity.title}{suffix}"
-                with written_whole(path) as stream:
-                    figure.savefig(stream, format=suffix[1:], dpi=110, metadata=facts)
-                if suffix == ".png":
-                    paths.append(path)
+            figure = motion_figure(motion, robot, quantity, title)
+            paths.append(write_figure(figure, folder / f"{quantity.title}.png"))
+            write_figure(figure, folder / f"{quantity.title}.svg")
     return paths

@@ -1,4 +1,4 @@
-"""The arm with its bodies as PyBullet draws it, as a drawing of the page; None where PyBullet is not installed."""
+"""The arm with the inertia ellipsoids of its links as PyBullet draws it; None where PyBullet is not installed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
-from html import escape
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from dynid.model.kinematics import link_frames
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot, roll_pitch_yaw
 from dynid.sim.urdf import urdf_text
+from dynid.text import html
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Ellipsoid:
     colour: str
 
 
-def portrait(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: str) -> str | None:
+def ellipsoid_drawing(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: str) -> str | None:
     """Return an SVG element with two views of the arm and its bodies.
 
     Args:
@@ -62,6 +62,8 @@ def portrait(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: str) -> st
     """
     if find_spec("pybullet") is None:
         return None
+    # Why: the picture shows links by number, and PyBullet ends its process on some names.
+    robot = replace(robot, joints=tuple(replace(joint, name=f"joint_{k}") for k, joint in enumerate(robot.joints)))
     with tempfile.TemporaryDirectory() as folder:
         job = Path(folder) / "job.json"
         (Path(folder) / "arm.urdf").write_text(urdf_text(robot), encoding="utf-8")
@@ -116,10 +118,10 @@ def _drawing(views: dict[str, NDArray[np.generic]], names: list[str], label: str
             f'<image x="{k * size}" width="{size}" height="{size}" href="data:image/png;base64,{image.decode()}"/>'
         )
         for name, (x, y) in zip(names, views["labels"][k].astype(float), strict=True):
-            parts.append(f'<text x="{k * size + x:.1f}" y="{y + 5:.1f}">{escape(name)}</text>')
+            parts.append(f'<text x="{k * size + x:.1f}" y="{y + 5:.1f}">{html(name)}</text>')
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {len(views["arm"]) * size} {size}" role="img" '
-        f'aria-label="{escape(label, quote=True)}"><g fill="currentColor" stroke="var(--paper)" stroke-width="3" '
+        f'aria-label="{html(label)}"><g fill="currentColor" stroke="var(--paper)" stroke-width="3" '
         f'paint-order="stroke" font-size="14" text-anchor="middle">{"".join(parts)}</g></svg>'
     )
 

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
-from dynid.reports.evidence import Evidence, gather
+from dynid.reports.evidence import Evidence
 from dynid.reports.sections import SECTIONS
 from dynid.reports.sections.verdict import lights, sentences
-
-
-def report(parameters: Path) -> str:
-    """Return the page of a run.
-
-    Args:
-        parameters: its parameters.npz; what lies beside it is used too.
-    """
-    return page(gather(parameters))
+from dynid.text import markdown, printable
 
 
 def page(evidence: Evidence) -> str:
@@ -27,6 +19,7 @@ def page(evidence: Evidence) -> str:
         loader=PackageLoader("dynid.reports"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -39,23 +32,23 @@ def page(evidence: Evidence) -> str:
     return environment.get_template("page.html").render(robot=evidence.robot.name, parts=parts, style=Markup(style))
 
 
+def _shown(value: Any) -> Any:  # noqa: ANN401
+    """Return what a template shows of a value: text without control characters, markup of our own as it is."""
+    return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
+
+
 def summary(evidence: Evidence) -> str:
     """Return a compact Markdown summary for a pull request."""
     marks = {"good": "🟢", "fair": "🟡", "bad": "🔴", "open": "⚪"}
-    lines = [f"### {_plain(evidence.robot.name)}", "", *(_plain(text) for text in sentences(evidence)), ""]
+    lines = [f"### {markdown(evidence.robot.name)}", "", *(markdown(text) for text in sentences(evidence)), ""]
     lines += ["| | | |", "| --- | --- | --- |"]
     lines += [
-        f"| {marks[light.state]} {light.state} | {light.name} | {_plain(light.text)} |" for light in lights(evidence)
+        f"| {marks[light.state]} {light.state} | {light.name} | {markdown(light.text)} |" for light in lights(evidence)
     ]
     lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
     for joint, row in zip(evidence.robot.joints, evidence.found.joints, strict=True):
         held = "-" if row.heldout_rms is None else f"{row.heldout_rms:.3g} {joint.torque_unit}"
         lines.append(
-            f"| {_plain(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"
+            f"| {markdown(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"
         )
     return "\n".join([*lines, ""])
-
-
-def _plain(text: str) -> str:
-    """Return text that Markdown shows as it is."""
-    return "".join(f"\\{c}" if c in "\\`*_[]<>|#" else c for c in " ".join(text.split()))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL
+from dynid.text import html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +57,18 @@ def page_style(name: str) -> Iterator[None]:
         yield
 
 
+def drawn(name: str, draw: Callable[[], Figure], label: str) -> str:
+    """Return a figure as an SVG element in the style of the page.
+
+    Args:
+        name: keeps its ids apart from those of other figures.
+        draw: draws it.
+        label: what it shows, for those who cannot see it.
+    """
+    with page_style(name):
+        return as_svg(draw(), label)
+
+
 def as_svg(figure: Figure, label: str) -> str:
     """Return a figure as an SVG element that fills the width it is given.
 
@@ -63,8 +76,6 @@ def as_svg(figure: Figure, label: str) -> str:
         figure: the figure, drawn in ``page_style``.
         label: what it shows, for those who cannot see it.
     """
-    from html import escape
-
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
     text = stream.getvalue()
@@ -80,4 +91,4 @@ def as_svg(figure: Figure, label: str) -> str:
     for drawn, shown in _SHOWN.items():
         rest = rest.replace(drawn, shown)
     rest = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px; font-family: inherit", rest)
-    return f'{opening} role="img" aria-label="{escape(label, quote=True)}">{rest}'
+    return f'{opening} role="img" aria-label="{html(label)}">{rest}'

@@ -163,11 +163,9 @@ class Validation:
 
     def write_figures(self, folder: Path) -> list[Path]:
         """Draw measured and estimated motion and torques of each joint."""
-        from dynid.reports.figures import write_figures
+        from dynid.reports.figures import write_motion_figures
 
-        sliding = tuple(not joint.revolute for joint in self.robot.joints)
-        title = f"{self.robot.name}, {Path(self.log).name}"
-        return write_figures(folder, self.motion, self.robot.joint_names, sliding, title)
+        return write_motion_figures(folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}")
 
 
 def validate(

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from dynid.files.robotfile import load_robot
-from dynid.reports.inertia_ellipsoids import THROUGH, Ellipsoid, portrait
+from dynid.reports.inertia_ellipsoids import THROUGH, Ellipsoid, ellipsoid_drawing
 from dynid.reports.sections.physics import ellipsoid, ellipsoids
 
 pytest.importorskip("pybullet", reason="no PyBullet for this Python")
@@ -44,7 +44,8 @@ def arm():
 
 def test_a_body_is_drawn_around_its_label_in_both_views(arm):
     """The label comes from the projection of its centre, the pixels from the renderer."""
-    views, labels = pictures(portrait(arm, np.array([0.3, 0.4, 0.0, 0.0]), [ball((0.1, 0.1, 0.1), link=2)], "x"))
+    pose = np.array([0.3, 0.4, 0.0, 0.0])
+    views, labels = pictures(ellipsoid_drawing(arm, pose, [ball((0.1, 0.1, 0.1), link=2)], "x"))
     width = views[0].shape[1]
     for k, (view, (x, y)) in enumerate(zip(views, labels, strict=True)):
         rows, columns = np.nonzero(blue(view))
@@ -54,13 +55,13 @@ def test_a_body_is_drawn_around_its_label_in_both_views(arm):
 
 def test_a_body_twice_as_large_covers_four_times_the_pixels(arm):
     sizes = [(0.05,) * 3, (0.1,) * 3]
-    one, two = (blue(pictures(portrait(arm, np.zeros(4), [ball(s)], "x"))[0][0]).sum() for s in sizes)
+    one, two = (blue(pictures(ellipsoid_drawing(arm, np.zeros(4), [ball(s)], "x"))[0][0]).sum() for s in sizes)
     assert two / one == pytest.approx(4, rel=0.08)
 
 
 def test_the_paper_shows_beside_the_arm_and_through_bodies(arm):
     """So that the picture sits on light and dark pages alike."""
-    view = pictures(portrait(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.08))], "x"))[0][0]
+    view = pictures(ellipsoid_drawing(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.08))], "x"))[0][0]
     assert set(np.unique(view[..., 3])) == {0, round(255 * (1 - THROUGH)), 255}
     assert not view[0, :, 3].any()
 
@@ -87,6 +88,6 @@ def test_without_pybullet_the_outlines_are_drawn(arm, monkeypatch):
 
 def test_names_of_joints_and_labels_stay_text(arm):
     nasty = replace(arm, joints=(replace(arm.joints[0], name='<b>x & "y"</b>'), *arm.joints[1:]))
-    svg = portrait(nasty, np.zeros(4), [replace(ball((0.1, 0.1, 0.1)), name="<i>")], '<b>"')
+    svg = ellipsoid_drawing(nasty, np.zeros(4), [replace(ball((0.1, 0.1, 0.1)), name="<i>")], '<b>"')
     assert "<b>" not in svg
     assert "<i>" not in svg

@@ -8,9 +8,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from dynid.reports.figures import binned
 from dynid.reports.page import page, summary
 from dynid.reports.sections import SECTIONS
-from dynid.reports.sections.residual import binned
 from dynid.reports.sections.verdict import lights
 
 

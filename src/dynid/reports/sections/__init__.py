@@ -1,21 +1,24 @@
-"""The sections of the report, one file each, in the order of the page."""
+"""The sections of the report in the order of the page."""
 
-from dynid.reports.sections.excitation import Excitation
-from dynid.reports.sections.gap import Gap
+from dynid.reports.sections.gap import gap
 from dynid.reports.sections.interface import Picture, Section
-from dynid.reports.sections.limits import Limits
-from dynid.reports.sections.parameters import Parameters
-from dynid.reports.sections.physics import Physics
-from dynid.reports.sections.quality import Quality
-from dynid.reports.sections.residual import Residual
-from dynid.reports.sections.run import Run
-from dynid.reports.sections.torque import Torque
-from dynid.reports.sections.unseen import UnseenLog
-from dynid.reports.sections.verdict import Verdict
+from dynid.reports.sections.motion import excitation, residual, torque, unseen
+from dynid.reports.sections.parameters import parameters
+from dynid.reports.sections.physics import physics
+from dynid.reports.sections.verdict import limits, quality, run, verdict
 
-SECTIONS: tuple[Section, ...] = (
-    Verdict(), Run(), Quality(), Excitation(), Parameters(), Torque(), UnseenLog(), Residual(), Gap(), Physics(),
-    Limits(),
-)  # fmt: skip
+SECTIONS = (
+    Section("Verdict", "verdict", verdict),
+    Section("What was run", "run", run),
+    Section("Data quality", "quality", quality),
+    Section("Excitation", "excitation", excitation),
+    Section("Parameters", "parameters", parameters),
+    Section("Measured and predicted torque", "torque", torque),
+    Section("Unseen log", "unseen", unseen),
+    Section("Where the residual is", "residual", residual),
+    Section("Missing effects", "gap", gap),
+    Section("Physical possibility", "physics", physics),
+    Section("Limits of this result", "limits", limits),
+)
 
 __all__ = ["SECTIONS", "Picture", "Section"]

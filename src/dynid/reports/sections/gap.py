@@ -8,8 +8,9 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.evidence import Evidence
 from dynid.reports.gap_figures import improvement_figure, where_figure
 from dynid.reports.gap_record import GapRecord
-from dynid.reports.sections.interface import Picture, Section
-from dynid.reports.svg import as_svg, page_style
+from dynid.reports.sections.interface import Picture
+from dynid.reports.svg import drawn
+from dynid.text import shell
 
 VERDICTS = {
     "named": "a missing effect was found and named",
@@ -19,27 +20,22 @@ VERDICTS = {
 }
 
 
-class Gap(Section):
-    """Verdict, candidates, held-out error before and after, and where the disagreement sits."""
-
-    title, anchor = "Missing effects", "gap"
-
-    def context(self, evidence: Evidence) -> dict[str, Any]:
-        """Return what gap.npz says, nothing when the search was not run."""
-        gap = evidence.gap
-        if gap is None:
-            return {"gap": None, "path": evidence.stored.path}
-        units = {joint.name: joint.torque_unit for joint in evidence.robot.joints}
-        answer = gap.answer
-        named = [(one, "named") for one in answer.get("named", ())]
-        others = [(one, one.get("why_not", "")) for one in answer.get("closest", ())]
-        return {
-            "gap": gap,
-            "verdict": VERDICTS.get(answer["verdict"], answer["verdict"]),
-            "rows": [_row(one, said, units) for one, said in (*named, *others)],
-            "alternatives": [" or ".join(group) for group in answer.get("alternatives", ())],
-            "pictures": _pictures(gap, units),
-        }
+def gap(evidence: Evidence) -> dict[str, Any]:
+    """Return what gap.npz says, nothing when the search was not run."""
+    record = evidence.gap
+    if record is None:
+        return {"gap": None, "search": f"{shell('dynid', 'gap', evidence.stored.path)} LOG"}
+    units = {joint.name: joint.torque_unit for joint in evidence.robot.joints}
+    answer = record.answer
+    named = [(one, "named") for one in answer.get("named", ())]
+    others = [(one, one.get("why_not", "")) for one in answer.get("closest", ())]
+    return {
+        "gap": record,
+        "verdict": VERDICTS.get(answer["verdict"], answer["verdict"]),
+        "rows": [_row(one, said, units) for one, said in (*named, *others)],
+        "alternatives": [" or ".join(group) for group in answer.get("alternatives", ())],
+        "pictures": _pictures(record, units),
+    }
 
 
 def _row(one: dict[str, Any], said: str, units: dict[str, str]) -> dict[str, Any]:
@@ -63,25 +59,24 @@ def _number(name: str, value: dict[str, Any]) -> str:
     return f"{name} = {value['value']:.4g}{error} {value['unit']}".strip()
 
 
-def _pictures(gap: GapRecord, units: dict[str, str]) -> list[Picture]:
-    with page_style("gap-shrink"):
-        shrink = as_svg(
-            improvement_figure(gap.improvement, list(units), list(units.values()), ""),
-            "held-out error of each joint before and after the missing effects, with the noise",
-        )
-    with page_style("gap-where"):
-        where = as_svg(
-            where_figure(gap.where, list(units), ""),
-            "residual power over noise power of each joint, by speed, position, load, time, direction and reversal",
-        )
+def _pictures(record: GapRecord, units: dict[str, str]) -> list[Picture]:
+    joints = list(units)
     return [
         Picture(
-            shrink,
+            drawn(
+                "gap-shrink",
+                lambda: improvement_figure(record.improvement, joints, list(units.values()), ""),
+                "held-out error of each joint before and after the missing effects, with the noise",
+            ),
             "Each joint's error on torque that was not fitted, without and with the named effects; line: the noise.",
             "A bar after that is still far right of the noise: something else is missing there.",
         ),
         Picture(
-            where,
+            drawn(
+                "gap-where",
+                lambda: where_figure(record.where, joints, ""),
+                "residual power over noise power of each joint, by speed, position, load, time, direction and reversal",
+            ),
             "Residual power over noise power in each part of the motion before anything was added; 1 is the noise.",
             "Above 1.25 something is missing; 10 and more, and the joint is badly modelled there.",
         ),

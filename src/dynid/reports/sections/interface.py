@@ -1,8 +1,8 @@
-"""What a section gives to the page: a title, an anchor, a template and the values that it is filled with."""
+"""What a section gives to the page: a title, an anchor, and the values that its template is filled with."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,17 +24,16 @@ class Picture:
     worry: str
 
 
-class Section(ABC):
-    """One section of the report; its template is ``templates/<anchor>.html``.
+@dataclass(frozen=True)
+class Section:
+    """One section of the report.
 
     Attributes:
         title: heading.
-        anchor: name in links.
+        anchor: name in links, and of the template ``templates/<anchor>.html``.
+        context: returns the values of the template.
     """
 
     title: str
     anchor: str
-
-    @abstractmethod
-    def context(self, evidence: Evidence) -> dict[str, Any]:
-        """Return the values of the section's template."""
+    context: Callable[[Evidence], dict[str, Any]]

@@ -2,41 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import link_frames
 from dynid.reports.evidence import Evidence
-from dynid.reports.figures import ESTIMATED, RESIDUAL
-from dynid.reports.inertia_ellipsoids import Ellipsoid, portrait
-from dynid.reports.sections.interface import Picture, Section
-from dynid.reports.svg import as_svg, page_style
+from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+from dynid.reports.inertia_ellipsoids import Ellipsoid, ellipsoid_drawing
+from dynid.reports.sections.interface import Picture
+from dynid.reports.svg import drawn
 from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
 
-class Physics(Section):
-    """A picture of the bodies and a table of them."""
-
-    title, anchor = "Physical possibility", "physics"
-
-    def context(self, evidence: Evidence) -> dict[str, Any]:
-        """Return the picture and one row a link."""
-        links = evidence.found.physical.links()
-        rows = [
-            {
-                "link": link["link"],
-                "mass": f"{link['mass_kg']:.3g}",
-                "com": ", ".join(f"{value:.3f}" for value in link["com_m"]),
-                "moments": ", ".join(f"{value:.2g}" for value in np.linalg.eigvalsh(tensor(link))),
-                "data": sum(origin == "data" for origin in link["origin"].values()),
-            }
-            for link in links
-        ]
-        return {"pictures": [ellipsoids(evidence.robot, links)], "rows": rows, "found": evidence.found}
+def physics(evidence: Evidence) -> dict[str, Any]:
+    """Return a picture of the bodies and one row per link."""
+    links = evidence.found.physical.links()
+    rows = [
+        {
+            "link": link["link"],
+            "mass": f"{link['mass_kg']:.3g}",
+            "com": ", ".join(f"{value:.3f}" for value in link["com_m"]),
+            "moments": ", ".join(f"{value:.2g}" for value in np.linalg.eigvalsh(tensor(link))),
+            "data": sum(origin == "data" for origin in link["origin"].values()),
+        }
+        for link in links
+    ]
+    return {"pictures": [ellipsoids(evidence.robot, links)], "rows": rows, "found": evidence.found}
 
 
 def tensor(link: dict[str, Any]) -> Floats:
@@ -57,9 +55,9 @@ def pose(robot: Robot) -> Floats:
 def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
     """Draw the arm in a bent pose from two sides, each body as the uniform ellipsoid with its mass and inertia."""
     label = "the arm from two sides with an ellipsoid for each link's mass and inertia"
-    drawing = portrait(robot, pose(robot), [ellipsoid(link) for link in links], label)
+    drawing = ellipsoid_drawing(robot, pose(robot), [ellipsoid(link) for link in links], label)
     return Picture(
-        drawing or outlines(robot, links, label),
+        drawing or drawn("ellipsoids", lambda: outlines(robot, links), label),
         "Each ellipsoid has the mass and inertia of the link whose number it bears; blue is mostly from data, orange "
         "from the prior. The grey arm is made from the DH table.",
         "An ellipsoid far larger than the link, or far off it: the prior or the data are wrong there.",
@@ -81,27 +79,26 @@ def colour(link: dict[str, Any]) -> str:
     return ESTIMATED if sum(origin == "data" for origin in link["origin"].values()) >= 5 else RESIDUAL
 
 
-def outlines(robot: Robot, links: list[dict[str, Any]], label: str) -> str:
+def outlines(robot: Robot, links: list[dict[str, Any]]) -> Figure:
     """Draw the same without PyBullet: the outlines of the ellipsoids in two planes of frame 0."""
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as NewFigure
 
     poses = link_frames(robot, pose(robot)).poses
     points = np.vstack([np.zeros(3), poses[:, :3, 3]])
-    with page_style("ellipsoids"):
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        for axis, (u, v) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
-            axis.plot(points[:, u], points[:, v], "o-", color="#8c8c8c", lw=2, ms=3)
-            for link in links:
-                outline = shadow(poses[link["link"] - 1], link, (u, v))
-                axis.fill(*outline.T, facecolor=colour(link), alpha=0.35, edgecolor=colour(link), lw=1)
-                x, y = outline.mean(axis=0)
-                axis.text(x, y, str(link["link"]), fontsize=7, ha="center", va="center")
-            axis.set_aspect("equal", adjustable="datalim")
-            axis.set_xlabel(f"{'xyz'[u]} [m]", fontsize=8)
-            axis.set_ylabel(f"{'xyz'[v]} [m]", fontsize=8)
-            axis.tick_params(labelsize=7)
-            axis.grid(lw=0.4)
-        return as_svg(figure, label)
+    figure = NewFigure(figsize=(6.4, 3.6), layout="constrained")
+    for axis, (u, v) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
+        axis.plot(points[:, u], points[:, v], "o-", color=MEASURED, lw=2, ms=3)
+        for link in links:
+            outline = shadow(poses[link["link"] - 1], link, (u, v))
+            axis.fill(*outline.T, facecolor=colour(link), alpha=0.35, edgecolor=colour(link), lw=1)
+            x, y = outline.mean(axis=0)
+            axis.text(x, y, str(link["link"]), fontsize=7, ha="center", va="center")
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_xlabel(f"{'xyz'[u]} [m]", fontsize=8)
+        axis.set_ylabel(f"{'xyz'[v]} [m]", fontsize=8)
+        axis.tick_params(labelsize=7)
+        axis.grid(lw=0.4)
+    return figure
 
 
 def shadow(pose: Floats, link: dict[str, Any], pair: tuple[int, int], count: int = 48) -> Floats:

@@ -1,12 +1,14 @@
-"""The verdict: three sentences and four lights."""
+"""The sections in words: verdict, what was run, quality of the data, limits of the result."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from dynid.errors import Finding
 from dynid.reports.evidence import Evidence
-from dynid.reports.sections.interface import Section
 
 #: Relative torque error of a joint that is good, and still fair [%]. A joint that moves little has larger ones.
 GOOD, FAIR = 5.0, 15.0
@@ -31,14 +33,10 @@ class Light:
     text: str
 
 
-class Verdict(Section):
-    """Three sentences and four lights."""
-
-    title, anchor = "Verdict", "verdict"
-
-    def context(self, evidence: Evidence) -> dict[str, Any]:
-        """Return sentences and lights."""
-        return {"sentences": sentences(evidence), "lights": lights(evidence)}
+# ---------------------------------------------------------------- verdict
+def verdict(evidence: Evidence) -> dict[str, Any]:
+    """Return three sentences and four lights."""
+    return {"sentences": sentences(evidence), "lights": lights(evidence)}
 
 
 def sentences(evidence: Evidence) -> list[str]:
@@ -99,3 +97,66 @@ def lights(evidence: Evidence) -> list[Light]:
 
 def _state(value: float, good: float, fair: float) -> str:
     return "good" if value <= good else "fair" if value <= fair else "bad"
+
+
+# ---------------------------------------------------------------- what was run
+def run(evidence: Evidence) -> dict[str, Any]:
+    """Return files, versions and command, and the logs with their hashes."""
+    stored, found, header = evidence.stored, evidence.found, evidence.stored.header
+    logs = list(zip(header.get("logs", []), stored.log_sha256, strict=False))
+    facts = [
+        ("robot", f"{stored.robot.name}, {stored.robot.n} joints, {stored.robot.convention} DH"),
+        ("robot file", header.get("robot_path", "")),
+        ("model key", header.get("key", "")),
+        ("estimator", f"{found.method}: {found.why}"),
+        ("filter", f"zero-phase low-pass at {stored.cutoff:.3g} Hz over torque and columns"),
+        ("samples", f"{found.samples} instants x {stored.robot.n} joints"),
+        ("dynid", f"{header.get('dynid', '')}, seed {header.get('seed', '')}"),
+    ]
+    return {"facts": facts, "logs": logs, "command": header.get("command", "")}
+
+
+def quality(evidence: Evidence) -> dict[str, Any]:
+    """Return what was noticed in the logs and in the fit, warnings first."""
+    logs = [Finding(**finding) for finding in evidence.stored.header.get("log_findings", [])]
+    found = [*logs, *evidence.found.findings]
+    return {"findings": sorted(found, key=lambda finding: finding.level != "warning")}
+
+
+# ---------------------------------------------------------------- limits
+def limits(evidence: Evidence) -> dict[str, Any]:
+    """Return what must not be concluded, one sentence each."""
+    return {"sentences": limit_sentences(evidence)}
+
+
+def limit_sentences(evidence: Evidence) -> list[str]:
+    """Return what must not be concluded, one sentence each."""
+    found, robot, reduction = evidence.found, evidence.robot, evidence.stored.reduction
+    open_ = [name for name, known in zip(found.names, found.knowledge, strict=True) if known == "not determined"]
+    sentences = [
+        f"{len(reduction.none)} of {len(reduction.names)} parameters show in no motion of this arm, and "
+        f"{len(reduction.combined)} only in combinations: single link masses are mostly the prior's.",
+    ]
+    if open_:
+        origin = "are the prior's" if found.in_force == "physical" else "may be anything"
+        sentences.append(f"These logs do not determine {', '.join(open_)}: their values {origin}.")
+    if evidence.motion is not None:
+        top = np.abs(evidence.motion.qd_estimated).max(axis=0)
+        shares = [
+            f"{joint.name} {100 * speed / joint.limits.velocity:.0f} %"
+            for joint, speed in zip(robot.joints, top, strict=True)
+            if joint.limits.velocity
+        ]
+        if shares:
+            sentences.append(f"Speeds reached, of the limits: {', '.join(shares)}. Friction beyond them is a guess.")
+    sentences.append(
+        f"What is faster than {evidence.stored.cutoff:.3g} Hz was filtered away: no vibration, no ripple in the model."
+    )
+    sentences.append("Temperature, load and wear were those of the recording; friction changes with all three.")
+    if robot.torque.source == "joint_sensor":
+        sentences.append(
+            "Torque came from joint sensors: what lies before them (rotors, motor friction) is hardly seen."
+        )
+    if found.heldout_relative_error_percent is None and not evidence.unseen:
+        sentences.append("No torque was kept back: the error on another motion is not known.")
+    return sentences

@@ -1,0 +1,79 @@
+"""What the motion could teach, measured beside predicted torque, and where the residual is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dynid.estimation.prediction import EstimatedMotion
+from dynid.reports.evidence import Evidence
+from dynid.reports.figures import coverage_figure, residual_figure, spectrum_figure, torque_figure
+from dynid.reports.sections.interface import Picture
+from dynid.reports.svg import drawn
+from dynid.text import shell
+
+
+def excitation(evidence: Evidence) -> dict[str, Any]:
+    """Return singular values of the stack, and how far each joint moved."""
+    values, motion, robot = evidence.singular_values, evidence.motion, evidence.robot
+    pictures = []
+    if values is not None:
+        label = "singular values of the stack with normalised columns"
+        pictures.append(
+            Picture(
+                drawn("spectrum", lambda: spectrum_figure(values), label),
+                "Each dot is a combination of parameters; the further right, the less the motion shows it.",
+                "Dots below the dashed line (1/1000): noise in those directions is amplified a thousandfold.",
+            )
+        )
+    if motion is not None:
+        label = "range of positions and velocities of each joint, and its limits"
+        pictures.append(
+            Picture(
+                drawn("coverage", lambda: coverage_figure(motion, robot), label),
+                "Blue is what the joint did, grey what its limits allow.",
+                "A joint whose blue bar is short taught little: its inertia and friction come from few, small signals.",
+            )
+        )
+    return {"pictures": pictures, "found": evidence.found, "size": len(evidence.found.names)}
+
+
+def torque(evidence: Evidence) -> dict[str, Any]:
+    """Return torques of the logs that were fitted, with the table of joints."""
+    pictures = [] if evidence.motion is None else [_torques(evidence, evidence.motion, "fitted logs")]
+    units = [joint.torque_unit for joint in evidence.robot.joints]
+    return {"pictures": pictures, "joints": list(zip(evidence.found.joints, units, strict=True))}
+
+
+def unseen(evidence: Evidence) -> dict[str, Any]:
+    """Return validations beside the result, else the rows that were held out."""
+    shown = [(each, _torques(evidence, each.motion, f"unseen: {each.name}")) for each in evidence.unseen]
+    validate = f"{shell('dynid', 'validate', evidence.stored.path)} LOG"
+    return {"unseen": shown, "found": evidence.found, "joints": evidence.robot.joint_names, "validate": validate}
+
+
+def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture:
+    robot = evidence.robot
+    return Picture(
+        drawn(
+            title,
+            lambda: torque_figure(motion, robot, robot.joint_names, title),
+            f"measured and estimated torque of each joint, {title}",
+        ),
+        "Grey is measured, blue estimated, orange what is left, all on one scale per joint.",
+        "Orange that follows a pattern (steps at reversals, waves) is an effect that the model misses, not noise.",
+    )
+
+
+def residual(evidence: Evidence) -> dict[str, Any]:
+    """Return averages of the residual over four quantities, one row per joint."""
+    motion, robot = evidence.motion, evidence.robot
+    if motion is None:
+        return {"pictures": []}
+    label = "mean and spread of the residual against velocity, position, load and time"
+    one = Picture(
+        drawn("residual", lambda: residual_figure(motion, robot), label),
+        "The line is the mean residual in a bin, the band one standard deviation; noise gives a flat line at zero.",
+        "A step at zero velocity is friction, a wave over position gravity or a spring, "
+        "a slope over load a gear or gain, a drift over time heat.",
+    )
+    return {"pictures": [one]}

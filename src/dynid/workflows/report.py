@@ -1,0 +1,80 @@
+"""The report of a result: one page that needs no network, and a summary for a pull request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import StoredResult
+    from dynid.reports.sections.verdict import Light
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report.
+
+    Attributes:
+        robot: name of the arm.
+        verdict: three sentences.
+        lights: what is good and what is not, at a glance.
+        html: the page; it needs no network and runs no script.
+        markdown: the summary.
+    """
+
+    robot: str
+    verdict: tuple[str, ...]
+    lights: tuple[Light, ...]
+    html: str = field(repr=False)
+    markdown: str = field(repr=False)
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write report.html and summary.md to a folder and return their paths."""
+        from dynid.files.artifact import write_text
+
+        texts = {"report.html": self.html, "summary.md": self.markdown}
+        for name, text in texts.items():
+            write_text(Path(folder) / name, text)
+        return [Path(folder) / name for name in texts]
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid report`` says."""
+        return {
+            "schema": "dynid/report/1",
+            "robot": self.robot,
+            "verdict": list(self.verdict),
+            "lights": {light.name: light.state for light in self.lights},
+        }
+
+    def _repr_html_(self) -> str:
+        from dynid.text import html
+
+        sentences = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
+        lights = "".join(f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>" for light in self.lights)
+        return f"{sentences}<ul>{lights}</ul>"
+
+
+def report(result: StoredResult, *, progress: Progress = SILENT) -> Report:
+    """Make the report of a result and of what lies beside its file: validations, stack, search for missing effects.
+
+    Args:
+        result: identified parameters, as ``dynid.load`` returns them; a new result that was not saved has a report
+            without validations.
+        progress: told that the report is made.
+    """
+    from dynid.reports.evidence import gather
+    from dynid.reports.page import page, summary
+    from dynid.reports.sections.verdict import lights, sentences
+
+    progress.stage("report")
+    evidence = gather(result)
+    return Report(
+        result.robot.name,
+        tuple(sentences(evidence)),
+        tuple(lights(evidence)),
+        page(evidence),
+        summary(evidence),
+    )
