@@ -17,7 +17,7 @@ from dynid.errors import DynidError, Finding
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
-from dynid.model.prior import prior_parameters
+from dynid.model.prior import prior_vector
 from dynid.model.reference import prior_torques
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
@@ -161,8 +161,7 @@ def known_torque(model: Model, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         return np.zeros_like(q)
     frozen = tuple(replace(joint, friction=(), motor_inertia=False) for joint in model.robot.joints)
     rest = Model(replace(model.robot, links=others, joints=frozen, coupling=None), model.rigid)
-    prior = prior_parameters(model.robot).reshape(-1, 10)[np.array(others) - 1].ravel()
-    return rest.observer().torque(prior, q, qd, qdd)
+    return rest.observer().torque(prior_vector(rest), q, qd, qdd)
 
 
 # ---------------------------------------------------------------- effects of the robot file

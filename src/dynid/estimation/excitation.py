@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,19 +53,18 @@ def _finding(base: BaseModel, stack: Stack, k: int, relative: float) -> Finding:
     name = stack.names[k]
     evidence = {"parameter": name, "relative_error": relative if np.isfinite(relative) else None}
     if not np.isfinite(relative):
-        return Finding("W402", "warning", f"{name} leaves no trace in this log: {_reason(base, stack, name)}", evidence)
+        return Finding("W402", "warning", f"{name} leaves no trace in this log: {_reason(base, stack, k)}", evidence)
     factor = relative / WELL
     more = f"{factor:.0f} times more" if factor < MOST_SENSIBLE else "far more"
-    why = f"{name} hardly excited (error {100 * relative:.0f} %): {_reason(base, stack, name)}"
+    why = f"{name} hardly excited (error {100 * relative:.0f} %): {_reason(base, stack, k)}"
     text = f"{why}; {more} would bring its error under 10 %"
     return Finding("W402", "warning", text, {**evidence, "factor": factor})
 
 
-def _reason(base: BaseModel, stack: Stack, name: str) -> str:
-    """Say which signal shows a parameter and how small it is in these logs."""
-    match = re.fullmatch(r"([A-Za-z]+)(\d+)R?", name)
-    assert match is not None
-    kind, j = match[1], int(match[2]) - 1
+def _reason(base: BaseModel, stack: Stack, k: int) -> str:
+    """Say which signal shows a base parameter and how small it is in these logs."""
+    parameter = base.model.parameters[base.reduction.base[k]]
+    kind, j = parameter.kind, parameter.number - 1
     joint = base.robot.joints[j]
     unit = "rad" if joint.revolute else "m"
     segments = [segment for log in stack.logs for segment in log.segments]

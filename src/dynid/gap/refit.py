@@ -20,7 +20,7 @@ from dynid.gap.selected_effects import SelectedEffect, effect_torque, stepped, w
 from dynid.gap.significance import significance_test, whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Effect, Floats, Place
+from dynid.model.effects.interface import Effect, Floats, Joints
 from dynid.robot import EffectSpec
 
 #: Rounds of refining all shapes together, each with a smaller step.
@@ -58,7 +58,7 @@ class FittedEffect:
         return self.selected.effect.name
 
     @property
-    def joints(self) -> Place:
+    def joints(self) -> Joints:
         """Where it sits; () for the whole arm."""
         return self.selected.joints
 

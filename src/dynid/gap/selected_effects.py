@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.gap.significance import SignificanceTest, whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class SelectedEffect:
     """
 
     effect: Effect
-    joints: Place
+    joints: Joints
     shape: dict[str, float]
     test: SignificanceTest
     score: float
-    rivals: tuple[tuple[str, Place], ...] = ()
+    rivals: tuple[tuple[str, Joints], ...] = ()
 
     @property
-    def key(self) -> tuple[str, Place]:
+    def key(self) -> tuple[str, Joints]:
         """Identifier and joints."""
         return self.effect.name, self.joints
 

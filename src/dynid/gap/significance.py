@@ -13,7 +13,7 @@ import numpy as np
 
 from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
 from dynid.model.effects.catalogue import joined_motion
-from dynid.model.effects.interface import Effect, Floats, Place, Shape
+from dynid.model.effects.interface import Effect, Floats, Joints, Shape
 
 #: Share of a candidate's power, and of that of its own columns, below which the model absorbs it: these logs cannot
 #: show it.
@@ -33,13 +33,13 @@ class EffectCandidate:
     """
 
     effect: Effect
-    joints: Place
+    joints: Joints
     shapes: list[dict[str, float]]
     columns: dict[int, Floats]
     gram: Floats
 
     @property
-    def key(self) -> tuple[str, Place]:
+    def key(self) -> tuple[str, Joints]:
         """Identifier and joints."""
         return self.effect.name, self.joints
 
@@ -67,7 +67,7 @@ class CandidateScore:
 
 
 def whitened_columns(
-    regression: WhitenedRegression, effect: Effect, joints: Place, shapes: Sequence[Shape]
+    regression: WhitenedRegression, effect: Effect, joints: Joints, shapes: Sequence[Shape]
 ) -> dict[int, Floats]:
     """Return whitened columns of an effect for several shapes, {joint: (G, k, M_j)}."""
     rows = effect.rows(joints, regression.segments[0].motion.n)
@@ -80,7 +80,7 @@ def whitened_columns(
 
 
 def candidate_of(
-    regression: WhitenedRegression, effect: Effect, joints: Place, shapes: list[dict[str, float]]
+    regression: WhitenedRegression, effect: Effect, joints: Joints, shapes: list[dict[str, float]]
 ) -> EffectCandidate:
     """Return a candidate with shapes that have the same number of columns."""
     columns = whitened_columns(regression, effect, joints, shapes)
@@ -88,7 +88,7 @@ def candidate_of(
     return EffectCandidate(effect, joints, shapes, columns, np.asarray(gram))
 
 
-def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Place) -> list[EffectCandidate]:
+def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints) -> list[EffectCandidate]:
     """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
     shapes = effect.grid(joined_motion([s.motion for s in regression.segments]), joints)
     groups: dict[int, list[dict[str, float]]] = {}

@@ -21,10 +21,10 @@ from dynid.gap.significance import (
 )
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Effect, Floats, Place
+from dynid.model.effects.interface import Effect, Floats, Joints
 from dynid.progress import Progress
 
-Key = tuple[str, Place]
+Key = tuple[str, Joints]
 Ranking = list[tuple[CandidateScore, EffectCandidate]]
 
 #: Smallest visible size in units of the noise: below, wrong names are as likely as right ones.
@@ -277,7 +277,7 @@ def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:
     return wide.joints == narrow.joints and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
 
 
-def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Place]]:
+def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Joints]]:
     """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on."""
     use = "refit" if problem.kept is None else "frozen"
     moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
@@ -285,13 +285,13 @@ def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple
         (effect, joints)
         for effect in CATALOGUE.values()
         if use in effect.uses and (not options.effects or effect.name in options.effects)
-        for joints in effect.places(problem.base.robot.n)
+        for joints in effect.candidate_joints(problem.base.robot.n)
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
         if not _in_model(effect, joints, problem)
     ]
 
 
-def _in_model(effect: Effect, joints: Place, problem: GapProblem) -> bool:
+def _in_model(effect: Effect, joints: Joints, problem: GapProblem) -> bool:
     """Return whether the baseline has it already, or has not what should have changed."""
     if not joints:
         return False

@@ -12,7 +12,7 @@ from dynid.gap.refit import FittedEffect, HeldOutImprovement
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Place
+from dynid.model.effects.interface import Joints
 
 #: Mean square of the whitened residual between reversals up to which nothing is missing; with the rows at reversals,
 #: which are known less well, up to so many times more.
@@ -138,7 +138,7 @@ def labels(selected: SelectedEffect, joints: Sequence[str]) -> list[str]:
     return [f"{name} on {joints_text(where, joints)}" for name, where in (selected.key, *selected.rivals)]
 
 
-def joints_text(where: Place, joints: Sequence[str]) -> str:
+def joints_text(where: Joints, joints: Sequence[str]) -> str:
     """Return where an effect sits, in words."""
     return " from ".join(joints[j] for j in where) or "the whole arm"
 

@@ -122,9 +122,9 @@ class Kernel:
         """Return the entries of the matrix for at most ``BLOCK`` samples.
 
         Args:
-            q: positions, (B, n).
-            qd: velocities, (B, n).
-            qdd: accelerations, (B, n).
+            q: positions, (B, n) [rad or m].
+            qd: velocities, (B, n) [rad/s or m/s].
+            qdd: accelerations, (B, n) [rad/s^2 or m/s^2].
 
         Returns:
             Entries in the order of ``rows`` and ``cols``, (E, B); overwritten by the next call.

@@ -22,7 +22,7 @@ class ModelTorques:
 
     Args:
         model: the model.
-        values: of all its columns; those of effects are left out, (c,).
+        values: of all its columns, in their units; those of effects are left out, (c,).
     """
 
     def __init__(self, model: Model, values: Floats) -> None:
@@ -51,14 +51,14 @@ class ModelTorques:
         return holding_torque(robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
 
     def tip_force(self, q: Floats, axis: int) -> Floats:
-        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
+        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
         robot = self._model.robot
         mass = np.eye(robot.n)[-1]
         return holding_torque(robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the columns of the ten parameters of the last link, (10, N, n)."""
+        """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
         last = 11 * (self._model.robot.n - 1)
         chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
         return np.ascontiguousarray(self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1))

@@ -103,7 +103,7 @@ class Model:
             qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
 
         Returns:
-            P with tau = P gamma, (N, n, c).
+            P with tau = P gamma, (N, n, c) [N m or N per unit of each parameter].
         """
         return self.observer(np.arange(self.plain_size)).dense(q, qd, qdd)
 
@@ -191,10 +191,10 @@ class Observer:
         """Return the torques of given parameters without storing the regressor, and without added effects.
 
         Args:
-            theta: values of the chosen columns, (p,).
-            q: positions, (N, n).
-            qd: velocities, (N, n).
-            qdd: accelerations, (N, n).
+            theta: values of the chosen columns, in their units, (p,).
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
 
         Returns:
             tau, (N, n) [N m or N].

@@ -89,10 +89,10 @@ def test_hysteresis_follows_the_dahl_equation_through_reversals():
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "payload"])
 def test_columns_have_one_row_a_joint_and_one_entry_a_sample(motion, name):
     effect = CATALOGUE[name]
-    place = effect.places(7)[0]
-    shape = (effect.grid(motion, place) or [{}])[0]
-    columns = effect.columns(motion, place, shape)
-    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(place, 7)), len(motion))
+    joints = effect.candidate_joints(7)[0]
+    shape = (effect.grid(motion, joints) or [{}])[0]
+    columns = effect.columns(motion, joints, shape)
+    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(joints, 7)), len(motion))
 
 
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):

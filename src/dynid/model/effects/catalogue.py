@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.errors import WrongRobotFile
 from dynid.model.effects import friction, position, sensor, whole_arm
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 from dynid.model.parameters import Parameter
 from dynid.robot import EffectSpec, Robot
 
@@ -62,43 +62,43 @@ class AddedColumn:
 
 @dataclass(frozen=True)
 class Added:
-    """One effect of a robot file at one place.
+    """One effect of a robot file on one joint, one pair of joints or the whole arm.
 
     Attributes:
         effect: the effect.
-        place: where it sits.
+        joints: the joints that it belongs to.
         shape: its non-linear parameters.
         columns: its linear ones.
     """
 
     effect: Effect
-    place: Place
+    joints: Joints
     shape: dict[str, float]
     columns: tuple[AddedColumn, ...]
 
     def evaluate(self, motion: ArmMotion) -> Floats:
         """Return the entries of its columns, column by column, row by row, (E, N)."""
-        return self.effect.columns(motion, self.place, self.shape).reshape(-1, len(motion))
+        return self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
 
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
-    """Return the effects of a robot file, place by place; a torque delay has no column (``delay_of``)."""
+    """Return the effects of a robot file, joint by joint; a torque delay has no column (``delay_of``)."""
     found = []
     for spec in robot.effects:
         effect = checked(spec, robot)
         if effect.name == "torque_delay":
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
-        for place in places_of(spec, robot):
-            rows = effect.rows(place, robot.n)
-            label = f"{effect.name}{'_'.join(str(j + 1) for j in place)}"
+        for joints in joints_of(spec, robot):
+            rows = effect.rows(joints, robot.n)
+            label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             columns = tuple(
                 AddedColumn(
                     Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}"), rows, spec.parameters.get(name, 0.0)
                 )
                 for name, unit in effect.amplitudes(shape).items()
             )
-            found.append(Added(effect, place, shape, columns))
+            found.append(Added(effect, joints, shape, columns))
     return tuple(found)
 
 
@@ -125,8 +125,8 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     return effect
 
 
-def places_of(spec: EffectSpec, robot: Robot) -> list[Place]:
-    """Return where a listed effect sits: one place a joint, the pair, or the whole arm."""
+def joints_of(spec: EffectSpec, robot: Robot) -> list[Joints]:
+    """Return the joints that a listed effect belongs to: each joint alone, the pair, or () for the whole arm."""
     index = [robot.joint_names.index(name) for name in spec.joints]
     scope = CATALOGUE[spec.effect].scope
     return [(j,) for j in index] if scope == "joint" else [tuple(index)] if scope == "pair" else [()]

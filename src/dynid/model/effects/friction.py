@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape, sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape, sign_of
 
 
 class ViscousFriction(Effect):
@@ -20,9 +20,9 @@ class ViscousFriction(Effect):
     family = "viscous"
     units: ClassVar[dict[str, str]] = {"fv": "N m s/rad"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.qd[:, place[0]][None, None]
+        return motion.qd[:, joints[0]][None, None]
 
 
 class CoulombFriction(Effect):
@@ -36,9 +36,9 @@ class CoulombFriction(Effect):
     family = "friction curve"
     units: ClassVar[dict[str, str]] = {"fc": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return sign_of(motion, place[0])[None, None]
+        return sign_of(motion, joints[0])[None, None]
 
 
 class AsymmetricViscous(Effect):
@@ -54,9 +54,9 @@ class AsymmetricViscous(Effect):
     family = "viscous"
     units: ClassVar[dict[str, str]] = {"a": "N m s/rad"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.abs(motion.qd[:, place[0]])[None, None]
+        return np.abs(motion.qd[:, joints[0]])[None, None]
 
 
 class Stribeck(Effect):
@@ -76,10 +76,10 @@ class Stribeck(Effect):
     )
     units: ClassVar[dict[str, str]] = {"a": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        speed = np.abs(motion.qd[:, place[0]])
-        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(motion, place[0]))[None, None]
+        speed = np.abs(motion.qd[:, joints[0]])
+        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(motion, joints[0]))[None, None]
 
 
 class NonlinearViscous(Effect):
@@ -96,9 +96,9 @@ class NonlinearViscous(Effect):
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (1.3, 1.6, 2.0, 2.5, 3.0))
     units: ClassVar[dict[str, str]] = {"a": "N m (s/rad)^p"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        speed = motion.qd[:, place[0]]
+        speed = motion.qd[:, joints[0]]
         return (np.sign(speed) * np.abs(speed) ** shape["p"])[None, None]
 
 
@@ -115,9 +115,9 @@ class LoadFriction(Effect):
     needs_model = True
     units: ClassVar[dict[str, str]] = {"a": ""}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return (np.abs(motion.rigid[:, place[0]]) * sign_of(motion, place[0]))[None, None]
+        return (np.abs(motion.rigid[:, joints[0]]) * sign_of(motion, joints[0]))[None, None]
 
 
 class WarmupFriction(Effect):
@@ -134,10 +134,10 @@ class WarmupFriction(Effect):
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0))
     units: ClassVar[dict[str, str]] = {"a1": "N m", "a2": "N m s/rad"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         cold = np.exp(-motion.t / shape["tw"])
-        return np.array([cold * sign_of(motion, place[0]), cold * motion.qd[:, place[0]]])[:, None]
+        return np.array([cold * sign_of(motion, joints[0]), cold * motion.qd[:, joints[0]]])[:, None]
 
 
 class PositionFriction(Effect):
@@ -153,9 +153,9 @@ class PositionFriction(Effect):
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"h": h} for h in (1.0, 2.0))
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        angle, sign = shape["h"] * motion.q[:, place[0]], sign_of(motion, place[0])
+        angle, sign = shape["h"] * motion.q[:, joints[0]], sign_of(motion, joints[0])
         return np.array([np.cos(angle) * sign, np.sin(angle) * sign])[:, None]
 
 
@@ -176,10 +176,10 @@ class PreslidingHysteresis(Effect):
     )
     units: ClassVar[dict[str, str]] = {"a": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        z = presliding(motion.q[:, place[0]], shape["delta"])
-        return (z - sign_of(motion, place[0]))[None, None]
+        z = presliding(motion.q[:, joints[0]], shape["delta"])
+        return (z - sign_of(motion, joints[0]))[None, None]
 
 
 class JointCoupling(Effect):
@@ -194,13 +194,13 @@ class JointCoupling(Effect):
     family = "cross"
     units: ClassVar[dict[str, str]] = {"a": "N m s/rad", "b": "N m"}
 
-    def places(self, n: int) -> list[Place]:
+    def candidate_joints(self, n: int) -> list[Joints]:
         """Return every joint with each of its neighbours."""
         return [(j, k) for j in range(n) for k in (j - 1, j + 1) if 0 <= k < n]
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.array([motion.qd[:, place[1]], sign_of(motion, place[1])])[:, None]
+        return np.array([motion.qd[:, joints[1]], sign_of(motion, joints[1])])[:, None]
 
 
 class CoulombChange(Effect):
@@ -215,9 +215,9 @@ class CoulombChange(Effect):
     family = "friction curve"
     units: ClassVar[dict[str, str]] = {"c": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return sign_of(motion, place[0])[None, None]
+        return sign_of(motion, joints[0])[None, None]
 
 
 class ViscousChange(Effect):
@@ -232,9 +232,9 @@ class ViscousChange(Effect):
     family = "friction curve"
     units: ClassVar[dict[str, str]] = {"v": "N m s/rad"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.qd[:, place[0]][None, None]
+        return motion.qd[:, joints[0]][None, None]
 
 
 def presliding(q: Floats, delta: float) -> Floats:

@@ -22,7 +22,7 @@ from dynid.robot import Coulomb, Robot
 
 Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
-Place = tuple[int, ...]
+Joints = tuple[int, ...]
 Shape = Mapping[str, float]
 
 
@@ -48,7 +48,7 @@ class Column:
     Attributes:
         parameter: what it stands for.
         rows: indices of the joints it acts on, 0-based.
-        evaluate: its entries in those rows for a block, each (B,).
+        evaluate: its entries in those rows for a block, each (B,) [N m or N per unit of the parameter].
         exact: the same entries in the prime field of ``model/prime_field.py`` for states given there; None for a
             function that is no polynomial of the state, such as a sign: it takes part as an independent function of
             the motion.
@@ -76,10 +76,10 @@ class ReferenceTorques(Protocol):
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
 
     def tip_force(self, q: Floats, axis: int) -> Floats:
-        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n)."""
+        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the columns of the ten parameters of the last link, (10, N, n)."""
+        """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class ArmMotion:
     Attributes:
         t: time since the recording began, (N,) [s].
         q: positions, (N, n) [rad or m].
-        qd: velocities, (N, n).
-        qdd: accelerations, (N, n).
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
         robot: the arm.
         reference: the current model.
         smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
@@ -117,12 +117,12 @@ class ArmMotion:
 
     @cached_property
     def rigid(self) -> Floats:
-        """Rigid-body torques of the current model, (N, n)."""
+        """Rigid-body torques of the current model, (N, n) [N m or N]."""
         return self.reference.rigid(self.q, self.qd, self.qdd)
 
     @cached_property
     def total(self) -> Floats:
-        """Rigid-body and friction torques of the current model, (N, n)."""
+        """Rigid-body and friction torques of the current model, (N, n) [N m or N]."""
         return self.reference.total(self.q, self.qd, self.qdd)
 
 
@@ -161,29 +161,29 @@ class Effect(ABC):
     shapes: ClassVar[tuple[dict[str, float], ...]] = ({},)
     steps: ClassVar[dict[str, tuple[str, float]]] = {}
 
-    def places(self, n: int) -> list[Place]:
+    def candidate_joints(self, n: int) -> list[Joints]:
         """Return where it may sit on an arm of n joints."""
         return [(j,) for j in range(n)] if self.scope == "joint" else [()]
 
-    def rows(self, place: Place, n: int) -> tuple[int, ...]:
+    def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
         """Return the joints whose torque it changes."""
-        return place[:1] if place else tuple(range(n))
+        return joints[:1] if joints else tuple(range(n))
 
-    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried; one empty shape when it is linear."""
         return [dict(shape) for shape in self.shapes]
 
-    def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
-        """Return the columns of several shapes, each (amplitudes, rows, N)."""
-        return [self.columns(motion, place, shape) for shape in shapes]
+    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes, each (amplitudes, rows, N) [N m or N per unit]."""
+        return [self.columns(motion, joints, shape) for shape in shapes]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
         return dict(self.units)
 
     @abstractmethod
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
-        """Return its columns in its rows, (amplitudes, rows, N)."""
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N) [N m or N per unit]."""
 
 
 def sign_of(motion: ArmMotion, joint: int) -> Floats:

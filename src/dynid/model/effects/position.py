@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
 #: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring.
 WAVES = 10.0
@@ -33,19 +33,19 @@ class TorqueRipple(Effect):
     steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
-    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        travel = float(np.ptp(motion.q[:, place[0]]))
+        travel = float(np.ptp(motion.q[:, joints[0]]))
         if travel < STILL:
             return []
         return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
 
-    def tried(self, motion: ArmMotion, place: Place, shapes: Sequence[Shape]) -> list[Floats]:
+    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes; of evenly spaced waves each turns the one before by the same angles."""
         k = np.array([shape["k"] for shape in shapes])
         if len(k) < MANY:
-            return super().tried(motion, place, shapes)
-        q = motion.q[:, place[0]]
+            return super().tried(motion, joints, shapes)
+        q = motion.q[:, joints[0]]
         wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
         found = []
         for _ in k:
@@ -53,9 +53,9 @@ class TorqueRipple(Effect):
             wave = wave * turn
         return found
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        angle = shape["k"] * motion.q[:, place[0]]
+        angle = shape["k"] * motion.q[:, joints[0]]
         return np.array([np.cos(angle), np.sin(angle)])[:, None]
 
 
@@ -70,9 +70,9 @@ class Spring(Effect):
     family = "position torque"
     shape_units: ClassVar[dict[str, str]] = {"order": "", "constant": ""}
 
-    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried; the constant only where the joint has no offset of its own."""
-        constant = 0.0 if "offset" in motion.robot.joints[place[0]].friction else 1.0
+        constant = 0.0 if "offset" in motion.robot.joints[joints[0]].friction else 1.0
         return [{"order": 1.0, "constant": constant}, {"order": 3.0, "constant": constant}]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
@@ -81,9 +81,9 @@ class Spring(Effect):
         found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
         return found | ({"c": "N m"} if shape["constant"] else {})
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        q = motion.q[:, place[0]]
+        q = motion.q[:, joints[0]]
         powers = [q**i for i in range(1, round(shape["order"]) + 1)]
         return np.array([*powers, *([np.ones_like(q)] if shape["constant"] else [])])[:, None]
 
@@ -101,11 +101,11 @@ class EndStop(Effect):
     steps: ClassVar[dict[str, tuple[str, float]]] = {"q1": ("plus", 0.1)}
     units: ClassVar[dict[str, str]] = {"a": "N m/rad"}
 
-    def grid(self, motion: ArmMotion, place: Place) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        points = np.quantile(motion.q[:, place[0]], np.linspace(0.15, 0.85, 9))
+        points = np.quantile(motion.q[:, joints[0]], np.linspace(0.15, 0.85, 9))
         return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return np.maximum(0.0, shape["side"] * (motion.q[:, place[0]] - shape["q1"]))[None, None]
+        return np.maximum(0.0, shape["side"] * (motion.q[:, joints[0]] - shape["q1"]))[None, None]

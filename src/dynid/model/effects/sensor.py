@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
 #: Step of the derivative [rad].
 STEP = 1e-5
@@ -23,7 +23,7 @@ class TorqueOffset(Effect):
     family = "position torque"
     units: ClassVar[dict[str, str]] = {"c": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return np.ones((1, 1, len(motion)))
 
@@ -39,9 +39,9 @@ class TorqueGain(Effect):
     needs_model = True
     units: ClassVar[dict[str, str]] = {"g": ""}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.total[:, place[0]][None, None]
+        return motion.total[:, joints[0]][None, None]
 
 
 class TorqueDrift(Effect):
@@ -58,7 +58,7 @@ class TorqueDrift(Effect):
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tc": tc} for tc in (1e6, 10.0, 25.0, 60.0, 150.0))
     units: ClassVar[dict[str, str]] = {"a": "N m/s"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return (shape["tc"] * -np.expm1(-motion.t / shape["tc"]))[None, None]
 
@@ -76,13 +76,13 @@ class TorqueCrosstalk(Effect):
     needs_model = True
     units: ClassVar[dict[str, str]] = {"a": ""}
 
-    def places(self, n: int) -> list[Place]:
+    def candidate_joints(self, n: int) -> list[Joints]:
         """Return every ordered pair of joints."""
         return [(j, k) for j in range(n) for k in range(n) if j != k]
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.rigid[:, place[1]][None, None]
+        return motion.rigid[:, joints[1]][None, None]
 
 
 class TorqueDelay(Effect):
@@ -97,7 +97,7 @@ class TorqueDelay(Effect):
     needs_model = True
     units: ClassVar[dict[str, str]] = {"delay": "s"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return -np.gradient(motion.total, motion.t, axis=0).T[None]
 
@@ -114,12 +114,12 @@ class EncoderOffset(Effect):
     family = "statics"
     units: ClassVar[dict[str, str]] = {"offset": "rad"}
 
-    def rows(self, place: Place, n: int) -> tuple[int, ...]:
+    def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
         """Return all joints: the whole arm's torque changes."""
         return tuple(range(n))
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         moved = motion.q.copy()
-        moved[:, place[0]] -= STEP
+        moved[:, joints[0]] -= STEP
         return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / STEP).T[None]

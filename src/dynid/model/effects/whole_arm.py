@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Place, Shape
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 from dynid.robot import LINK_PARAMETERS
 
 #: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
@@ -26,9 +26,9 @@ class MotorInertia(Effect):
     positive = True
     units: ClassVar[dict[str, str]] = {"Im": "kg m^2"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.qdd[:, place[0]][None, None]
+        return motion.qdd[:, joints[0]][None, None]
 
 
 class JointElasticity(Effect):
@@ -43,13 +43,13 @@ class JointElasticity(Effect):
     needs_model = True
     units: ClassVar[dict[str, str]] = {"compliance": "rad/N m"}
 
-    def rows(self, place: Place, n: int) -> tuple[int, ...]:
+    def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
         """Return all joints: the whole arm's torque changes."""
         return tuple(range(n))
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        j = place[0]
+        j = joints[0]
         bend = motion.smooth(motion.rigid[:, j])
         speed = np.gradient(bend, motion.t)
         moved = []
@@ -73,7 +73,7 @@ class BaseTilt(Effect):
     family = "statics"
     units: ClassVar[dict[str, str]] = {"x": "rad", "y": "rad", "c": "N m", "s": "N m"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         columns = np.zeros((4, motion.n, len(motion)))
         for axis in (0, 1):
@@ -94,7 +94,7 @@ class ToolForce(Effect):
     family = "statics"
     units: ClassVar[dict[str, str]] = {"x": "N", "y": "N", "z": "N"}
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return np.array([motion.reference.tip_force(motion.q, axis).T for axis in range(3)])
 
@@ -117,6 +117,6 @@ class Payload(Effect):
         """Return names and units of the parameters that enter linearly."""
         return dict(list(zip(LINK_PARAMETERS, UNITS, strict=False))[: round(shape["form"])])
 
-    def columns(self, motion: ArmMotion, place: Place, shape: Shape) -> Floats:
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)[: round(shape["form"])].transpose(0, 2, 1)
