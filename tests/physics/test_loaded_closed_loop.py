@@ -11,7 +11,6 @@ from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.drive_gains import Load, find_gains
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload, last_link
-from dynid.estimation.result import StoredResult
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
@@ -59,8 +58,7 @@ def logs():
 
 def test_the_load_is_found_within_three_percent_and_inside_its_error_bars(base, logs):
     empty, loaded = (estimate(stacked(base, log), base, holdout=None) for log in logs)
-    stored = StoredResult(empty, base.reduction, ROBOT, 6.0, 0.0, (), {}, Path("unloaded.npz"))
-    payload = find_payload(loaded, stored)
+    payload = find_payload(loaded, empty)
     assert payload.body.mass == pytest.approx(LOAD.mass, rel=0.03)
     assert np.linalg.norm(np.subtract(payload.body.com, LOAD.com)) < 0.03 * np.linalg.norm(LOAD.com)
     found = np.array([payload.body.mass, *payload.body.com, *payload.body.inertia_com])
@@ -80,5 +78,4 @@ def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_t
     empty, loaded = (
         estimate(stacked(base, replace(log, tau=log.tau / GAINS * found.gain)), base, holdout=None) for log in logs
     )
-    stored = StoredResult(empty, base.reduction, ROBOT, 6.0, 0.0, (), {}, Path("unloaded.npz"))
-    assert find_payload(loaded, stored).body.mass == pytest.approx(LOAD.mass, rel=0.03)
+    assert find_payload(loaded, empty).body.mass == pytest.approx(LOAD.mass, rel=0.03)

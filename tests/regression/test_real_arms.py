@@ -87,5 +87,5 @@ def test_the_prior_is_far_worse_than_the_fit(dynid, recordings):
     log = str(recordings / "kuka_lwr4plus" / "run1.bag")
     assert dynid("identify", "kuka_lwr4plus", log).status == 0
     stored = result.load(dynid.folder / "out/kuka_lwr4plus/parameters.npz")
-    assert stored.identification.relative_error_percent < 2.2
+    assert stored.relative_error_percent < 2.2
     assert len(prior_parameters(stored.robot)) == 70

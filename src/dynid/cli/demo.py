@@ -12,7 +12,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
@@ -62,7 +62,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     return ExitStatus.DONE
 
 
-def against_truth(stored: StoredResult, path: Path) -> dict[str, Any]:
+def against_truth(stored: Identification, path: Path) -> dict[str, Any]:
     """Count how many true base parameters the intervals hold."""
     import numpy as np
 
@@ -70,6 +70,5 @@ def against_truth(stored: StoredResult, path: Path) -> dict[str, Any]:
 
     gamma = read_plant(path).parameters()
     true = stored.reduction.K @ np.array([gamma[name] for name in stored.reduction.names])
-    found = stored.identification
-    inside = np.abs(found.theta - true) <= TWO_SIDED_95 * found.std_error
+    inside = np.abs(stored.theta - true) <= TWO_SIDED_95 * stored.std_error
     return {"parameters": len(true), "inside_95_percent": int(inside.sum())}

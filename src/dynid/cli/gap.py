@@ -20,7 +20,7 @@ from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
     from dynid.estimation.conditioned_log import ConditionedLog
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.refit import FittedEffect
     from dynid.gap.stepwise_selection import SelectionOptions
@@ -114,7 +114,7 @@ def run_gap(common: Common, parameters: Path, logs: tuple[Path, ...], **given: A
     with common.terminal.progress() as progress:
         base = base_model_of(stored, stored.path.parent, progress)
     sources = conditioned(common, base, logs, options, stored)
-    kept = kept_model(stored.identification) if options["mode"] == "frozen" else None
+    kept = kept_model(stored) if options["mode"] == "frozen" else None
     earlier = earlier_logs(common, base, stored, logs, options) if kept else []
     with common.terminal.progress() as progress:
         progress.stage("search", "")
@@ -169,7 +169,7 @@ def joints_of(robot: Robot, text: str | None, option: str) -> tuple[int, ...]:
 
 
 def conditioned(
-    common: Common, base: BaseModel, logs: tuple[Path, ...], options: dict[str, Any], stored: StoredResult
+    common: Common, base: BaseModel, logs: tuple[Path, ...], options: dict[str, Any], stored: Identification
 ) -> list[ConditionedLog]:
     """Read the logs under one filter that keeps what happens at reversals."""
     from dynid.workflows.logs import condition_logs, load_log
@@ -187,7 +187,7 @@ def conditioned(
 
 
 def earlier_logs(
-    common: Common, base: BaseModel, stored: StoredResult, logs: tuple[Path, ...], options: dict[str, Any]
+    common: Common, base: BaseModel, stored: Identification, logs: tuple[Path, ...], options: dict[str, Any]
 ) -> list[ConditionedLog]:
     """Return the logs that a kept model was identified from, where they are still what they were.
 
@@ -236,12 +236,11 @@ def add(
     sources: list[ConditionedLog],
     seen: GapAnalysis,
     chosen: list[FittedEffect],
-    stored: StoredResult,
+    stored: Identification,
     logs: tuple[Path, ...],
     options: dict[str, Any],
 ) -> list[Path]:
     """Write the copy of the robot file and the arm identified again with the effects."""
-    from dynid.estimation import result
     from dynid.files.artifact import sha256
     from dynid.gap.analysis import on_one_clock
     from dynid.gap.apply import identify_again, new_name, specs_of, write_robot
@@ -253,22 +252,20 @@ def add(
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     write_robot(robot, specs, copy)
-    again, found = identify_again(on_one_clock(sources), seen.problem, base, specs)
-    again = replace(again, model=replace(again.model, robot=replace(again.robot, path=copy)))
+    _, found = identify_again(on_one_clock(sources), seen.problem, base, specs)
     folder = common.out or Path("out") / copy.stem
     inputs = {f"log {k + 1}": sha256(log) for k, log in enumerate(logs)}
     header = {
-        "robot": again.robot.name,
-        "key": again.robot.model_key,
-        "log_sha256": list(inputs.values()),
+        "robot": found.robot.name,
+        "key": found.robot.model_key,
         "logs": [str(log) for log in logs],
-        "cutoff_hz": sources[0].filter.cutoff,
         "log_findings": [],
         "inputs": inputs,
         "effects": [asdict(s) for s in specs],
         "made_from": str(stored.path),
     }
-    result.save(folder / "parameters.npz", found, again, header)
+    again = replace(found.robot, path=copy)
+    replace(found, robot=again, log_sha256=tuple(inputs.values()), header=header).save(folder / "parameters.npz")
     common.terminal.next(f"dynid validate {folder / 'parameters.npz'} LOG      (a log that was not used here)")
     return [copy, folder / "parameters.npz"]
 

@@ -19,7 +19,7 @@ from dynid.workflows.identify import IdentifyOptions
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
     from dynid.estimation.payload import Payload
-    from dynid.estimation.result import Identification, StoredResult
+    from dynid.estimation.result import Identification
     from dynid.log import Log
     from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
@@ -154,10 +154,10 @@ def run_identify(
     result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
     timing = {key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
     facts = {
-        **answer_of(base, result.identification), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
+        **answer_of(result), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
     }  # fmt: skip
     if show:
-        show_result(common, base, result.identification)
+        show_result(common, base, result)
     if unloaded is not None:
         add_payload(common, folder, find_payload(result, unloaded), facts)
     if explained:
@@ -229,8 +229,8 @@ def obtain_result(
     recordings: Recordings,
     options: IdentifyOptions,
     inputs: dict[str, str],
-    earlier: StoredResult | None,
-) -> tuple[StoredResult, BaseModel, list[Path]]:
+    earlier: Identification | None,
+) -> tuple[Identification, BaseModel, list[Path]]:
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result as results
     from dynid.workflows.identify import identify, save_result
@@ -396,7 +396,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     total = f"total relative error {found.relative_error_percent:.2f} %"
     terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
     terminal.answer()
-    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(base, found))
+    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
     counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
     terminal.answer()
     full = found.physical
@@ -409,12 +409,10 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     )
 
 
-def parameter_rows(base: BaseModel, found: Identification) -> list[list[str]]:
+def parameter_rows(found: Identification) -> list[list[str]]:
     """Return one line a base parameter, with the digits that its error leaves."""
-    from dynid.estimation.result import parameter_table
-
     rows = []
-    for row in parameter_table(found, base):
+    for row in found.parameter_rows():
         error = row["std_error"]
         value = "not determined" if error is None else f"{row['value']:.4g}"
         # Why: a centre of mass turned into its DH frame is off an axis by rounding, such as -2.1e-20.

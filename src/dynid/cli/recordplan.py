@@ -118,6 +118,6 @@ def _torque_of(common: Common, arm: Robot, parameters: Path | None) -> tuple[Tor
         if stored.robot.torque.relative:
             raise WrongUsage(f"{parameters} predicts currents", fix="leave out --parameters")
         base = base_model_of(stored, stored.path.parent)
-        theta, words = stored.identification.theta, str(parameters)
+        theta, words = stored.theta, str(parameters)
     observer = base.model.observer(base.reduction.base)
     return lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words

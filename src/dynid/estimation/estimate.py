@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient
+from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WrongUsage
 from dynid.estimation.estimators import METHODS, Estimate, choose
 from dynid.estimation.least_squares import joint_rms, relative_error
 from dynid.estimation.physical_parameters import full_set
 from dynid.estimation.result import Identification, JointQuality
-from dynid.estimation.stack import Stack
+from dynid.estimation.stack import Earlier, Stack
 from dynid.estimation.uncertainty import Knowledge, judge
 from dynid.model.base_model import BaseModel
 from dynid.model.mass_matrix import random_poses, sign_alarm
@@ -31,6 +31,8 @@ CONTRADICTION = 1.5
 NEARLY_AS_GOOD = 1.05
 #: Share of open parameters beyond which a log is called poor.
 MANY_OPEN = 0.2
+#: Methods that need nothing but triangular factors, and can add a log to an earlier result.
+UPDATABLE = ("wls", "ols", "ridge")
 #: Poses in which the mass matrix is tested.
 POSES = 500
 
@@ -67,6 +69,37 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
     return HoldOut(stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log")
+
+
+def with_earlier(stack: Stack, earlier: Identification) -> Stack:
+    """Return a stack of new logs that also holds what an earlier result was made from: recursive least squares.
+
+    A result keeps one factor of [W tau] per joint. Factors of old and new rows merged by one more QR are the factor of
+    all rows, so the parameters equal those of a fit on all logs to rounding. Single rows of the old logs are gone:
+    methods that look at them cannot be used, and the memory of the old residuals is that of the old covariance.
+
+    Args:
+        stack: the new logs.
+        earlier: a result with the same base parameters.
+
+    Raises:
+        WrongUsage: the earlier result has other base parameters, or keeps no factors.
+    """
+    if earlier.names != stack.names:
+        raise WrongUsage(
+            f"{earlier.label} has other base parameters than this log's model",
+            fix="identify both with the same robot file",
+        )
+    if not earlier.factors.size:
+        raise WrongUsage(f"{earlier.label} holds no triangular factors", fix="identify the earlier log again")
+    return replace(
+        stack,
+        factors=np.concatenate([earlier.factors[None], stack.factors]),
+        counts=np.concatenate([earlier.counts[None], stack.counts]),
+        log_of_block=np.concatenate([[-1], stack.log_of_block]),
+        block=np.concatenate([[0], stack.block]),
+        earlier=Earlier(earlier.factors, earlier.noise, earlier.covariance),
+    )
 
 
 def estimate(
@@ -124,9 +157,10 @@ def estimate(
         for j, joint in enumerate(stack.joints)
     )
     return Identification(
+        robot=base.robot,
+        reduction=base.reduction,
         method=name,
         why=why,
-        names=stack.names,
         theta=theta,
         plain=plain.theta,
         covariance=plain.covariance,
@@ -153,6 +187,17 @@ def estimate(
             *_sensor_findings(base),
             *_physics_findings(base, plain, joint_rms(factors, rows, physical.theta), knowledge, feasible),
         ),
+        cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
+        delay=stack.logs[0].delay if stack.logs else 0.0,
+        log_sha256=tuple(log.sha256 for log in stack.logs),
+        header={
+            "robot": base.robot.name,
+            "key": base.robot.model_key,
+            "logs": [log.path or log.name for log in stack.logs],
+            "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
+        },
+        rigid=base.model.rigid,
+        stack=stack,
     )
 
 

@@ -43,7 +43,10 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
         "joints": list(stack.joints),
         "lengths": [len(segment) for _, segment in segments],
         "source_of_segment": [k for k, _ in segments],
-        "sources": [{"name": log.name, **asdict(log.filter)} for log in stack.logs],
+        "sources": [
+            {"name": log.name, "path": log.path, "sha256": log.sha256, "delay": log.delay, **asdict(log.filter)}
+            for log in stack.logs
+        ],
     }
     write_artifact(path, Artifact(SCHEMA, facts, arrays))
 
@@ -64,6 +67,9 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
                     [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
                     chosen,
                     str(s["name"]),
+                    str(s["path"]),
+                    str(s["sha256"]),
+                    float(s["delay"]),
                 )
             )
         return logs, h

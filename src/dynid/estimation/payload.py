@@ -18,7 +18,7 @@ from dynid.errors import Finding, WrongUsage
 from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent
 from dynid.estimation.least_squares import merge
 from dynid.estimation.physical_constraints import basis, make_physics, pseudo_inertia
-from dynid.estimation.result import Identification, StoredResult
+from dynid.estimation.result import Identification
 from dynid.model.parameters import BODY_PARAMETERS, numbered
 from dynid.model.prior import body_of
 from dynid.model.reduce import Reduction
@@ -78,7 +78,7 @@ class Payload:
         return [Finding("W411", "warning", text, {"misfit": self.misfit})]
 
 
-def find_payload(loaded: Identification, unloaded: StoredResult) -> Payload:
+def find_payload(loaded: Identification, unloaded: Identification) -> Payload:
     """Return the body that the loaded arm has in addition.
 
     Args:
@@ -89,17 +89,19 @@ def find_payload(loaded: Identification, unloaded: StoredResult) -> Payload:
         WrongUsage: the results are of different arms, or the last link is not identified.
     """
     reduction = unloaded.reduction
-    if loaded.names != unloaded.identification.names:
+    if loaded.names != unloaded.names:
         raise WrongUsage(
-            f"{unloaded.path} has other base parameters than this log's model",
+            f"{unloaded.label} has other base parameters than this log's model",
             fix="identify both with the same robot file",
         )
     K = reduction.K[:, last_link(reduction, unloaded.robot.n)]
-    empty = unloaded.identification
-    if not empty.factors.size:
-        raise WrongUsage(f"{unloaded.path} holds no triangular factors", fix="identify the unloaded log again")
-    information = of_change(_information(empty), _information(loaded), friction(loaded.names))
-    return fitted_body(K, loaded.plain - empty.plain, information, empty.covariance + loaded.covariance)
+    if not unloaded.factors.size:
+        raise WrongUsage(
+            f"{unloaded.label} holds no triangular factors",
+            fix="identify the unloaded log again",
+        )
+    information = of_change(_information(unloaded), _information(loaded), friction(loaded.names))
+    return fitted_body(K, loaded.plain - unloaded.plain, information, unloaded.covariance + loaded.covariance)
 
 
 def _information(found: Identification) -> Floats:

@@ -1,28 +1,49 @@
-"""The result of an identification, and parameters.npz and parameters.yaml (the paper's Table 10)."""
+"""The result of an identification: parameters with what is known about them, and their files (the paper's Table 10)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NotAnArtifact
+from dynid.errors import Finding, NotAnArtifact, WrongUsage
+from dynid.estimation.conditioned_log import known_torque
 from dynid.estimation.physical_parameters import FullSet
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
-from dynid.files.robotfile import parse_robot
+from dynid.files.robotfile import parse_robot, robot_text
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.interface import ArmMotion
+from dynid.model.program import Program
 from dynid.model.reduce import Reduction
+from dynid.model.reference import model_torques
+from dynid.model.regressor import Model, build_model
 from dynid.model.store import reduction_facts, reduction_from
 from dynid.robot import Robot
+from dynid.table import Table
+from dynid.text import visible
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from dynid.estimation.stack import Stack
 
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/identification/1"
+TABLE = "dynid/parameters-table/1"
+#: Attributes that are stored as arrays, and those that are stored as they are.
 ARRAYS = ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts")
+SCALARS = (
+    "method", "why", "knowledge", "joints", "relative_error_percent", "heldout_relative_error_percent", "heldout",
+    "rank", "condition_number", "condition_number_scaled", "samples", "in_force", "choice", "heldout_by_set",
+)  # fmt: skip
 FULL_ARRAYS = ("x", "std_error", "data_share", "theta")
+IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
 
 
 @dataclass(frozen=True)
@@ -31,10 +52,10 @@ class JointQuality:
 
     Attributes:
         joint: name.
-        rms: residual [N m].
+        rms: root mean square of the residual [N m or N].
         relative_percent: residual over measured torque [%].
-        torque_rms: measured torque [N m].
-        heldout_rms: residual on rows that were not fitted [N m].
+        torque_rms: root mean square of the measured torque [N m or N].
+        heldout_rms: the residual on rows that were not fitted [N m or N].
     """
 
     joint: str
@@ -44,25 +65,27 @@ class JointQuality:
     heldout_rms: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Identification:
-    """Base parameters with what is known about them.
+    """Base parameters of an arm with what is known about them; p parameters, n joints.
 
     Attributes:
+        robot: the arm, as it was then.
+        reduction: how base parameters combine the full ones.
         method: estimator.
         why: why this one.
-        names: base parameters, (p,).
-        theta: their values; those of the physical set where there is one, (p,).
+        theta: base parameters, those of the set in force, (p,).
         plain: what the estimator itself found, (p,).
-        covariance: honest covariance of ``plain``, (p, p).
+        covariance: of ``plain``, allowing for coloured residuals, (p, p).
         std_error: standard errors; infinite where the log says nothing, (p,).
         knowledge: ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
-        prior: values believed before, NaN where nothing was, (p,).
-        noise: residual of each joint that the weights were made from, (n,).
+        prior: prior values, NaN where there is none, (p,).
+        noise: residual of each joint that the weights were made from, (n,) [N m or N].
         joints: quality of each joint.
-        relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted.
-        heldout_relative_error_percent: the same on rows that were not.
+        relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted [%].
+        heldout_relative_error_percent: the same on rows that were not; None where nothing was held out [%].
         heldout: what was held out.
+        heldout_by_set: held-out relative error of both sets, where rows were held out [%].
         rank: number of directions that the log excites.
         condition_number: of W with columns as they are.
         condition_number_scaled: of W with columns of unit length.
@@ -70,15 +93,22 @@ class Identification:
         physical: the physically possible full set nearest to data and prior.
         in_force: whether ``theta`` is that of the ``"physical"`` set or the ``"plain"`` estimate.
         choice: why.
-        heldout_by_set: held-out relative error of both, where rows were held out.
-        factors: one triangular factor of [W tau] a joint, for ``--update``, (n, p + 1, p + 1).
+        factors: one triangular factor of [W tau] per joint, to which other logs can be added, (n, p + 1, p + 1).
         counts: number of rows in each, (n,).
         findings: what is worth a warning.
+        cutoff: cut-off frequency of the filter over torques and columns [Hz].
+        delay: by how much the torques were late, and were moved back [s].
+        log_sha256: hashes of the logs that it was made from.
+        header: where it comes from: logs, command, inputs.
+        path: its file; empty when it was not read from one.
+        rigid: program of the rigid-body columns; None to derive it when it is needed.
+        stack: the rows that it was made from; None when it was read from a file.
     """
 
+    robot: Robot
+    reduction: Reduction
     method: str
     why: str
-    names: tuple[str, ...]
     theta: Floats
     plain: Floats
     covariance: Floats
@@ -90,6 +120,7 @@ class Identification:
     relative_error_percent: float
     heldout_relative_error_percent: float | None
     heldout: str
+    heldout_by_set: dict[str, float]
     rank: int
     condition_number: float
     condition_number_scaled: float
@@ -97,111 +128,249 @@ class Identification:
     physical: FullSet
     in_force: str
     choice: str
-    heldout_by_set: dict[str, float]
     factors: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     findings: tuple[Finding, ...] = ()
+    cutoff: float = 0.0
+    delay: float = 0.0
+    log_sha256: tuple[str, ...] = ()
+    header: dict[str, Any] = field(default_factory=dict)
+    path: Path = Path()
+    rigid: Program | None = None
+    stack: Stack | None = None
 
+    @property
+    def label(self) -> str:
+        """Its file, for messages."""
+        return str(self.path) if self.path.name else "the earlier result"
 
-@dataclass(frozen=True)
-class StoredResult:
-    """A result as read from disk.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters, (p,)."""
+        return self.reduction.base_names
 
-    Attributes:
-        identification: the parameters.
-        reduction: how they combine the full ones.
-        robot: the robot they belong to, as it was then.
-        cutoff: cut-off of the parallel filter [Hz].
-        delay: by how much the torques were late, and were moved back [s].
-        log_sha256: hashes of the logs they were made from.
-        header: everything else.
-        path: the file; empty for a new result.
-        observations: what a new result was made from, None for one that was read.
-    """
+    @cached_property
+    def base(self) -> BaseModel:
+        """Model and base parameters."""
+        model = build_model(self.robot) if self.rigid is None else Model(self.robot, self.rigid)
+        return BaseModel(model, self.reduction)
 
-    identification: Identification
-    reduction: Reduction
-    robot: Robot
-    cutoff: float
-    delay: float
-    log_sha256: tuple[str, ...]
-    header: dict[str, Any]
-    path: Path
-    observations: Any = field(default=None, repr=False, compare=False)
+    # ---------------------------------------------------------------- parameters
+    @property
+    def params(self) -> dict[str, float]:
+        """Values of the base parameters by name, those of the set in force, in their units."""
+        return dict(zip(self.names, self.theta.tolist(), strict=True))
 
+    def conf_int(self, level: float = 0.95) -> Floats:
+        """Return the confidence interval of each parameter alone, (p, 2); infinite where the log says nothing.
 
-def parameter_table(result: Identification, base: BaseModel) -> list[dict[str, Any]]:
-    """Return one row a base parameter for JSON and YAML: name, value, unit, std_error, class, terms, prior."""
-    reduction, units = base.reduction, base.model.units
-    table = []
-    for i, name in enumerate(result.names):
-        terms = reduction.terms(i)
-        error = float(result.std_error[i])
-        table.append(
+        Args:
+            level: probability that the interval of a parameter holds its true value.
+        """
+        from scipy.special import ndtri
+
+        half = float(ndtri(0.5 + level / 2)) * self.std_error
+        return np.column_stack([self.theta - half, self.theta + half])
+
+    def parameter_rows(self) -> list[dict[str, Any]]:
+        """Return one row per base parameter for JSON: name, value, unit, std_error, class, known, formula, prior."""
+        reduction, units = self.reduction, self.base.model.units
+        table = []
+        for i, name in enumerate(self.names):
+            terms = reduction.terms(i)
+            error = float(self.std_error[i])
+            table.append(
+                {
+                    "name": name,
+                    "value": float(self.theta[i]),
+                    "unit": units[reduction.names[reduction.base[i]]],
+                    "std_error": error if np.isfinite(error) else None,
+                    "class": "alone" if len(terms) == 1 else "combined",
+                    "known": self.knowledge[i],
+                    "formula": reduction.formulas[i] if reduction.formulas else None,
+                    "terms": terms,
+                    "prior": None if np.isnan(self.prior[i]) else float(self.prior[i]),
+                }
+            )
+        return table
+
+    def table(self) -> Table:
+        """Return one row per base parameter: value with 95 % interval, unit, class, how well it is known, prior."""
+        rows = [
             {
-                "name": name,
-                "value": float(result.theta[i]),
-                "unit": units[reduction.names[reduction.base[i]]],
-                "std_error": error if np.isfinite(error) else None,
-                "class": "alone" if len(terms) == 1 else "combined",
-                "known": result.knowledge[i],
-                "formula": reduction.formulas[i] if reduction.formulas else None,
-                "terms": terms,
-                "prior": None if np.isnan(result.prior[i]) else float(result.prior[i]),
+                "parameter": row["name"],
+                "value": row["value"],
+                "std error": row["std_error"],
+                "2.5 %": float(low),
+                "97.5 %": float(high),
+                "unit": row["unit"],
+                "class": row["class"],
+                "known": row["known"],
+                "prior": row["prior"],
             }
-        )
-    return table
+            for row, (low, high) in zip(self.parameter_rows(), self.conf_int(), strict=True)
+        ]
+        return Table(rows)
 
+    def to_dataframe(self) -> DataFrame:
+        """Return the table as a pandas DataFrame."""
+        return self.table().to_dataframe()
 
-def write_yaml(path: Path, result: Identification, base: BaseModel, facts: dict[str, Any]) -> None:
-    """Write parameters.yaml; equal inputs give equal bytes."""
-    import yaml
+    def joint_table(self) -> Table:
+        """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], held-out error."""
+        rows = [
+            {
+                "joint": quality.joint,
+                "rms error": quality.rms,
+                "rms torque": quality.torque_rms,
+                "unexplained %": quality.relative_percent,
+                "held out": quality.heldout_rms,
+                "unit": "A" if self.robot.torque.relative else joint.torque_unit,
+            }
+            for quality, joint in zip(self.joints, self.robot.joints, strict=True)
+        ]
+        return Table(rows)
 
-    def digits(value: float | None, error: float | None) -> float | None:
-        """Keep two digits of the error: more would pretend a knowledge that is not there."""
-        if value is None or not np.isfinite(value):
-            return None
-        if not error or not np.isfinite(error):
-            return float(f"{value:.6g}")
-        return round(value, max(0, 2 - 1 - int(np.floor(np.log10(error))))) + 0.0
+    # ---------------------------------------------------------------- model
+    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
+        """Return the torques of the whole arm with its friction, (N, n) [N m or N], in DH quantities.
 
-    rows = []
-    for row in parameter_table(result, base):
-        error = row["std_error"]
-        terms = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
-        shown = {
-            **row,
-            "value": digits(row["value"], error) if row["known"] != "not determined" or error else None,
-            "std_error": None if error is None else float(f"{error:.2g}"),
-            "terms": terms,
-            "prior": None if row["prior"] is None else float(f"{row['prior']:.6g}"),
+        Links that were not identified take part with their prior values.
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            t: time of the samples since the motion began, (N,) [s]; needed where the robot file lists effects.
+
+        Raises:
+            WrongUsage: the model has effects that depend on the order of the samples, and their time is not given.
+        """
+        model = self.base.model
+        tau = known_torque(model, q, qd, qdd)
+        if model.added:
+            return tau + self.regressor(q, qd, qdd, t) @ self.theta
+        return tau + model.observer(self.reduction.base).torque(self.theta, q, qd, qdd)
+
+    def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
+        """Return the base regressor Y with tau = Y theta, (N, n, p), in DH quantities (Paper Eq. 13).
+
+        Args and Raises: as for ``inverse_dynamics``. Links that were not identified have no part in it.
+        """
+        model = self.base.model
+        observer = model.observer(self.reduction.base)
+        full = observer.dense(q, qd, qdd)
+        if model.added:
+            if t is None:
+                raise WrongUsage(
+                    "this model has effects that depend on the order of the samples", fix="give their time: t=[...]"
+                )
+            reference = model_torques(model, self.reduction, self.theta)
+            motion = ArmMotion(t, q, qd, qdd, self.robot, reference, lambda x: x)
+            wanted, count = observer.added_entries, len(observer.rows) - len(observer.added_entries)
+            full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[wanted].T
+        return full
+
+    # ---------------------------------------------------------------- text
+    @property
+    def title(self) -> str:
+        """One line: the arm, the number of parameters, the estimator."""
+        return visible(f"{self.robot.name}: {len(self.names)} base parameters, estimator {self.method} ({self.why})")
+
+    def verdict(self) -> list[str]:
+        """Return what the result is worth, line by line."""
+        error = f"torque error {self.relative_error_percent:.2f} % on the fitted rows"
+        if self.heldout_relative_error_percent is not None:
+            error += f", {self.heldout_relative_error_percent:.2f} % held out ({self.heldout})"
+        known = ", ".join(f"{self.knowledge.count(word)} {word}" for word in ("well", "roughly", "not determined"))
+        lines = [
+            error,
+            f"in force: {IN_FORCE[self.in_force]}; {self.choice}",
+            f"parameters known: {known}",
+            f"condition number {self.condition_number_scaled:.3g} with normalised columns",
+        ]
+        return [visible(line) for line in lines]
+
+    def summary(self) -> str:
+        """Return a text with fit, verdict, joints, parameters and warnings."""
+        warnings = [visible(f"{finding.code} {finding.text}") for finding in self.findings]
+        parts = [self.title, *self.verdict(), "", repr(self.joint_table()), "", repr(self.table())]
+        return "\n".join([*parts, *(["", *warnings] if warnings else [])])
+
+    def __repr__(self) -> str:
+        """Return the arm and the verdict."""
+        return "\n".join([self.title, *self.verdict()])
+
+    def _repr_html_(self) -> str:
+        return Table(self.table(), self.title, self.verdict())._repr_html_()
+
+    # ---------------------------------------------------------------- files
+    def save(self, path: Path, facts: dict[str, Any] | None = None) -> Path:
+        """Write parameters.npz, which ``load`` reads.
+
+        Args:
+            path: where to.
+            facts: further facts for the header, such as the inputs that it depends on.
+        """
+        physical, (reduction, reduction_arrays) = asdict(self.physical), reduction_facts(self.reduction)
+        arrays = {key: getattr(self, key) for key in ARRAYS}
+        arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
+        arrays |= reduction_arrays
+        scalars = {key: getattr(self, key) for key in SCALARS} | {"physical": physical}
+        header = {
+            **(facts or {}),
+            **self.header,
+            "cutoff_hz": self.cutoff,
+            "delay_applied_s": self.delay,
+            "log_sha256": list(self.log_sha256),
+            "result": scalars | {"joints": [asdict(joint) for joint in self.joints]},
+            "findings": [asdict(f) for f in self.findings],
+            "reduction": reduction,
+            "robot_file": _text_of(self.robot),
+            "robot_path": str(self.robot.path or ""),
         }
-        rows.append(shown)
-    document = {**facts, "parameters": rows, "not_identifiable": list(base.reduction.none)}
-    write_text(path, yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None))
+        write_artifact(path, Artifact(SCHEMA, header, arrays))
+        return path
+
+    def save_yaml(self, path: Path) -> Path:
+        """Write parameters.yaml; equal results give equal bytes."""
+        import yaml
+
+        rows = []
+        for row in self.parameter_rows():
+            error = row["std_error"]
+            terms = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
+            shown = {
+                **row,
+                "value": _digits(row["value"], error) if row["known"] != "not determined" or error else None,
+                "std_error": None if error is None else float(f"{error:.2g}"),
+                "terms": terms,
+                "prior": None if row["prior"] is None else float(f"{row['prior']:.6g}"),
+            }
+            rows.append(shown)
+        coulomb = self.robot.coulomb_shape
+        document = {
+            "schema": TABLE,
+            "robot": self.robot.name,
+            "logs_sha256": list(self.log_sha256),
+            "method": self.method,
+            "cutoff_hz": float(f"{self.cutoff:.6g}"),
+            "coulomb": {"shape": coulomb.shape, "velocity": list(coulomb.velocity)},
+            "relative_error_percent": float(f"{self.relative_error_percent:.4g}"),
+            "parameters": rows,
+            "not_identifiable": list(self.reduction.none),
+        }
+        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+        write_text(path, text)
+        return path
 
 
-def save(path: Path, result: Identification, base: BaseModel, header: dict[str, Any]) -> None:
-    """Write parameters.npz."""
-    scalars = asdict(replace(result, findings=()))
-    arrays = {key: scalars.pop(key) for key in ARRAYS}
-    arrays |= {f"full_{key}": scalars["physical"].pop(key) for key in FULL_ARRAYS}
-    reduction, reduction_arrays = reduction_facts(base.reduction)
-    arrays |= reduction_arrays
-    robot_text = base.robot.path.read_text(encoding="utf-8") if base.robot.path else ""
-    facts = {
-        **header,
-        "result": scalars,
-        "findings": [asdict(f) for f in result.findings],
-        "reduction": reduction,
-        "robot_file": robot_text,
-        "robot_path": str(base.robot.path or ""),
-    }
-    write_artifact(path, Artifact(SCHEMA, facts, arrays))
+def load(path: Path) -> Identification:
+    """Read parameters.npz.
 
-
-def load(path: Path) -> StoredResult:
-    """Read parameters.npz."""
+    Raises:
+        NotAnArtifact: the file is none of dynid's, or is damaged.
+    """
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     if "reduction" not in h:
@@ -209,19 +378,46 @@ def load(path: Path) -> StoredResult:
             f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
         )
     try:
-        facts: dict[str, Any] = dict(h["result"])
-        facts["joints"] = tuple(JointQuality(**joint) for joint in facts["joints"])
-        facts["findings"] = tuple(Finding(**finding) for finding in h["findings"])
-        facts |= {key: tuple(facts[key]) for key in ("names", "knowledge")}
+        stored: dict[str, Any] = dict(h["result"])
+        facts: dict[str, Any] = {key: stored[key] for key in SCALARS} | {key: a[key] for key in ARRAYS if key in a}
+        facts |= {"joints": _tuple(JointQuality, stored["joints"]), "findings": _tuple(Finding, h["findings"])}
         full: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in facts["physical"].items()
+            key: tuple(value) if isinstance(value, list) else value for key, value in stored["physical"].items()
         }
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
-        facts |= {"physical": FullSet(**full)} | {key: a[key] for key in ARRAYS if key in a}
-        identification = Identification(**facts)
-        reduction = reduction_from(h["reduction"], a)
         robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
-        cutoff, delay = float(h["cutoff_hz"]), float(h.get("delay_applied_s") or 0.0)
-        return StoredResult(identification, reduction, robot, cutoff, delay, tuple(h["log_sha256"]), h, path)
+        return Identification(
+            robot=robot if h["robot_path"] else replace(robot, path=None),
+            reduction=reduction_from(h["reduction"], a),
+            **{**facts, "knowledge": tuple(facts["knowledge"])},
+            physical=FullSet(**full),
+            cutoff=float(h["cutoff_hz"]),
+            delay=float(h.get("delay_applied_s") or 0.0),
+            log_sha256=tuple(h["log_sha256"]),
+            header=h,
+            path=path,
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+
+
+def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401
+    return tuple(kind(**row) for row in rows)
+
+
+def _text_of(robot: Robot) -> str:
+    """Return the robot's file, as its user wrote it where it was read from one and has not been changed since."""
+    if robot.path is not None and robot.path.is_file():
+        text = robot.path.read_text(encoding="utf-8")
+        if parse_robot(text, robot.path) == robot:
+            return text
+    return robot_text(robot)
+
+
+def _digits(value: float | None, error: float | None) -> float | None:
+    """Keep two digits of the error: more would pretend a knowledge that is not there."""
+    if value is None or not np.isfinite(value):
+        return None
+    if not error or not np.isfinite(error):
+        return float(f"{value:.6g}")
+    return round(value, max(0, 2 - 1 - int(np.floor(np.log10(error))))) + 0.0

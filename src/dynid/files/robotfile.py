@@ -6,6 +6,7 @@ Reads ``robots/*.yaml``, a path, or the files inside the package. The keys are d
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from dynid.errors import Finding, ImplausibleGravity, MissingConvention, NotYaml
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
 from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
-from dynid.robot import Body, Joint, Prior, Robot, rotation_rpy
+from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
 from dynid.units import ANGLE
 
 #: Gravity on Earth lies between 9.76 and 9.84 m/s^2; the band leaves room for rounded values.
@@ -130,10 +131,10 @@ def _check_gravity(
 
 # ---------------------------------------------------------------- writing
 def robot_text(robot: Robot, head: str = "") -> str:
-    """Return the robot file of an arm that has geometry, limits and a prior of explicit bodies.
+    """Return the robot file of an arm: what ``parse_robot`` reads as the same arm. Defaults are left out.
 
     Args:
-        robot: the arm; other keys of the robot file keep their defaults.
+        robot: the arm.
         head: comment lines for the top, without ``#``.
     """
     import yaml
@@ -146,8 +147,7 @@ def robot_text(robot: Robot, head: str = "") -> str:
         "base": {"xyz": list(robot.base_xyz), "rpy": [_angle(angle) for angle in robot.base_rpy]},
         "joints": [_joint_row(joint) for joint in robot.joints],
     }
-    if robot.prior and robot.prior.links:
-        document["prior"] = {"links": [_body_row(body) for body in robot.prior.links]}
+    document |= _beyond_geometry(robot)
     comment = "".join(f"# {line}\n" for line in head.splitlines())
     return (
         f"{comment}{yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140, default_flow_style=None)}"
@@ -167,7 +167,46 @@ def _joint_row(joint: Joint) -> dict[str, Any]:
     known: dict[str, Any] = {"position": list(limits.position) if limits.position else None}
     sizes = {"velocity": limits.velocity, "acceleration": limits.acceleration, "torque": limits.torque}
     known |= {key: value for key, value in sizes.items() if value is not None and math.isfinite(value)}
-    return {**row, "limits": known}
+    row["limits"] = known
+    if not joint.motor_inertia:
+        row["motor_inertia"] = False
+    if joint.friction != Joint("").friction:
+        row["friction"] = list(joint.friction)
+    return row
+
+
+def _beyond_geometry(robot: Robot) -> dict[str, Any]:
+    """Return the keys after ``joints`` that are not left at their defaults."""
+    found: dict[str, Any] = {"links": list(robot.links)} if robot.links else {}
+    if robot.torque != TorqueSource():
+        found["torque"] = _given(robot.torque)
+    if robot.driver is not None:
+        spec = _given(robot.driver)
+        found["driver"] = {key: value for key, value in spec.items() if key != "map"} | _given(robot.driver.map)
+    if robot.prior is not None:
+        bodies, cylinders = robot.prior.links, robot.prior.cylinders
+        found["prior"] = {"links": [_body_row(body) for body in bodies]} if bodies else {"cylinders": _given(cylinders)}
+    if robot.tool is not None:
+        found["tool"] = _body_row(robot.tool)
+    if robot.known != Known():
+        found["known"] = {
+            key: {str(link): bounds for link, bounds in value} if key != "total_mass" else value
+            for key, value in _given(robot.known).items()
+        }
+    for key in ("simulator", "controller", "coupling", "coulomb"):
+        if getattr(robot, key) is not None:
+            found[key] = _given(getattr(robot, key))
+    return found | ({"effects": [_given(spec) for spec in robot.effects]} if robot.effects else {})
+
+
+def _given(values: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return the attributes of a dataclass that are given, for YAML."""
+    every = {each.name: getattr(values, each.name) for each in fields(values)}
+    return {key: _plain(value) for key, value in every.items() if value is not None and value != ()}
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
 
 
 def _body_row(body: Body) -> dict[str, Any]:

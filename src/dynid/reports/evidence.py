@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation import prediction
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.estimation.result import Identification, StoredResult
+from dynid.estimation.result import Identification
+from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
 from dynid.reports import gap_record
 from dynid.reports.gap_record import GapRecord
@@ -48,7 +49,7 @@ class Evidence:
         gap: what ``dynid gap`` stored, None when it was not run.
     """
 
-    stored: StoredResult
+    stored: Identification
     motion: EstimatedMotion | None
     unseen: tuple[Unseen, ...]
     singular_values: Floats | None
@@ -57,7 +58,7 @@ class Evidence:
     @property
     def found(self) -> Identification:
         """The parameters."""
-        return self.stored.identification
+        return self.stored
 
     @property
     def robot(self) -> Robot:
@@ -65,13 +66,12 @@ class Evidence:
         return self.stored.robot
 
 
-def gather(stored: StoredResult) -> Evidence:
+def gather(stored: Identification) -> Evidence:
     """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
     if not stored.path.name:
-        seen = stored.observations
-        return Evidence(
-            stored, _fitted_motion(stored) if seen else None, (), _spectrum(seen.stack.whole[0]) if seen else None, None
-        )
+        if stored.stack is None:
+            return Evidence(stored, None, (), None, None)
+        return Evidence(stored, _fitted_motion(stored.stack, stored.theta), (), _spectrum(stored.stack.whole[0]), None)
     folder = stored.path.parent
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
     return Evidence(
@@ -83,9 +83,8 @@ def gather(stored: StoredResult) -> Evidence:
     )
 
 
-def _fitted_motion(stored: StoredResult) -> EstimatedMotion:
+def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
     """Return estimated and measured motion of the logs that a new result was made from, one after the other."""
-    stack, theta = stored.observations.stack, stored.identification.theta
     motions = [prediction.predict(log, stack.rows_of_log(k), theta) for k, log in enumerate(stack.logs)]
     columns = ([getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion))
     return EstimatedMotion(*map(np.concatenate, columns))

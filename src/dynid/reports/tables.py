@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.estimation.result import StoredResult
+from dynid.estimation.result import Identification
 from dynid.text import csv_cell, latex, xml
 
 
@@ -52,32 +52,31 @@ def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def run_rows(names: Sequence[str], runs: Sequence[StoredResult]) -> list[dict[str, Any]]:
+def run_rows(names: Sequence[str], runs: Sequence[Identification]) -> list[dict[str, Any]]:
     """Return one row per run: figures, then every parameter with its standard error; None where a run has none."""
-    parameters = list(dict.fromkeys(name for run in runs for name in run.identification.names))
+    parameters = list(dict.fromkeys(name for run in runs for name in run.names))
     rows = []
     for label, run in zip(names, runs, strict=True):
-        found = run.identification
         row: dict[str, Any] = {
             "run": label,
             "robot": run.robot.name,
-            "method": found.method,
-            "rank": found.rank,
-            "condition_number_scaled": found.condition_number_scaled,
-            "relative_error_percent": found.relative_error_percent,
-            "heldout_relative_error_percent": found.heldout_relative_error_percent,
+            "method": run.method,
+            "rank": run.rank,
+            "condition_number_scaled": run.condition_number_scaled,
+            "relative_error_percent": run.relative_error_percent,
+            "heldout_relative_error_percent": run.heldout_relative_error_percent,
         }
-        place = {name: k for k, name in enumerate(found.names)}
+        place = {name: k for k, name in enumerate(run.names)}
         for name in parameters:
             k = place.get(name)
-            error = None if k is None else float(found.std_error[k])
-            row[name] = None if k is None else float(found.theta[k])
+            error = None if k is None else float(run.std_error[k])
+            row[name] = None if k is None else float(run.theta[k])
             row[f"{name}_std_error"] = error if error is not None and np.isfinite(error) else None
         rows.append(row)
     return rows
 
 
-def runs_csv(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
+def runs_csv(names: Sequence[str], runs: Sequence[Identification]) -> str:
     """Return one row per run as CSV; empty where a run has no value."""
     rows = run_rows(names, runs)
     stream = io.StringIO()
@@ -88,26 +87,25 @@ def runs_csv(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
     return stream.getvalue()
 
 
-def runs_latex(names: Sequence[str], runs: Sequence[StoredResult]) -> str:
+def runs_latex(names: Sequence[str], runs: Sequence[Identification]) -> str:
     """Return a table with one row per parameter and one column per run (the paper's Table 10), for booktabs."""
-    parameters = list(dict.fromkeys(name for run in runs for name in run.identification.names))
+    parameters = list(dict.fromkeys(name for run in runs for name in run.names))
     lines = [rf"\begin{{tabular}}{{l{'r' * len(runs)}}}", r"\toprule"]
     lines.append(" & ".join(["", *map(latex, names)]) + r" \\")
     lines.append(r"\midrule")
     for name in parameters:
         lines.append(" & ".join([latex(name), *(_cell(run, name) for run in runs)]) + r" \\")
     lines.append(r"\midrule")
-    figures = (f"{run.identification.relative_error_percent:.3g}" for run in runs)
+    figures = (f"{run.relative_error_percent:.3g}" for run in runs)
     lines.append(" & ".join([r"relative error [\%]", *figures]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def _cell(run: StoredResult, name: str) -> str:
-    found = run.identification
-    if name not in found.names:
+def _cell(run: Identification, name: str) -> str:
+    if name not in run.names:
         return "--"
-    k = found.names.index(name)
-    value, error = float(found.theta[k]), float(found.std_error[k])
+    k = run.names.index(name)
+    value, error = float(run.theta[k]), float(run.std_error[k])
     if not np.isfinite(error):
         return "not determined"
     if error <= 0:

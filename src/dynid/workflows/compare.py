@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from dynid.estimation.compare import Change, Comparison, FigureOfMerit
-    from dynid.estimation.result import Identification, StoredResult
+    from dynid.estimation.result import Identification
     from dynid.model.base_model import BaseModel
 
 #: Share of each log that is held out to compare estimators.
@@ -44,7 +44,7 @@ class ComparedRun:
     """
 
     name: str
-    result: StoredResult
+    result: Identification
     reference: str = ""
     comparison: Comparison | None = None
     tolerance: float | None = None
@@ -133,7 +133,7 @@ class RunComparison:
         return [run.name for run in self.runs]
 
     @property
-    def results(self) -> list[StoredResult]:
+    def results(self) -> list[Identification]:
         """Results of the runs."""
         return [run.result for run in self.runs]
 
@@ -141,7 +141,7 @@ class RunComparison:
         """Return one row per run: robot, estimator, rank, condition number, errors."""
         rows = []
         for run in self.runs:
-            found = run.result.identification
+            found = run.result
             worst = max(found.joints, key=lambda joint: joint.relative_percent)
             held = found.heldout_relative_error_percent
             rows.append(
@@ -209,9 +209,9 @@ class RunComparison:
 
 
 def compare(
-    results: Sequence[StoredResult],
+    results: Sequence[Identification],
     *,
-    baseline: StoredResult | None = None,
+    baseline: Identification | None = None,
     tolerance: float | str | None = None,
     names: Sequence[str] = (),
     baseline_name: str = "",
@@ -243,13 +243,13 @@ def compare(
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue
-        same = same_parameters(first.identification, result.identification)
+        same = same_parameters(first, result)
         if baseline is not None and not same:
             raise WrongUsage(
                 f"{result.path} has other base parameters than {first.path}: {result.robot.name}, {first.robot.name}",
                 fix="identify both with the same robot file",
             )
-        comparison = compared(first.identification, result.identification) if same else None
+        comparison = compared(first, result) if same else None
         runs.append(ComparedRun(name, result, reference, comparison, share))
     return RunComparison(tuple(runs), reference if baseline else None, share)
 
@@ -263,7 +263,7 @@ def short_names(paths: Sequence[Path], given: Sequence[Path] = ()) -> list[str]:
 
 
 def _described(run: ComparedRun) -> dict[str, Any]:
-    found = run.result.identification
+    found = run.result
     parameters = {
         each: {"value": float(value), "std_error": float(error)}
         for each, value, error in zip(found.names, found.theta, found.std_error, strict=True)

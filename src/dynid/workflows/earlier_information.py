@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.estimation.result import StoredResult
+from dynid.estimation.result import Identification
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 #: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
-Earlier = Log | StoredResult | StoredTrajectory
+Earlier = Log | Identification | StoredTrajectory
 
 
 def read_earlier(path: Path, robot: Robot) -> Earlier:
@@ -59,8 +59,8 @@ def torque_noise(robot: Robot, given: Sequence[float] | None, earlier: Sequence[
             )
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
-        if isinstance(known, StoredResult):
-            return np.asarray(known.identification.noise), "as an earlier identification found it"
+        if isinstance(known, Identification):
+            return np.asarray(known.noise), "as an earlier identification found it"
     measured = robot.torque.noise is not None
     words = "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
     return default_noise(robot), words
@@ -81,19 +81,19 @@ def earlier_information(
     for known in earlier:
         information = _information(base, known, noise, progress)
         total = information if total is None else total + information
-        name = known.path if isinstance(known, StoredResult) else known.source
+        name = known.path if isinstance(known, Identification) else known.source
         progress.stage("earlier", f"{name}: the new motion completes what it tells")
     return total
 
 
 def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progress) -> Floats:
-    if isinstance(known, StoredResult):
+    if isinstance(known, Identification):
         return _of_result(base, known)
     return _of_trajectory(base, known, noise) if isinstance(known, StoredTrajectory) else _of_log(base, known, progress)
 
 
-def _of_result(base: BaseModel, result: StoredResult) -> Floats:
-    found = result.identification
+def _of_result(base: BaseModel, result: Identification) -> Floats:
+    found = result
     if tuple(found.names) != base.reduction.base_names:
         raise WrongUsage(
             f"{result.path} has other base parameters than the robot file", fix="identify again with this robot file"

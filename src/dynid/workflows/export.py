@@ -14,7 +14,7 @@ from dynid.table import Table
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
     from dynid.model.base_model import BaseModel
 
@@ -149,7 +149,7 @@ class ExportedModel:
 
 
 def export(
-    result: StoredResult,
+    result: Identification,
     path: Path | str,
     options: ExportOptions = ExportOptions(),
     *,
@@ -212,7 +212,7 @@ def format_of(path: Path) -> str:
 
 
 def identified_arm(
-    result: StoredResult,
+    result: Identification,
     formats: Iterable[str],
     options: ExportOptions,
     base: BaseModel | None = None,
@@ -229,7 +229,7 @@ def identified_arm(
     from dynid.exporters import FORMATS, IdentifiedArm, Provenance, full_model
     from dynid.version import __version__
 
-    found, which = result.identification, options.parameters
+    found, which = result, options.parameters
     if which == "auto":
         which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else found.in_force
     theta = found.physical.theta if which == "physical" else found.plain

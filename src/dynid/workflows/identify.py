@@ -19,7 +19,7 @@ from dynid.workflows.prior import PriorOptions, with_prior
 if TYPE_CHECKING:
     from dynid.estimation.estimate import HoldOut
     from dynid.estimation.payload import Payload
-    from dynid.estimation.result import Identification, StoredResult
+    from dynid.estimation.result import Identification
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
 
@@ -78,9 +78,9 @@ def identify(
     options: IdentifyOptions = IdentifyOptions(),
     *,
     base: BaseModel | None = None,
-    update: StoredResult | None = None,
+    update: Identification | None = None,
     progress: Progress = SILENT,
-) -> StoredResult:
+) -> Identification:
     """Identify the base parameters of an arm, with robust error bars and a held-out figure.
 
     Args:
@@ -95,7 +95,6 @@ def identify(
         DynidError: a log is unfit, or determines fewer parameters than the arm has (E301 to E406).
     """
     from dynid.estimation.estimate import estimate
-    from dynid.estimation.result import StoredResult
 
     robot = with_prior(robot, options)
     if robot.torque.relative and options.feasible is None:
@@ -121,26 +120,26 @@ def identify(
     scaled, raw = found.condition_number_scaled, found.condition_number
     progress.stage("excited", f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)")
     progress.findings(found.findings)
-    return StoredResult(
-        found, base.reduction, robot, seen.cutoff, seen.applied_delay, tuple(header["log_sha256"]), header, Path(), seen
+    return replace(
+        found, header=header, log_sha256=tuple(header["log_sha256"]), cutoff=seen.cutoff, delay=seen.applied_delay
     )
 
 
-def signals_as(options: IdentifyOptions, earlier: StoredResult) -> IdentifyOptions:
+def signals_as(options: IdentifyOptions, earlier: Identification) -> IdentifyOptions:
     """Return options with the signals treated as in an earlier result, where nothing else was asked for."""
     cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
     return replace(options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay)
 
 
 def updated(
-    stack: Stack, header: dict[str, Any], earlier: StoredResult, options: IdentifyOptions
+    stack: Stack, header: dict[str, Any], earlier: Identification, options: IdentifyOptions
 ) -> tuple[Stack, dict[str, Any]]:
     """Return the new logs' stack and header with what an earlier result was made from.
 
     Raises:
         WrongUsage: the estimator needs the earlier rows, or the earlier result holds this log already.
     """
-    from dynid.estimation.recursive import UPDATABLE, with_earlier
+    from dynid.estimation.estimate import UPDATABLE, with_earlier
 
     if options.method not in ("auto", *UPDATABLE):
         raise WrongUsage(
@@ -149,7 +148,10 @@ def updated(
         )
     again = set(header["log_sha256"]) & set(earlier.log_sha256)
     if again:
-        raise WrongUsage(f"{earlier.path} was made from this log already", fix="give a log that it does not hold yet")
+        raise WrongUsage(
+            f"{earlier.label} was made from this log already",
+            fix="give a log that it does not hold yet",
+        )
     both = {key: [*earlier.header[key], *header[key]] for key in ("log_sha256", "logs")}
     return with_earlier(stack, earlier), {**header, **both}
 
@@ -173,7 +175,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     return HoldOut(stack, test, str(kept.source or "log"))
 
 
-def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None = None) -> list[Path]:
+def save_result(folder: Path, result: Identification, facts: dict[str, Any] | None = None) -> list[Path]:
     """Write parameters.npz, parameters.yaml and estimatedmotion.npz of a new result.
 
     Args:
@@ -182,37 +184,23 @@ def save_result(folder: Path, result: StoredResult, facts: dict[str, Any] | None
         facts: further facts for the headers, such as the inputs that they depend on.
     """
     from dynid.estimation import prediction
-    from dynid.estimation import result as results
 
-    found, seen, robot = result.identification, result.observations, result.robot
-    assert seen is not None
-    base = replace(seen.base, model=replace(seen.base.model, robot=robot))
+    stack = result.stack
+    assert stack is not None, "a result that was read from a file is written by its own method save"
     header = {**(facts or {}), **result.header}
-    motions = [prediction.predict(log, seen.stack.rows_of_log(k), found.theta) for k, log in enumerate(seen.stack.logs)]
-    wrote = [folder / name for name in ("estimatedmotion.npz", "parameters.yaml", "parameters.npz")]
-    prediction.save(wrote[0], motions, {**header, "joints": list(seen.stack.joints), "torque_from": "identified"})
-    table = {
-        "schema": "dynid/parameters-table/1",
-        "robot": robot.name,
-        "logs_sha256": list(result.log_sha256),
-        "method": found.method,
-        "cutoff_hz": float(f"{result.cutoff:.6g}"),
-        "coulomb": {"shape": robot.coulomb_shape.shape, "velocity": list(robot.coulomb_shape.velocity)},
-        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
-    }
+    motions = [prediction.predict(log, stack.rows_of_log(k), result.theta) for k, log in enumerate(stack.logs)]
+    motion = folder / "estimatedmotion.npz"
+    prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
-    results.write_yaml(wrote[1], found, base, table)
-    results.save(wrote[2], found, base, header)
-    return wrote
+    table = result.save_yaml(folder / "parameters.yaml")
+    return [motion, table, result.save(folder / "parameters.npz", facts)]
 
 
-def answer_of(base: BaseModel, found: Identification) -> dict[str, Any]:
+def answer_of(found: Identification) -> dict[str, Any]:
     """Return what the JSON answer of ``dynid identify`` says about a result."""
-    from dynid.estimation.result import parameter_table
-
     return {
         "schema": "dynid/identify/1",
-        "robot": base.robot.name,
+        "robot": found.robot.name,
         "method": found.method,
         "rank": found.rank,
         "samples": found.samples,
@@ -230,7 +218,7 @@ def answer_of(base: BaseModel, found: Identification) -> dict[str, Any]:
             }
             for j in found.joints
         ],
-        "parameters": parameter_table(found, base),
+        "parameters": found.parameter_rows(),
         "physically_consistent": found.in_force == "physical",
         "in_force": found.in_force,
         "heldout_relative_error_percent_by_set": found.heldout_by_set,
@@ -239,7 +227,7 @@ def answer_of(base: BaseModel, found: Identification) -> dict[str, Any]:
     }
 
 
-def find_payload(loaded: StoredResult, unloaded: StoredResult) -> Payload:
+def find_payload(loaded: Identification, unloaded: Identification) -> Payload:
     """Return the body that the loaded arm has in addition on its last link.
 
     Args:
@@ -251,11 +239,11 @@ def find_payload(loaded: StoredResult, unloaded: StoredResult) -> Payload:
     """
     from dynid.estimation import payload
 
-    return payload.find_payload(loaded.identification, unloaded)
+    return payload.find_payload(loaded, unloaded)
 
 
 def sensitivity(
-    result: StoredResult,
+    result: Identification,
     logs: Log | Sequence[Log],
     options: IdentifyOptions = IdentifyOptions(),
     *,
@@ -276,19 +264,18 @@ def sensitivity(
     from dynid.errors import DynidError
     from dynid.estimation.estimate import estimate, last_share
 
-    found = result.identification
     checked = [checked_log(log, base.robot, options) for log in as_list(logs)]
-    sure = np.isfinite(found.std_error) & (found.std_error > 0)
+    sure = np.isfinite(result.std_error) & (result.std_error > 0)
     rows: list[dict[str, Any]] = []
     for name, cutoff, delay in _variants(result):
         try:
             stack = stack_logs(checked, base, replace(options, cutoff=cutoff, delay=delay))[0]
-            other = estimate(stack, base, method=found.method, holdout=last_share(stack, 0.2), drop_weak=True)
+            other = estimate(stack, base, method=result.method, holdout=last_share(stack, 0.2), drop_weak=True)
         except DynidError as error:
             progress.stage("explain", f"{name}: {error}")
             continue
-        change = np.zeros(len(found.names))
-        change[sure] = (other.plain - found.plain)[sure] / found.std_error[sure]
+        change = np.zeros(len(result.names))
+        change[sure] = (other.plain - result.plain)[sure] / result.std_error[sure]
         worst = int(np.argmax(np.abs(change)))
         rows.append(
             {
@@ -298,8 +285,8 @@ def sensitivity(
                 "relative_error_percent": other.relative_error_percent,
                 "heldout_relative_error_percent": other.heldout_relative_error_percent,
                 "beyond_two_std_errors": int(np.sum(np.abs(change) > BEYOND)),
-                "most_changed": found.names[worst],
-                "before": float(found.plain[worst]),
+                "most_changed": result.names[worst],
+                "before": float(result.plain[worst]),
                 "after": float(other.plain[worst]),
                 "std_errors": float(change[worst]),
             }
@@ -307,7 +294,7 @@ def sensitivity(
     return rows
 
 
-def _variants(result: StoredResult) -> list[tuple[str, float, float]]:
+def _variants(result: Identification) -> list[tuple[str, float, float]]:
     """Return what is tried: its name, cut-off [Hz], delay [s]."""
     applied = result.delay
     other = 0.0 if applied else float(result.header.get("delay_s") or 0.0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.progress import SILENT, Progress
 
 if TYPE_CHECKING:
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
     from dynid.reports.sections.verdict import Light
 
 
@@ -57,7 +57,7 @@ class Report:
         return f"{sentences}<ul>{lights}</ul>"
 
 
-def report(result: StoredResult, *, progress: Progress = SILENT) -> Report:
+def report(result: Identification, *, progress: Progress = SILENT) -> Report:
     """Make the report of a result and of what lies beside its file: validations, stack, search for missing effects.
 
     Args:

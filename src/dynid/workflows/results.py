@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import NotAnArtifact
 
 if TYPE_CHECKING:
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
 
 
 def load(path: Path | str) -> Any:  # noqa: ANN401
@@ -36,7 +36,7 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
     raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))
 
 
-def load_run(run: Path) -> StoredResult:
+def load_run(run: Path) -> Identification:
     """Return the result of a run, given by its folder or by its parameters.npz.
 
     Raises:

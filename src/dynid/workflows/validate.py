@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from dynid.estimation.observation_rows import ObservationRows
     from dynid.estimation.prediction import EstimatedMotion, JointCheck
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
     from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
@@ -169,7 +169,7 @@ class Validation:
 
 
 def validate(
-    result: StoredResult,
+    result: Identification,
     log: Log,
     options: ValidateOptions = ValidateOptions(),
     *,
@@ -195,7 +195,7 @@ def validate(
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
     base = base or base_model_of(result)
-    theta = result.identification.theta
+    theta = result.theta
     options = replace(
         options,
         cutoff=result.cutoff if options.cutoff is None else options.cutoff,
@@ -212,7 +212,7 @@ def validate(
     return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff)
 
 
-def base_model_of(result: StoredResult, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
+def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
     """Return the model that a result was made with; its base parameters are those of the result, never found anew.
 
     Args:
@@ -230,7 +230,7 @@ def base_model_of(result: StoredResult, folder: Path | None = None, progress: Pr
     return BaseModel(obtain_model(result.robot, folder)[0], result.reduction)
 
 
-def refuse_training_log(result: StoredResult, sha256: str, where: str, options: ValidateOptions) -> None:
+def refuse_training_log(result: Identification, sha256: str, where: str, options: ValidateOptions) -> None:
     """Refuse a recording that the result was identified from.
 
     Raises:
@@ -241,12 +241,12 @@ def refuse_training_log(result: StoredResult, sha256: str, where: str, options: 
 
 
 def baseline_torque(
-    base: BaseModel, result: StoredResult, rows: list[ObservationRows], motion: EstimatedMotion
+    base: BaseModel, result: Identification, rows: list[ObservationRows], motion: EstimatedMotion
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
     import numpy as np
 
     if base.robot.prior is None:
         return np.broadcast_to(motion.tau_measured.mean(axis=0), motion.tau_measured.shape), "a constant torque"
-    prior = np.nan_to_num(result.identification.prior)
+    prior = np.nan_to_num(result.prior)
     return np.concatenate([part.W @ prior for part in rows]), "the prior of the robot file"

@@ -1,7 +1,6 @@
 """The load on the last link, against the body that was put into PyBullet."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.physical_constraints import is_consistent
-from dynid.estimation.result import StoredResult
 from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -37,8 +35,7 @@ def identified(base, log):
 
 @pytest.fixture(scope="module")
 def unloaded(base):
-    found = identified(base, recorded(11)[1])
-    return StoredResult(found, base.reduction, base.robot, 6.0, 0.0, (), {}, Path("unloaded.npz"))
+    return identified(base, recorded(11)[1])
 
 
 def test_mass_and_centre_of_mass_of_a_load_are_found_within_three_percent(base, unloaded):
@@ -54,9 +51,7 @@ def test_the_error_bars_of_a_load_hold(base):
     truth = np.array([LOAD.mass, *LOAD.com, *LOAD.inertia_com])
     inside = []
     for seed in range(100, 108):
-        empty = StoredResult(
-            identified(base, recorded(seed)[1]), base.reduction, base.robot, 6.0, 0.0, (), {}, Path("unloaded.npz")
-        )
+        empty = identified(base, recorded(seed)[1])
         payload = find_payload(identified(base, recorded(seed + 100, LOAD)[1]), empty)
         found = np.array([payload.body.mass, *payload.body.com, *payload.body.inertia_com])
         inside.append(np.abs(found - truth) <= 1.96 * payload.std_error)
@@ -72,5 +67,5 @@ def test_an_arm_without_a_load_has_a_load_of_no_mass(base, unloaded):
 def test_an_uncertain_unloaded_result_makes_the_load_uncertain(base, unloaded):
     loaded = identified(base, recorded(21, LOAD)[1])
     sure = find_payload(loaded, unloaded)
-    vague = replace(unloaded.identification, covariance=100 * unloaded.identification.covariance)
-    assert find_payload(loaded, replace(unloaded, identification=vague)).std_error[0] > 3 * sure.std_error[0]
+    vague = replace(unloaded, covariance=100 * unloaded.covariance)
+    assert find_payload(loaded, vague).std_error[0] > 3 * sure.std_error[0]

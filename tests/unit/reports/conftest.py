@@ -8,7 +8,7 @@ import pytest
 from dynid.errors import Finding
 from dynid.estimation.physical_parameters import FullSet
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.estimation.result import Identification, JointQuality, StoredResult
+from dynid.estimation.result import Identification, JointQuality
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
@@ -41,16 +41,17 @@ def evidence(tmp_path_factory):
     rng = np.random.default_rng(0)
     seen, unseen = (motion(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
     found = Identification(
-        method="wls", why="because", names=reduction.base_names, theta=theta, plain=theta,
+        robot=robot, reduction=reduction, method="wls", why="because", theta=theta, plain=theta,
         covariance=0.0001 * np.eye(p), std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
         prior=np.full(p, np.nan), noise=np.full(robot.n, 0.01),
         joints=tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
         relative_error_percent=1.4, heldout_relative_error_percent=None, heldout="nothing held out", rank=p,
         condition_number=50.0, condition_number_scaled=30.0, samples=400, physical=physical, in_force="physical",
-        choice=NASTY, heldout_by_set={}, findings=(Finding("W402", "warning", NASTY),),
+        choice=NASTY, heldout_by_set={}, findings=(Finding("W402", "warning", NASTY),), cutoff=5.0,
+        log_sha256=("ab" * 32,),
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("run")
     header = {"command": f"dynid identify {NASTY}", "logs": [NASTY], "log_findings": [], "dynid": "0.1.0"}
-    stored = StoredResult(found, reduction, robot, 5.0, 0.0, ("ab" * 32,), header, folder / "parameters.npz")
+    stored = replace(found, header=header, path=folder / "parameters.npz")
     other = Unseen(NASTY, unseen, *relative_percent(unseen))
     return Evidence(stored, seen, (other,), np.logspace(0, -2, p), None)

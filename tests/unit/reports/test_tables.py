@@ -11,11 +11,11 @@ from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 
 
 def run(names, theta, error, robot="arm_1"):
-    identification = SimpleNamespace(
-        names=names, theta=np.array(theta), std_error=np.array(error), method="wls", rank=len(names),
-        condition_number_scaled=30.0, relative_error_percent=1.25, heldout_relative_error_percent=None,
+    return SimpleNamespace(
+        robot=SimpleNamespace(name=robot), names=names, theta=np.array(theta), std_error=np.array(error),
+        method="wls", rank=len(names), condition_number_scaled=30.0, relative_error_percent=1.25,
+        heldout_relative_error_percent=None,
     )  # fmt: skip
-    return SimpleNamespace(identification=identification, robot=SimpleNamespace(name=robot))
 
 
 def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():

@@ -45,8 +45,10 @@ def test_a_tolerance_without_a_baseline_is_wrong_usage(result):
 
 
 def test_another_arm_is_shown_but_not_judged_and_is_no_baseline(result):
-    found = result.identification
-    fewer = replace(result, identification=replace(found, names=("x", *found.names[1:])))
+    reduction = result.reduction
+    first = reduction.base[0]
+    names = tuple("x" if k == first else name for k, name in enumerate(reduction.names))
+    fewer = replace(result, reduction=replace(reduction, names=names))
     assert compare([result, fewer]).runs[1].comparison is None
     with pytest.raises(WrongUsage, match="other base parameters"):
         compare([fewer], baseline=result)
@@ -55,7 +57,7 @@ def test_another_arm_is_shown_but_not_judged_and_is_no_baseline(result):
 def test_the_table_has_one_row_per_run_and_the_worst_joint(result, other):
     table = compare([result, other], names=("a", "b")).table()
     assert [row["run"] for row in table] == ["a", "b"]
-    worst = max(result.identification.joints, key=lambda joint: joint.relative_percent)
+    worst = max(result.joints, key=lambda joint: joint.relative_percent)
     assert table[0]["weakest joint"] == f"{worst.joint} {worst.relative_percent:.1f} %"
 
 
@@ -72,7 +74,7 @@ def test_a_data_frame_has_one_row_per_run(result, other):
     pytest.importorskip("pandas")
     frame = compare([result, other], names=("a", "b")).to_dataframe()
     assert list(frame.index) == ["a", "b"]
-    assert frame.loc["a", "fv1"] == result.identification.theta[result.identification.names.index("fv1")]
+    assert frame.loc["a", "fv1"] == result.theta[result.names.index("fv1")]
 
 
 def test_without_pandas_the_package_is_named(result, monkeypatch):
@@ -105,15 +107,14 @@ def test_every_estimator_is_tried_on_the_same_log(arm):
 
 def identification(result, shift, error):
     """The result's numbers with all estimates moved by a number of errors of a given size."""
-    found = result.identification
-    size = np.full(len(found.names), error)
-    return replace(found, plain=found.plain + shift * error, std_error=size, covariance=np.diag(size**2))
+    size = np.full(len(result.names), error)
+    return replace(result, plain=result.plain + shift * error, std_error=size, covariance=np.diag(size**2))
 
 
 def test_estimates_further_apart_than_their_errors_differ(result):
     one, near, far = (identification(result, shift, 0.1) for shift in (0.0, 1.9, 2.1))
     assert differing(one, near) == []
-    assert set(differing(one, far)) == set(result.identification.names)
+    assert set(differing(one, far)) == set(result.names)
 
 
 def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result):
@@ -121,4 +122,4 @@ def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result)
     instruments, error = identification(result, 0.0, 0.1), np.sqrt(0.1**2 - 0.05**2)
     near, far = (identification(result, factor * BIASED * error / 0.05, 0.05) for factor in (0.99, 1.01))
     assert biased(near, instruments) == []
-    assert set(biased(far, instruments)) == set(result.identification.names)
+    assert set(biased(far, instruments)) == set(result.names)

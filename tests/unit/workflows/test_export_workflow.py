@@ -48,10 +48,9 @@ def test_a_urdf_of_the_users_is_for_the_urdf_only(result, tmp_path):
 
 def impossible(result):
     """The result with a plain estimate whose nearest bodies have a negative mass of link 1."""
-    found = result.identification
-    plain = found.plain.copy()
-    plain[found.names.index("m1R")] = -50.0
-    return replace(result, identification=replace(found, plain=plain))
+    plain = result.plain.copy()
+    plain[result.names.index("m1R")] = -50.0
+    return replace(result, plain=plain)
 
 
 def test_bodies_that_cannot_exist_are_refused_before_anything_is_written(result, tmp_path):
@@ -71,10 +70,9 @@ def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wante
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_parameter_that_is_no_number_is_a_damaged_result(result, tmp_path, value):
-    found = result.identification
-    physical = replace(found.physical, theta=np.full_like(found.theta, value))
+    physical = replace(result.physical, theta=np.full_like(result.theta, value))
     with pytest.raises(NotAnArtifact, match="not a finite number"):
-        export(replace(result, identification=replace(found, physical=physical)), tmp_path / "arm.urdf")
+        export(replace(result, physical=physical), tmp_path / "arm.urdf")
 
 
 def test_texts_are_written_by_the_callers_function(result, tmp_path):

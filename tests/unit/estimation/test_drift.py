@@ -1,6 +1,7 @@
 """Drift is found where it is, and not where only noise is."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ def result(theta, std_error, **changes):
     p = len(error)
     facts = {
         "method": "wls", "why": "", "physical": None, "in_force": "plain", "choice": "", "heldout_by_set": {},
-        "plain": np.asarray(theta, dtype=float), "names": tuple(f"p{k}" for k in range(p)),
+        "plain": np.asarray(theta, dtype=float), "robot": None,
+        "reduction": SimpleNamespace(base_names=tuple(f"p{k}" for k in range(p))),
         "theta": np.asarray(theta, dtype=float),
         "covariance": np.diag(error**2), "std_error": error, "knowledge": ("well",) * p, "prior": np.full(p, np.nan),
         "noise": np.full(2, 0.1), "joints": joints, "relative_error_percent": 1.5,
@@ -84,4 +86,4 @@ def test_results_of_other_robots_are_not_the_same():
     """Other names or other joints."""
     one = result([1.0, 2.0], [0.1, 0.1])
     assert same_parameters(one, one)
-    assert not same_parameters(one, replace(one, names=("a", "b")))
+    assert not same_parameters(one, replace(one, reduction=SimpleNamespace(base_names=("a", "b"))))

@@ -1,0 +1,119 @@
+"""A result is what it says: torques, intervals, text, and the same again from its file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_stack import motion, simulated, stacked, truth
+
+from dynid.errors import Finding, WrongUsage
+from dynid.estimation.estimate import estimate, last_share
+from dynid.estimation.result import load
+from dynid.files.robotfile import load_robot
+from dynid.model import build_model
+from dynid.model.base_model import BaseModel
+from dynid.model.prior import prior_parameters
+from dynid.model.reduce import reduce
+from dynid.robot import EffectSpec
+
+MARKUP = '<b>x & "y"</b>\x1b[31m'
+
+
+@pytest.fixture(scope="module")
+def base():
+    model = build_model(load_robot("scara"))
+    return BaseModel(model, reduce(model))
+
+
+@pytest.fixture(scope="module")
+def result(base):
+    rows = stacked(base, simulated(base, noise=0.1), cutoff=15.0)
+    return estimate(rows, base, method="wls", holdout=last_share(rows, 0.2))
+
+
+def test_its_torques_are_those_of_the_arm_that_was_simulated(base, result):
+    _, q, qd, qdd = motion(base.robot, 5.0, 7)
+    true = base.model.regressor(q, qd, qdd) @ truth(base)
+    tau = result.inverse_dynamics(q, qd, qdd)
+    assert np.sqrt(np.mean((tau - true) ** 2)) < 0.02 * np.sqrt(np.mean(true**2))
+    assert result.regressor(q, qd, qdd) @ result.theta == pytest.approx(tau, abs=1e-9)
+
+
+def test_links_that_keep_their_prior_are_part_of_its_torques(base):
+    robot = replace(base.robot, links=(3, 4))
+    model = build_model(robot)
+    part = BaseModel(model, reduce(model))
+    gamma, names, links = truth(base), base.model.parameter_names, prior_parameters(robot).reshape(-1, 10)
+    for j in (1, 2):
+        first = names.index(f"m{j}")
+        gamma[first : first + 11] = [*links[j - 1], 0.0]
+    found = estimate(stacked(part, simulated(base, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None)
+    _, q, qd, qdd = motion(robot, 5.0, 7)
+    true = base.model.regressor(q, qd, qdd) @ gamma
+    assert np.sqrt(np.mean((found.inverse_dynamics(q, qd, qdd) - true) ** 2)) < 0.02 * np.sqrt(np.mean(true**2))
+
+
+def test_effects_of_the_robot_file_need_the_time_of_the_samples(base, result):
+    """An offset that the sensor warms up to is a torque of time alone."""
+    spec = EffectSpec("torque_drift", (base.robot.joint_names[0],), {"tc": 2.0, "amplitude": 3.0})
+    robot = replace(base.robot, effects=(spec,))
+    model = build_model(robot)
+    reduction = reduce(model)
+    added = replace(result, robot=robot, reduction=reduction, rigid=None, theta=np.append(result.theta, 3.0))
+    t, q, qd, qdd = motion(robot, 2.0, 7)
+    with pytest.raises(WrongUsage, match="order of the samples"):
+        added.inverse_dynamics(q, qd, qdd)
+    drift = added.inverse_dynamics(q, qd, qdd, t) - result.inverse_dynamics(q, qd, qdd)
+    assert drift[:, 0] == pytest.approx(3.0 * 2.0 * (1 - np.exp(-t / 2.0)), abs=1e-9)
+    assert drift[:, 1:] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_intervals_are_two_standard_errors_wide_and_open_where_nothing_is_known(result):
+    vague = replace(result, std_error=np.where(np.arange(len(result.theta)) == 0, np.inf, result.std_error))
+    low, high = vague.conf_int().T
+    assert (high - low)[1:] == pytest.approx(2 * 1.959964 * vague.std_error[1:], rel=1e-6)
+    assert low[0] == -np.inf
+    assert vague.conf_int(0.68)[1:, 1] - vague.theta[1:] == pytest.approx(0.994458 * vague.std_error[1:], rel=1e-6)
+    assert vague.params["fv1"] == vague.theta[vague.names.index("fv1")]
+    assert vague.table()[0]["97.5 %"] == np.inf
+
+
+def test_it_prints_its_fit_and_every_parameter(base, result):
+    text = result.summary()
+    assert f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log)" in text
+    assert all(f"\n{name} " in text for name in (*result.names, *base.robot.joint_names))
+    assert repr(result) == "\n".join([result.title, *result.verdict()])
+
+
+def test_names_from_files_are_no_markup_in_a_notebook(result):
+    nasty = replace(result, robot=replace(result.robot, name=MARKUP), choice=MARKUP)
+    page = nasty._repr_html_()
+    assert "<b>" not in page
+    assert "&lt;b&gt;" in page
+    assert "\x1b" not in page + repr(nasty) + nasty.summary()
+
+
+def test_what_is_saved_is_loaded(result, tmp_path):
+    noted = replace(result, findings=(Finding("W402", "warning", "text", {"a": 1}),), header={"logs": ["run.bag"]})
+    stored = load(noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"}))
+    for key in ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts"):
+        assert np.array_equal(getattr(stored, key), getattr(noted, key), equal_nan=True)
+    same = ("robot", "names", "method", "why", "knowledge", "joints", "heldout_by_set", "choice", "findings", "cutoff")
+    for key in same:
+        assert getattr(stored, key) == getattr(noted, key), key
+    assert stored.header["command"] == "dynid identify"
+    assert stored.header["logs"] == ["run.bag"]
+    _, q, qd, qdd = motion(result.robot, 1.0, 7)
+    assert np.array_equal(stored.inverse_dynamics(q, qd, qdd), noted.inverse_dynamics(q, qd, qdd))
+    again = load(stored.save(tmp_path / "again.npz"))
+    assert np.array_equal(again.theta, noted.theta)
+
+
+def test_a_robot_made_in_code_is_stored_with_its_result(result, tmp_path):
+    """The file of a robot that was changed since is not what is stored."""
+    joints = (replace(result.robot.joints[0], name="hip"), *result.robot.joints[1:])
+    for path in (None, result.robot.path):
+        made = replace(result, robot=replace(result.robot, joints=joints, path=path))
+        stored = load(made.save(tmp_path / "parameters.npz"))
+        assert stored.robot == made.robot
+        assert stored.robot.path == path
