@@ -72,4 +72,4 @@ def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
         return click.IntRange(min=1)
     if said.kind in ("positive", "float"):
         return click.FloatRange(min=0, min_open=said.kind == "positive")
-    return str if said.read is not None or each.default is None else type(each.default)
+    return str if said.read is not None or each.default in (None, ()) else type(each.default)
