@@ -17,15 +17,15 @@ def run_self_test(common: Common) -> ExitStatus:
     """Hide effects in a simulated arm one by one and print what is named."""
     from dynid.files.robotfile import load_robot, packaged
     from dynid.gap.self_test import self_test
-    from dynid.model.store import obtain_model
     from dynid.sim.hidden import CASES
     from dynid.sim.plant import read_plant
+    from dynid.workflows.model import derive_model
 
     robot = load_robot(ROBOT)
     cases: list[SelfTestCase] = []
     with common.terminal.progress() as progress:
         progress.stage("self-test", "")
-        model, _ = obtain_model(robot, common.folder(robot.slug))
+        model = derive_model(robot, common.folder(robot.slug)).model
         for case in self_test(model, read_plant(packaged("trajectories") / TRUTH), common.seed):
             cases.append(case)
             progress.advance(len(cases), len(CASES), case.hidden.name)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
 from dynid.exporters.interface import IdentifiedArm
-from dynid.model.kernels import FOLD, geometry
+from dynid.model.kernels import FOLD
+from dynid.model.kinematics import geometry
 from dynid.model.parameters import Parameter
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynid.model.kernels import geometry
+from dynid.model.kinematics import geometry
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot

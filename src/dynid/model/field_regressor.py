@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import ReductionsDisagree
-from dynid.model.kernels import geometry as float_geometry
+from dynid.model.kinematics import geometry as float_geometry
 from dynid.model.prime_field import (
     PRIME,
     FieldState,

@@ -6,13 +6,13 @@ and then the list of array operations is run on blocks of samples small enough t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.kinematics import geometry
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
 
@@ -29,16 +29,6 @@ FOLD: dict[int, Callable[[float, float], float]] = {
     NEG: lambda a, _: -a,
 }
 _UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}
-
-
-def geometry(robot: Robot) -> dict[str, float]:
-    """Return the value of every geometric input of the regressor's program by its name."""
-    values = {f"g{x}": g for x, g in zip("xyz", robot.gravity, strict=True)}
-    for i, joint in enumerate(robot.joints, start=1):
-        values |= {f"a{i}": joint.a, f"d{i}": joint.d, f"ca{i}": math.cos(joint.twist), f"sa{i}": math.sin(joint.twist)}
-        if not joint.revolute:
-            values |= {f"c{i}": math.cos(joint.theta_offset), f"s{i}": math.sin(joint.theta_offset)}
-    return values
 
 
 class Kernel:

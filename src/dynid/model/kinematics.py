@@ -216,3 +216,13 @@ def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
     if convention == "standard":
         return Step(R, [a, d * sa, d * ca], [zero, sa, ca])
     return Step(R, along, [zero, zero, one])
+
+
+def geometry(robot: Robot) -> dict[str, float]:
+    """Return the number behind every geometric symbol by its name: ``d3`` [m], ``ca3``, ``gz`` [m/s^2] and so on."""
+    values = {f"g{x}": g for x, g in zip("xyz", robot.gravity, strict=True)}
+    for i, joint in enumerate(robot.joints, start=1):
+        values |= {f"a{i}": joint.a, f"d{i}": joint.d, f"ca{i}": math.cos(joint.twist), f"sa{i}": math.sin(joint.twist)}
+        if not joint.revolute:
+            values |= {f"c{i}": math.cos(joint.theta_offset), f"s{i}": math.sin(joint.theta_offset)}
+    return values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.model.kernels import geometry
+from dynid.model.kinematics import geometry
 from dynid.model.parameters import link_parameters
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.model.regressor import Model

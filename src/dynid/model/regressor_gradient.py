@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.effects.interface import Column, State
-from dynid.model.kernels import FOLD, geometry, moving_input
+from dynid.model.kernels import FOLD, moving_input
+from dynid.model.kinematics import geometry
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.model.regressor import Model
 from dynid.robot import Robot

@@ -5,7 +5,6 @@ The program is stored as integer arrays; loading it builds no code.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -131,21 +130,3 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         method=str(facts["method"]),
         formulas=tuple(facts["formulas"]),
     )
-
-
-def obtain_model(robot: Robot, out: Path, *, rebuild: bool = False) -> tuple[Model, float | None]:
-    """Return the model of a robot from the folder, or derive and write it.
-
-    Returns:
-        The model and the seconds of the derivation, None when the stored one was used.
-    """
-    path = paths(out)[0]
-    if not rebuild and stored_key(path) == key_of(robot):
-        return load_model(path, robot), None
-    from dynid.model.regressor import build_model
-
-    start = time.perf_counter()
-    model = build_model(robot)
-    seconds = time.perf_counter() - start
-    save_model(path, model)
-    return model, seconds

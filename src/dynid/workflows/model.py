@@ -205,13 +205,17 @@ def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False, progress:
         rebuild: whether to derive it again in any case.
         progress: told when the work begins.
     """
-    from dynid.model.store import obtain_model
+    from dynid.model.regressor import build_model
+    from dynid.model.store import key_of, load_model, paths, save_model, stored_key
 
-    start = time.perf_counter()
+    start, path = time.perf_counter(), paths(folder)[0]
     progress.stage("symbolic", "")
-    model, derived = obtain_model(robot, folder, rebuild=rebuild)
-    seconds = time.perf_counter() - start if derived is None else derived
-    return DerivedModel(model, folder, derived is not None, seconds)
+    if not rebuild and stored_key(path) == key_of(robot):
+        return DerivedModel(load_model(path, robot), folder, False, time.perf_counter() - start)
+    model = build_model(robot)
+    seconds = time.perf_counter() - start
+    save_model(path, model)
+    return DerivedModel(model, folder, True, seconds)
 
 
 # ---------------------------------------------------------------- base parameters

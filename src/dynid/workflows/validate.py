@@ -221,13 +221,12 @@ def base_model_of(result: Identification, folder: Path | None = None, progress: 
         progress: told that the model is made.
     """
     from dynid.model.base_model import BaseModel
-    from dynid.model.store import obtain_model
-    from dynid.workflows.model import base_model
+    from dynid.workflows.model import base_model, derive_model
 
     if folder is None:
         return BaseModel(base_model(result.robot).model, result.reduction)
     progress.stage("model")
-    return BaseModel(obtain_model(result.robot, folder)[0], result.reduction)
+    return BaseModel(derive_model(result.robot, folder).model, result.reduction)
 
 
 def refuse_training_log(result: Identification, sha256: str, where: str, options: ValidateOptions) -> None:

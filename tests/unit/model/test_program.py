@@ -5,7 +5,8 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.kernels import BLOCK, Kernel, geometry
+from dynid.model.kernels import BLOCK, Kernel
+from dynid.model.kinematics import geometry
 from dynid.model.printing import as_latex, as_python
 from dynid.model.program import ADD, MUL, NEG, SUB, Builder
 

@@ -14,11 +14,8 @@ from dynid.model.store import (
     key_of,
     load_model,
     load_reduction,
-    obtain_model,
-    paths,
     save_model,
     save_reduction,
-    stored_key,
 )
 
 LISTS = ("names", "alone", "none", "combined", "gap", "method", "formulas")
@@ -35,14 +32,6 @@ def test_a_stored_model_gives_the_same_torques(robot, tmp_path):
     states = np.random.default_rng(0).normal(size=(3, 4, robot.n))
     again = load_model(tmp_path / "regressor.npz", robot)
     assert again.regressor(*states) == pytest.approx(model.regressor(*states), abs=0)
-
-
-def test_a_model_is_derived_once_and_again_when_the_robot_changes(robot, tmp_path):
-    assert obtain_model(robot, tmp_path)[1] is not None
-    assert obtain_model(robot, tmp_path)[1] is None
-    moved = replace(robot, joints=(replace(robot.joints[0], a=0.9), *robot.joints[1:]))
-    assert obtain_model(moved, tmp_path)[1] is not None
-    assert stored_key(paths(tmp_path)[0]) == key_of(moved)
 
 
 def test_names_limits_and_priors_do_not_change_the_key(robot):
