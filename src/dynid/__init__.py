@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dynid.workflows.compare import compare, compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
+    from dynid.workflows.gap import Gap, GapOptions, find_gap
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import ModelOptions, base_model
@@ -45,6 +46,8 @@ _HOMES = {
     "BaseModel": "dynid.model.base_model",
     "ExportOptions": "dynid.workflows.export",
     "ExportedModel": "dynid.workflows.export",
+    "Gap": "dynid.workflows.gap",
+    "GapOptions": "dynid.workflows.gap",
     "Identification": "dynid.estimation.result",
     "IdentifyOptions": "dynid.workflows.identify",
     "Log": "dynid.log",
@@ -63,6 +66,7 @@ _HOMES = {
     "compare_methods": "dynid.workflows.compare",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
+    "find_gap": "dynid.workflows.gap",
     "find_payload": "dynid.workflows.identify",
     "identify": "dynid.workflows.identify",
     "load": "dynid.workflows.results",
@@ -79,6 +83,8 @@ __all__ = [
     "BaseModel",
     "ExportOptions",
     "ExportedModel",
+    "Gap",
+    "GapOptions",
     "Identification",
     "IdentifyOptions",
     "Log",
@@ -98,6 +104,7 @@ __all__ = [
     "compare_methods",
     "export",
     "find_drive_gains",
+    "find_gap",
     "find_payload",
     "identify",
     "load",

@@ -42,12 +42,12 @@ def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
     assert named(seen) == {("load_friction", (3,))}
     assert seen.improvement.ratio[3, 1] < 0.9
     specs = specs_of(seen.verdict.named, base.robot)
-    again, found = identify_again(on_one_clock(sources), seen.problem, base, specs)
+    found = identify_again(on_one_clock(sources), seen.problem, base, specs)
     column = found.names.index("load_friction4_a")
     assert found.theta[column] == pytest.approx(seen.verdict.named[0].values["a"], rel=0.1)
     assert found.joints[3].heldout_rms == pytest.approx(seen.improvement.after[3], rel=0.1)
-    assert again.robot.effects == tuple(specs)
-    after = analyse_gap(sources, again, None, SelectionOptions(), simulate=False)
+    assert found.robot.effects == tuple(specs)
+    after = analyse_gap(sources, found.base, None, SelectionOptions(), simulate=False)
     assert after.verdict.word == "nothing_missing", "with the effect in the model, nothing else is missing"
     assert named(after) == set()
 

@@ -19,6 +19,8 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
 
+#: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
+CUTOFF = 10.0
 #: Visible share below which these logs cannot show an effect, so that its absence means nothing.
 HIDDEN = 0.01
 
@@ -28,6 +30,7 @@ class GapAnalysis:
     """What a search found, and what proves it.
 
     Attributes:
+        logs: the conditioned logs, on one clock.
         problem: what was searched, before anything was found.
         search: the search.
         effects: selected effects with numbers, named or not.
@@ -39,6 +42,7 @@ class GapAnalysis:
         invisible: effects and joints that these logs cannot show.
     """
 
+    logs: tuple[ConditionedLog, ...]
     problem: GapProblem
     search: EffectSearch
     effects: tuple[FittedEffect, ...]
@@ -82,7 +86,10 @@ def analyse_gap(
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
-    return GapAnalysis(problem, search, tuple(effects), tuple(joints), improvement, simulation, verdict, invisible)
+    logs = tuple(sources)
+    return GapAnalysis(
+        logs, problem, search, tuple(effects), tuple(joints), improvement, simulation, verdict, invisible
+    )
 
 
 def proved(

@@ -18,6 +18,7 @@ from dynid.estimation.result import Identification
 from dynid.estimation.stack import stack_base
 from dynid.files.artifact import write_text
 from dynid.gap.problem import GapProblem
+from dynid.gap.record import GapEffect
 from dynid.gap.refit import FittedEffect
 from dynid.gap.segments import Mask
 from dynid.model.base_model import BaseModel
@@ -57,7 +58,7 @@ def specs_of(fitted: Sequence[FittedEffect], robot: Robot) -> list[EffectSpec]:
 
 def identify_again(
     sources: Sequence[ConditionedLog], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
-) -> tuple[BaseModel, Identification]:
+) -> Identification:
     """Identify the arm with effects on the training rows alone; the held-out rows judge it.
 
     Args:
@@ -65,9 +66,6 @@ def identify_again(
         problem: which rows are held out.
         base: model without the effects.
         specs: the effects.
-
-    Returns:
-        Model and parameters.
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
@@ -77,7 +75,7 @@ def identify_again(
     train = stack_base(made, added)
     held = stack_base(scaled(only(late, problem, problem.held), added, weighted(*train.whole).theta), added)
     holdout = HoldOut(train, held.select(held.counts.sum(axis=1) > 0), problem.held_text)
-    return added, estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
+    return estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 
 def only(sources: Sequence[ConditionedLog], problem: GapProblem, chosen: Sequence[Mask]) -> list[ConditionedLog]:
@@ -133,8 +131,8 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:
     return written
 
 
-def new_name(robot: Robot, specs: Sequence[EffectSpec]) -> str:
+def new_name(robot: Robot, effects: Sequence[EffectSpec | GapEffect]) -> str:
     """Return the name of the copy, such as ``arm+stribeck2``."""
     index = {name: str(k + 1) for k, name in enumerate(robot.joint_names)}
-    parts = [s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "") for s in specs]
+    parts = [s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "") for s in effects]
     return "+".join([robot.slug, *parts])

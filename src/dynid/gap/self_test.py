@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.estimation.conditioned_log import ConditionedLog, condition_logs
-from dynid.gap.analysis import analyse_gap
+from dynid.gap.analysis import CUTOFF, analyse_gap
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
@@ -16,9 +16,6 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import Model
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import Plant
-
-#: Cut-off of the search [Hz].
-CUTOFF = 10.0
 
 
 @dataclass(frozen=True)

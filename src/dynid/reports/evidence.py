@@ -13,8 +13,7 @@ from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
-from dynid.reports import gap_record
-from dynid.reports.gap_record import GapRecord
+from dynid.gap.record import GapRecord, read_record
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -79,7 +78,7 @@ def gather(stored: Identification) -> Evidence:
         motion=prediction.load(motion)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
         singular_values=_spectrum(read_artifact(stack).arrays["R"]) if stack.is_file() else None,
-        gap=gap_record.load(gap) if gap.is_file() else None,
+        gap=read_record(gap) if gap.is_file() else None,
     )
 
 

@@ -33,6 +33,10 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
         from dynid.files.trajectoryfile import read_trajectory
 
         return read_trajectory(path)
+    if kind == "dynid/gap":
+        from dynid.workflows.gap import Gap
+
+        return Gap.load(path)
     raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))
 
 

@@ -70,11 +70,11 @@ def test_the_arm_identified_with_the_effect_has_its_size_and_explains_the_held_o
     sources, seen = springy
     assert seen.verdict.word == "named"
     specs = specs_of(seen.verdict.named, twolinks.base.robot)
-    again, found = identify_again(sources, seen.problem, twolinks.base, specs)
+    found = identify_again(sources, seen.problem, twolinks.base, specs)
     k = found.names.index("spring2_k1")
     assert abs(found.theta[k] - 2.0) < 3 * found.std_error[k]
     assert found.std_error[k] < 0.1
-    assert again.robot.effects == tuple(specs)
+    assert found.robot.effects == tuple(specs)
     for joint in found.joints:
         assert joint.heldout_rms == pytest.approx(joint.rms, rel=0.2)
     assert found.heldout == seen.problem.held_text

@@ -1,11 +1,7 @@
-"""Logs of the two-link arm of tests/cli as objects."""
-
-import sys
-from pathlib import Path
+"""Logs of the two-link arm as objects."""
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "cli"))
 import twolink
 from dynid import Log
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.evidence import Evidence
 from dynid.reports.gap_figures import improvement_figure, where_figure
-from dynid.reports.gap_record import GapRecord
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.text import shell
@@ -25,47 +25,35 @@ def gap(evidence: Evidence) -> dict[str, Any]:
     record = evidence.gap
     if record is None:
         return {"gap": None, "search": f"{shell('dynid', 'gap', evidence.stored.path)} LOG"}
-    units = {joint.name: joint.torque_unit for joint in evidence.robot.joints}
-    answer = record.answer
-    named = [(one, "named") for one in answer.get("named", ())]
-    others = [(one, one.get("why_not", "")) for one in answer.get("closest", ())]
     return {
         "gap": record,
-        "verdict": VERDICTS.get(answer["verdict"], answer["verdict"]),
-        "rows": [_row(one, said, units) for one, said in (*named, *others)],
-        "alternatives": [" or ".join(group) for group in answer.get("alternatives", ())],
-        "pictures": _pictures(record, units),
+        "verdict": VERDICTS.get(record.verdict, record.verdict),
+        "rows": [_row(one) for one in (*record.named, *record.closest)],
+        "alternatives": [" or ".join(group) for group in record.alternatives],
+        "pictures": _pictures(record),
     }
 
 
-def _row(one: dict[str, Any], said: str, units: dict[str, str]) -> dict[str, Any]:
+def _row(one: GapEffect) -> dict[str, Any]:
     """Return one candidate as the words of a row."""
-    before, after = one["heldout_rms_before_nm"], one["heldout_rms_after_nm"]
-    unit = units.get(one["joints"][0], "")
-    change = f"{before:.3g} → {after:.3g} {unit}, {100 * (after / before - 1):+.0f} %" if before else "-"
-    chance = one["p_value"]
+    before, after = one.rms_before, one.rms_after
+    change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %" if before else "-"
     return {
-        "effect": CATALOGUE[one["effect"]].title if one["effect"] in CATALOGUE else one["effect"],
-        "joints": ", ".join(one["joints"]),
+        "effect": CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect,
+        "joints": ", ".join(one.joints),
         "change": change.replace("-", "\N{MINUS SIGN}"),
-        "chance": "< 0.1 %" if chance < 1e-3 else f"{100 * chance:.1f} %",
-        "numbers": ", ".join(_number(name, value) for name, value in one["parameters"].items()),
-        "said": said or "-",
+        "chance": "< 0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %",
+        "numbers": ", ".join(text.replace("+-", "±") for text in one.texts()),
+        "said": one.why_not or "named",
     }
 
 
-def _number(name: str, value: dict[str, Any]) -> str:
-    error = "" if value["std_error"] is None else f" ± {value['std_error']:.2g}"
-    return f"{name} = {value['value']:.4g}{error} {value['unit']}".strip()
-
-
-def _pictures(record: GapRecord, units: dict[str, str]) -> list[Picture]:
-    joints = list(units)
+def _pictures(record: GapRecord) -> list[Picture]:
     return [
         Picture(
             drawn(
                 "gap-shrink",
-                lambda: improvement_figure(record.improvement, joints, list(units.values()), ""),
+                lambda: improvement_figure(record.improvement, record.joint_names, record.torque_units, ""),
                 "held-out error of each joint before and after the missing effects, with the noise",
             ),
             "Each joint's error on torque that was not fitted, without and with the named effects; line: the noise.",
@@ -74,7 +62,7 @@ def _pictures(record: GapRecord, units: dict[str, str]) -> list[Picture]:
         Picture(
             drawn(
                 "gap-where",
-                lambda: where_figure(record.where, joints, ""),
+                lambda: where_figure(record.joints, record.joint_names, ""),
                 "residual power over noise power of each joint, by speed, position, load, time, direction and reversal",
             ),
             "Residual power over noise power in each part of the motion before anything was added; 1 is the noise.",

@@ -10,25 +10,13 @@ from dynid.errors import ExitStatus
 if TYPE_CHECKING:
     from dynid.gap.self_test import SelfTestCase
 
-ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
-
 
 def run_self_test(common: Common) -> ExitStatus:
     """Hide effects in a simulated arm one by one and print what is named."""
-    from dynid.files.robotfile import load_robot, packaged
-    from dynid.gap.self_test import self_test
-    from dynid.sim.hidden import CASES
-    from dynid.sim.plant import read_plant
-    from dynid.workflows.model import derive_model
+    from dynid.workflows.demo import ROBOT, self_test_gap
 
-    robot = load_robot(ROBOT)
-    cases: list[SelfTestCase] = []
     with common.terminal.progress() as progress:
-        progress.stage("self-test", "")
-        model = derive_model(robot, common.folder(robot.slug)).model
-        for case in self_test(model, read_plant(packaged("trajectories") / TRUTH), common.seed):
-            cases.append(case)
-            progress.advance(len(cases), len(CASES), case.hidden.name)
+        cases = list(self_test_gap(common.seed, common.folder(ROBOT), progress))
     rows = [
         [
             f"{c.hidden.name} on joint {c.hidden.joint + 1}" if c.hidden.size else "nothing",

@@ -1,0 +1,258 @@
+"""What a search found, as plain values: analysis -> record -> gap.npz, and back for reports and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import NotAnArtifact
+
+# Why only for types: the options of the command are declared beside what is made from a record, and help must be fast.
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.localisation import JointGap
+    from dynid.gap.refit import FittedEffect, HeldOutImprovement
+    from dynid.model.effects.interface import Floats, Joints
+    from dynid.robot import Robot
+
+SCHEMA = "dynid/gap/1"
+
+
+@dataclass(frozen=True)
+class GapEffect:
+    """One selected effect, named or not.
+
+    Attributes:
+        effect: identifier of the catalogue.
+        indices: 0-based joint that it acts on, with the one that it follows for a pair; () for the whole arm.
+        joints: names of these joints; all for the whole arm.
+        where: where it sits, in words.
+        values: amplitudes and shape parameters by name.
+        std_errors: their standard errors.
+        units: their units.
+        p_value: chance of such amplitudes when there is no effect.
+        joint: name of the joint that shows it most.
+        rms_before: held-out rms of that joint without the selected effects [N m or N].
+        rms_after: and with them [N m or N].
+        unit: unit of these torques.
+        why_not: why it is not named; "" when it is.
+        rivals: other effects and joints that explain as much, in words.
+    """
+
+    effect: str
+    indices: Joints
+    joints: tuple[str, ...]
+    where: str
+    values: Mapping[str, float]
+    std_errors: Mapping[str, float]
+    units: Mapping[str, str]
+    p_value: float
+    joint: str
+    rms_before: float
+    rms_after: float
+    unit: str
+    why_not: str = ""
+    rivals: tuple[str, ...] = ()
+
+    def facts(self) -> dict[str, Any]:
+        """Return the effect as the JSON answer of ``dynid gap`` has it."""
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "parameters": {
+                name: {"value": value, "unit": self.units.get(name, ""), "std_error": self.std_errors.get(name)}
+                for name, value in self.values.items()
+            },
+            "p_value": self.p_value,
+            "heldout_rms_before_nm": self.rms_before,
+            "heldout_rms_after_nm": self.rms_after,
+            **({"why_not": self.why_not} if self.why_not else {}),
+        }
+
+    def texts(self) -> list[str]:
+        """Return each parameter with its standard error and unit, in words."""
+        found = []
+        for name, value in self.values.items():
+            error = f" +- {self.std_errors[name]:.2g}" if name in self.std_errors else ""
+            found.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
+        return found
+
+
+@dataclass(frozen=True)
+class GapRecord:
+    """One search.
+
+    Attributes:
+        robot: name of the arm.
+        mode: ``"refit"`` or ``"frozen"``.
+        verdict: ``"named"``, ``"nothing_missing"``, ``"unexplained"`` or ``"ambiguous"``.
+        named: effects that are named.
+        closest: effects that explain part of the gap, each with the reason why it is not named.
+        alternatives: groups of identifiers that explain as much.
+        advice: what to do next.
+        joint_names: names of the joints, n of them.
+        torque_units: their units of torque.
+        joints: the disagreement of each joint before.
+        improvement: the held-out error of each joint before and after.
+        simulation: position error of the simulated held-out motion before and after, (2, n) [rad or m]; (0, n) where it
+            cannot be simulated.
+        heldout: what was held out, in words.
+        noise_from: where the noise floor comes from, in words.
+        noise_note: what else the noise floor allows for, in words.
+        not_repeatable: joints with disturbances that do not repeat.
+        cannot_judge: effects that these logs cannot show, with the 0-based joints; () for the whole arm.
+        logs: where the logs came from.
+        made_from: the result that was searched; "" for one that is in no file.
+    """
+
+    robot: str
+    mode: str
+    verdict: str
+    named: tuple[GapEffect, ...]
+    closest: tuple[GapEffect, ...]
+    alternatives: tuple[tuple[str, ...], ...]
+    advice: str
+    joint_names: tuple[str, ...]
+    torque_units: tuple[str, ...]
+    joints: tuple[JointGap, ...]
+    improvement: HeldOutImprovement
+    simulation: Floats
+    heldout: str
+    noise_from: str
+    noise_note: str
+    not_repeatable: tuple[str, ...]
+    cannot_judge: Mapping[str, tuple[int, ...]]
+    logs: tuple[str, ...]
+    made_from: str
+
+
+def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) -> GapRecord:
+    """Return what an analysis found as plain values.
+
+    Args:
+        analysis: the analysis.
+        robot: the arm.
+        mode: ``"refit"`` or ``"frozen"``.
+        made_from: the result that was searched; "" for one that is in no file.
+    """
+    import numpy as np
+
+    from dynid.gap.verdict import unrepeatable
+
+    verdict, names = analysis.verdict, robot.joint_names
+    simulation = np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
+    closest = [replace(_effect(one, analysis, robot), why_not=why) for one, why in verdict.closest]
+    return GapRecord(
+        robot=robot.name,
+        mode=mode,
+        verdict=verdict.word,
+        named=tuple(_effect(one, analysis, robot) for one in verdict.named),
+        closest=tuple(closest),
+        alternatives=verdict.alternatives,
+        advice=verdict.advice,
+        joint_names=names,
+        torque_units=tuple(joint.torque_unit for joint in robot.joints),
+        joints=analysis.joints,
+        improvement=analysis.improvement,
+        simulation=simulation,
+        heldout=analysis.problem.held_text,
+        **_noise_texts(analysis, names),
+        not_repeatable=tuple(names[j] for j in unrepeatable(analysis.search)),
+        cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
+        logs=tuple(log.path for log in analysis.logs),
+        made_from=made_from,
+    )
+
+
+def _effect(one: FittedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
+    from dynid.gap.verdict import joints_text, labels
+
+    names, j = robot.joint_names, one.selected.test.joint
+    return GapEffect(
+        effect=one.name,
+        indices=one.joints,
+        joints=tuple(names[k] for k in one.joints or range(robot.n)),
+        where=joints_text(one.joints, names),
+        values=one.values,
+        std_errors=one.errors,
+        units=one.units,
+        p_value=one.selected.test.p_value,
+        joint=names[j],
+        rms_before=float(analysis.improvement.before[j]),
+        rms_after=float(analysis.improvement.after[j]),
+        unit=robot.joints[j].torque_unit,
+        rivals=tuple(labels(one.selected, names)[1:]),
+    )
+
+
+def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
+    problem = analysis.search.problem
+    if problem.noise.repeats:
+        source = f"{problem.noise.repeats:.0f} s of repeats"
+    elif problem.matched:
+        source = "what differs and no effect explains"
+    else:
+        source = "high frequencies: a lower bound, no motion is repeated"
+    note = ""
+    if problem.matched:
+        note = "these logs drive the motion of the earlier ones, and are compared with them row by row"
+    elif problem.noise.misfit:
+        note = f"what the kept model left unexplained is more on {', '.join(names[j] for j in problem.noise.misfit)}"
+    return {"noise_from": source, "noise_note": note}
+
+
+#: What of an effect is a mapping: stored as pairs, because a header is sorted.
+_MAPPINGS = ("values", "std_errors", "units")
+#: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
+_IMPROVEMENT = ("before", "after", "ratio", "floor")
+
+
+def write_record(path: Path, record: GapRecord) -> None:
+    """Write gap.npz."""
+    from dynid.files.artifact import Artifact, write_artifact
+
+    header = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
+    improvement, simulation = header.pop("improvement"), header.pop("simulation")
+    arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {"simulation": simulation}
+    header |= {key: [_stored(one) for one in header[key]] for key in ("named", "closest")}
+    header |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
+    write_artifact(path, Artifact(SCHEMA, header, arrays))
+
+
+def read_record(path: Path) -> GapRecord:
+    """Read gap.npz.
+
+    Raises:
+        NotAnArtifact: it is damaged, or of another kind.
+    """
+    from dynid.files.artifact import read_artifact
+    from dynid.gap.localisation import JointGap, ResidualRegion
+    from dynid.gap.refit import HeldOutImprovement
+
+    artifact = read_artifact(path, SCHEMA)
+    try:
+        found = {each.name: artifact.header[each.name] for each in fields(GapRecord) if each.name in artifact.header}
+        found |= {key: tuple(_effect_of(one) for one in found[key]) for key in ("named", "closest")}
+        found |= {key: tuple(found[key]) for key in ("joint_names", "torque_units", "not_repeatable", "logs")}
+        found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
+        found["cannot_judge"] = {name: tuple(joints) for name, joints in found["cannot_judge"]}
+        found["joints"] = tuple(
+            JointGap(**{**gap, "regions": tuple(ResidualRegion(**region) for region in gap["regions"])})
+            for gap in found["joints"]
+        )
+        improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
+        return GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+
+
+def _stored(one: GapEffect) -> dict[str, Any]:
+    return asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
+
+
+def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
+    facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
+    return GapEffect(**facts | {key: dict(stored[key]) for key in _MAPPINGS})

@@ -1,0 +1,429 @@
+"""Find where model and measurement disagree, name the missing effect with evidence, and add it to the model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import WrongUsage
+from dynid.gap.record import GapEffect, GapRecord
+from dynid.log import Log
+from dynid.options import option, share
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.table import Table
+from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, load_log
+from dynid.workflows.validate import base_model_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from dynid.estimation.conditioned_log import ConditionedLog
+    from dynid.estimation.result import Identification
+    from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.stepwise_selection import SelectionOptions
+    from dynid.model.base_model import BaseModel
+
+#: What the verdicts mean.
+VERDICTS = {
+    "named": "named",
+    "nothing_missing": "nothing is missing",
+    "unexplained": "something is missing that no effect of the catalogue explains",
+    "ambiguous": "fit equally well",
+}
+#: A joint with a larger share of the disagreement of all joints is told.
+TOLD_SHARE = 0.1
+
+
+def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
+    """Return words given as text with commas or one by one; () for ``all`` and for nothing."""
+    items = () if value is None or value == "all" else (value,) if isinstance(value, (str, int)) else value
+    words = [word.strip() for item in items for word in str(item).split(",")]
+    return tuple(word for word in words if word)
+
+
+@dataclass(frozen=True)
+class GapOptions(LogOptions):
+    """What is searched. The filter keeps what happens at reversals where no other cut-off is asked for."""
+
+    mode: str = option(
+        "refit",
+        "refit looks for what no identification can absorb; frozen keeps the model and looks for what has changed "
+        "since.",
+        choices=("refit", "frozen"), shown="",
+    )  # fmt: skip
+    effects: tuple[str, ...] = option(
+        "all", "Effects to try, by identifier, separated by commas.", metavar="all|LIST", shown="", read=_words
+    )
+    joints: tuple[str, ...] = option(
+        None,
+        "Joints to search, by name, by number, or as a range such as 2-4 (default: all).",
+        metavar="LIST",
+        read=_words,
+    )
+    false_alarm: float = option(
+        "1%", "Probability of naming an effect in logs where nothing is missing.", metavar="SHARE", shown="", read=share
+    )
+    max_effects: int = option(3, "Largest number of effects that are selected.", shown="", kind="count")
+
+
+@dataclass(frozen=True, repr=False)
+class Gap(GapRecord):
+    """What ``find_gap`` found.
+
+    Attributes:
+        analysis: the rows and the search; None when it was read from a file.
+    """
+
+    analysis: GapAnalysis | None = field(default=None, compare=False)
+
+    @property
+    def noise_text(self) -> str:
+        """Where the noise floor comes from and what it allows for."""
+        return "; ".join(["from " + self.noise_from, *([self.noise_note] if self.noise_note else [])])
+
+    @property
+    def where_text(self) -> str:
+        """On which joints the disagreement is, and where in their motion."""
+        from dynid.gap.localisation import NEGLIGIBLE
+
+        loud = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
+        return "; ".join(
+            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
+            for one in sorted(loud, key=lambda one: -one.share)
+        ) or "nowhere above the noise"  # fmt: skip
+
+    @property
+    def verdict_text(self) -> str:
+        """The verdict in words."""
+        groups = [" or ".join([f"{one.effect} on {one.where}", *one.rivals]) for one in self.named if one.rivals]
+        return ": ".join([VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])])
+
+    def table(self) -> Table:
+        """Return one row per selected effect: size, held-out rms of its joint before and after [N m or N], p-value."""
+        rows = [
+            {
+                "effect": one.effect,
+                "where": one.where,
+                "size": ", ".join(one.texts()),
+                "rms before": one.rms_before,
+                "rms after": one.rms_after,
+                "unit": one.unit,
+                "p-value": one.p_value,
+                "said": one.why_not or "named",
+            }
+            for one in (*self.named, *self.closest)
+        ]
+        return Table(rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice))
+
+    def joint_table(self) -> Table:
+        """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
+        held_out, rows = self.improvement, []
+        for j, name in enumerate(self.joint_names):
+            row = {
+                "joint": name,
+                "rms before": float(held_out.before[j]),
+                "rms after": float(held_out.after[j]),
+                "noise": float(held_out.floor[j]),
+                "unit": self.torque_units[j],
+            }
+            if len(self.simulation):
+                row |= {f"simulated {word}": float(self.simulation[k, j]) for k, word in enumerate(("before", "after"))}
+            rows.append(row)
+        return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
+
+    def summary(self) -> str:
+        """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
+        sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
+        lines = [self.verdict_text, *sizes, f"where: {self.where_text}", f"noise: {self.noise_text}", self.advice]
+        return "\n".join(lines)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the table of effects as a pandas DataFrame."""
+        return self.table().to_dataframe()
+
+    def __repr__(self) -> str:
+        """Return the table of effects as text."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_() + self.joint_table()._repr_html_()
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid gap`` says."""
+        from dynid.model.effects.catalogue import CATALOGUE
+
+        held_out = self.improvement
+        before, after = self.simulation if len(self.simulation) else (None, None)
+        return {
+            "schema": "dynid/gap/1",
+            "robot": self.robot,
+            "mode": self.mode,
+            "verdict": self.verdict,
+            "where": [
+                {"joint": self.joint_names[one.joint], "share": one.share, "region": one.text, "chi": one.chi}
+                for one in self.joints
+            ],
+            "named": [one.facts() for one in self.named],
+            "alternatives": [list(group) for group in self.alternatives],
+            "closest": [one.facts() for one in self.closest],
+            "gap": {
+                "joints": list(self.joint_names),
+                "heldout_before_nm": held_out.before,
+                "heldout_after_nm": held_out.after,
+                "noise_floor_nm": held_out.floor,
+                "ratio_interval": held_out.ratio,
+                "simulation_before": before,
+                "simulation_after": after,
+                "heldout": self.heldout,
+                "noise_from": self.noise_from,
+            },
+            "not_repeatable": list(self.not_repeatable),
+            "cannot_judge": {
+                name: [self.joint_names[j] for j in joints]
+                for name, joints in self.cannot_judge.items()
+                if name in CATALOGUE
+            },
+            "advice": self.advice,
+        }
+
+    def save(self, path: Path | str) -> None:
+        """Write gap.npz."""
+        from dynid.gap.record import write_record
+
+        write_record(Path(path), self)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Gap:
+        """Read gap.npz; what is read prints as it did, and cannot be applied."""
+        from dynid.gap.record import read_record
+
+        return _with_methods(read_record(Path(path)))
+
+    def plot_residual(self) -> Figure:
+        """Return a figure of residual over noise power of each joint, by speed, position, load, time and direction."""
+        from dynid.reports.gap_figures import where_figure
+
+        return where_figure(self.joints, self.joint_names, self.robot)
+
+    def plot_improvement(self) -> Figure:
+        """Return a figure of the held-out error of each joint before and after, with the noise."""
+        from dynid.reports.gap_figures import improvement_figure
+
+        title = f"{self.robot}: the gap on unseen data ({self.heldout})"
+        return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
+
+    def write_figures(self, folder: Path) -> list[Path]:
+        """Write both figures as PNG."""
+        from dynid.reports.gap_figures import write
+
+        return [
+            write(self.plot_residual(), folder / "where.png"),
+            write(self.plot_improvement(), folder / "shrink.png"),
+        ]
+
+    def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
+        """Return selected effects by name.
+
+        Args:
+            text: ``"best"`` for those that are named, or an identifier such as ``"spring"`` or ``"spring@7"``, with the
+                joint by name or number.
+
+        Raises:
+            WrongUsage: this was not found.
+        """
+        if text == "best":
+            return self.named
+        name, _, where = text.partition("@")
+        joints = joint_indices(self.joint_names, where, "--apply")
+        found = [
+            one
+            for one in self._selected()
+            if one.effect == name and (not joints or one.indices[:1] in [(j,) for j in joints])
+        ]
+        if not found:
+            there = [f"{one.effect}@{','.join(str(j + 1) for j in one.indices[:1])}" for one in self._selected()]
+            raise WrongUsage(f"--apply {text}: this was not found", why=f"found: {', '.join(there) or 'nothing'}")
+        return tuple(found)
+
+    def _selected(self) -> list[GapEffect]:
+        """Return all selected effects that were not withdrawn, in the order in which they were fitted."""
+        every = {(one.effect, one.indices): one for one in (*self.named, *self.closest)}
+        order = list(every) if self.analysis is None else [(one.name, one.joints) for one in self.analysis.effects]
+        return [every[key] for key in order]
+
+    def apply(
+        self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
+    ) -> Identification:
+        """Return the arm identified again with effects, on the rows that the search was made on.
+
+        Args:
+            effects: ``"best"`` for those that are named, a name such as ``"spring@7"``, or effects of this search.
+            robot_file: where a copy of the robot file with the effects is written; None writes none.
+
+        Raises:
+            WrongUsage: the search was read from a file, or there is nothing to add.
+        """
+        from dynid.gap.apply import identify_again, specs_of, write_robot
+
+        analysis = self.analysis
+        if analysis is None:
+            raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
+        wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
+        chosen = [one for one in analysis.effects if (one.name, one.joints) in wanted]
+        if not chosen:
+            raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")
+        robot = analysis.problem.base.robot
+        specs = specs_of(chosen, robot)
+        if robot_file is not None:
+            write_robot(robot, specs, Path(robot_file))
+        found = identify_again(analysis.logs, analysis.problem, analysis.problem.base, specs)
+        sha256 = tuple(log.sha256 for log in analysis.logs)
+        header = {
+            "robot": found.robot.name,
+            "key": found.robot.model_key,
+            "logs": [log.path for log in analysis.logs],
+            "log_findings": [],
+            "inputs": {f"log {k}": hashed for k, hashed in enumerate(sha256, start=1)},
+            "effects": [asdict(spec) for spec in specs],
+            "made_from": self.made_from,
+        }
+        path = None if robot_file is None else Path(robot_file)
+        return replace(found, robot=replace(found.robot, path=path), log_sha256=sha256, header=header)
+
+
+def _with_methods(record: GapRecord, analysis: GapAnalysis | None = None) -> Gap:
+    return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, analysis=analysis)
+
+
+def find_gap(
+    result: Identification,
+    logs: Log | Sequence[Log],
+    options: GapOptions = GapOptions(),
+    *,
+    earlier: Sequence[Log] = (),
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+) -> Gap:
+    """Find where a model and recordings disagree, which effect is missing, and how much smaller the gap is with it.
+
+    Args:
+        result: identified parameters.
+        logs: one or several recordings, as read or checked; each motion twice, so that the noise is known.
+        options: what is searched and how.
+        earlier: logs that the model was identified from (``earlier_logs``): what it lacked then is no change. Only with
+            ``mode="frozen"``.
+        base: the result's base model, where it is there already.
+        progress: told how far the work is.
+
+    Raises:
+        WrongUsage: there is no effect or no joint of a name that was given.
+        DynidError: the first serious fault of a log.
+    """
+    from dynid.gap.analysis import analyse_gap
+    from dynid.gap.problem import kept_model
+    from dynid.gap.record import record_of
+
+    base = base or base_model_of(result)
+    wanted = selection_options(base.robot, options)
+    options = signals_of(result, options)
+    frozen = options.mode == "frozen"
+    conditioned = _conditioned(as_list(logs), base, options, progress)
+    before = _conditioned(earlier, base, options, progress) if frozen and earlier else []
+    progress.stage("search")
+    kept = kept_model(result) if frozen else None
+    analysis = analyse_gap(conditioned, base, kept, wanted, progress, earlier=before)
+    return _with_methods(record_of(analysis, base.robot, options.mode, str(result.path)), analysis)
+
+
+def _conditioned(logs: Sequence[Log], base: BaseModel, options: GapOptions, progress: Progress) -> list[ConditionedLog]:
+    checked = [checked_log(log, base.robot, options, identify=False) for log in logs]
+    return condition_logs(checked, base.model, options, progress)
+
+
+def signals_of(result: Identification, options: GapOptions) -> GapOptions:
+    """Return options with cut-off and delay of the search where nothing else was asked for."""
+    from dynid.gap.analysis import CUTOFF
+
+    # Why no delay in a refit: there it is one of the effects that are looked for.
+    delay = result.delay if options.mode == "frozen" else 0.0
+    cutoff = max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff
+    return replace(options, cutoff=cutoff, delay=delay if options.delay is None else options.delay)
+
+
+def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
+    """Return what is searched on one arm, every name checked."""
+    from dynid.files.yamlfile import closest
+    from dynid.gap.stepwise_selection import SelectionOptions
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    for word in options.effects:
+        if word not in CATALOGUE:
+            raise WrongUsage(
+                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}"
+            )
+    joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
+    return SelectionOptions(options.effects, joints, options.false_alarm, options.max_effects)
+
+
+def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
+    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
+    from dynid.files.yamlfile import closest
+
+    found: list[int] = []
+    for word in (w.strip() for w in text.split(",")):
+        span = re.fullmatch(r"(\d+)(?:-(\d+))?", word)
+        if not word:
+            continue
+        if word in names:
+            found.append(list(names).index(word))
+        elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= len(names):
+            found += range(int(span[1]) - 1, int(span[2] or span[1]))
+        else:
+            raise WrongUsage(f"{option}: no joint '{word}'{closest(word, names)}", fix=f"1 to {len(names)}, or a name")
+    return tuple(dict.fromkeys(found))
+
+
+def earlier_logs(
+    result: Identification, logs: Sequence[Log], options: GapOptions = GapOptions(), progress: Progress = SILENT
+) -> list[Log]:
+    """Return the recordings that a result was identified from, where their files are still what they were.
+
+    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change. A new log
+    that is one of them cannot be compared with itself.
+
+    Args:
+        result: the result.
+        logs: the new recordings.
+        options: how recordings are read.
+        progress: told what is not at hand.
+    """
+    from dynid.files.artifact import sha256
+
+    new = {log.sha256 for log in logs}
+    before = [(Path(name), sha) for name, sha in zip(result.header.get("logs", []), result.log_sha256, strict=False)]
+    there = [path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha]
+    if not all(path.is_file() for path, _ in before):
+        text = "not all at hand: what the model lacked then may be taken for a change"
+        progress.stage("earlier", f"logs that it was identified from {text}")
+    if new & {sha for _, sha in before}:
+        progress.stage("earlier", "the model was identified from a log given here: nothing has changed in that one")
+    return [load_log(path, result.robot, options, identify=False) for path in there]
+
+
+def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
+    """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
+    import os
+
+    from dynid.files.robotfile import packaged
+    from dynid.gap.apply import new_name
+
+    shipped = packaged("robots").resolve()
+    folder = Path("robots") if Path("robots").is_dir() else Path()
+    if robot.path is not None and shipped not in robot.path.resolve().parents and os.access(robot.path.parent, os.W_OK):
+        folder = robot.path.parent
+    return folder / f"{new_name(robot, effects)}.yaml"

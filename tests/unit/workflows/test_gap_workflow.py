@@ -1,0 +1,168 @@
+"""The search called from Python: objects in, an object out that prints, is stored, and can be applied."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twolink
+from dynid import GapOptions, IdentifyOptions, Log, find_gap, identify, load_robot, validate
+from dynid.cli.terminal import plain
+from dynid.errors import NotAnArtifact, WrongUsage
+from dynid.workflows.gap import Gap, earlier_logs, joint_indices
+
+EFFECTS = "spring,torque_offset,asymmetric_viscous"
+STIFFNESS = 2.0
+
+
+def log(plan, noise, spring=0.0):
+    """A log of the two-link arm with a spring at its elbow [N m/rad]."""
+    t, q, qd, qdd = twolink.motion(plan)
+    tau = twolink.torque(q, qd, qdd) + 0.05 * np.random.default_rng(noise).standard_normal(q.shape)
+    tau[:, 1] += spring * q[:, 1]
+    return Log(t=t, q=q, tau=tau, names=("shoulder", "elbow"))
+
+
+@pytest.fixture(scope="module")
+def springy(arm):
+    """Two motions, each twice, of an arm with a spring, and what is identified without one."""
+    logs = [log(plan, 10 * plan + k, STIFFNESS) for plan in (1, 2) for k in range(2)]
+    return logs, identify(arm, logs[::2], IdentifyOptions(feasible=False))
+
+
+@pytest.fixture(scope="module")
+def gap(springy):
+    logs, result = springy
+    return find_gap(result, logs, GapOptions(effects=EFFECTS))
+
+
+def test_what_was_hidden_is_named_with_its_size(gap):
+    assert gap.verdict == "named"
+    (one,) = gap.named
+    assert (one.effect, one.joints, one.where) == ("spring", ("elbow",), "elbow")
+    assert abs(one.values["k1"] - STIFFNESS) < 3 * one.std_errors["k1"]
+    assert one.rms_after < 0.5 * one.rms_before
+
+
+def test_it_prints_what_a_person_wants_to_see(gap):
+    for text in (repr(gap), gap._repr_html_(), gap.summary()):
+        assert "spring" in text
+        assert "k1 = " in text
+        assert "elbow (" in text
+        assert "check on a new log" in text
+    (row,) = gap.table()
+    assert (row["effect"], row["where"], row["said"]) == ("spring", "elbow", "named")
+    assert [row["joint"] for row in gap.joint_table()] == ["shoulder", "elbow"]
+    assert gap.joint_table()[1]["rms after"] == gap.named[0].rms_after
+
+
+def test_its_facts_are_json(gap):
+    answer = json.loads(json.dumps(plain(gap.facts())))
+    assert answer["schema"] == "dynid/gap/1"
+    assert answer["named"][0]["parameters"]["k1"]["unit"] == "N m/rad"
+    assert "why_not" not in answer["named"][0]
+    assert len(answer["gap"]["heldout_before_nm"]) == 2
+
+
+def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
+    gap.save(tmp_path / "gap.npz")
+    again = Gap.load(tmp_path / "gap.npz")
+    assert repr(again) == repr(gap)
+    assert again.summary() == gap.summary()
+    assert plain(again.facts()) == plain(gap.facts())
+    assert again.chosen("spring") == gap.named
+    with pytest.raises(WrongUsage, match="read from a file"):
+        again.apply()
+
+
+def test_what_is_no_search_is_not_read(tmp_path):
+    (tmp_path / "gap.npz").write_bytes(b"no")
+    with pytest.raises(NotAnArtifact):
+        Gap.load(tmp_path / "gap.npz")
+
+
+def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, springy, tmp_path):
+    _, result = springy
+    found = gap.apply(robot_file=tmp_path / "arm+spring.yaml")
+    k = found.names.index("spring2_k1")
+    assert abs(found.theta[k] - STIFFNESS) < 3 * found.std_error[k]
+    assert load_robot(tmp_path / "arm+spring.yaml").effects == found.robot.effects
+    assert found.log_sha256 == ("",) * 4
+    unseen = log(3, 99, STIFFNESS)
+    before, after = (validate(one, unseen) for one in (result, found))
+    assert after.joints[1].rms < 0.5 * before.joints[1].rms
+
+
+def test_effects_are_chosen_by_name_and_joint(gap):
+    assert gap.chosen() == gap.chosen("spring") == gap.chosen("spring@2") == gap.chosen("spring@elbow") == gap.named
+    with pytest.raises(WrongUsage, match="this was not found") as raised:
+        gap.chosen("spring@1")
+    assert raised.value.why == "found: spring@2"
+
+
+def test_nothing_can_be_applied_where_nothing_is_named(result):
+    found = find_gap(result, [log(1, 5), log(1, 6)], GapOptions(effects=EFFECTS))
+    assert found.verdict == "nothing_missing"
+    with pytest.raises(WrongUsage, match="no effect is named"):
+        found.apply()
+
+
+def test_figures_are_drawn(gap, tmp_path):
+    wrote = gap.write_figures(tmp_path)
+    assert [path.name for path in wrote] == ["where.png", "shrink.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in wrote)
+
+
+def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
+    """The arm had a spring that its model lacks; now its elbow has more friction, and that alone is new."""
+    logs, result = springy
+    new = []
+    for k, plan in enumerate((1, 2)):
+        t, _, qd, _ = twolink.motion(plan)
+        one = log(plan, 50 + k, STIFFNESS)
+        more = np.stack([np.zeros(len(t)), 0.4 * np.tanh(qd[:, 1] / 0.01)], axis=1)
+        new.append(replace(one, tau=one.tau + more))
+    found = find_gap(result, new, GapOptions(mode="frozen"), earlier=logs[::2])
+    assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
+    assert found.named[0].values["c"] == pytest.approx(0.4, rel=0.1)
+    assert "row by row" in found.noise_text
+
+
+def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp_path):
+    paths = [tmp_path / f"{k}.npz" for k in range(2)]
+    for k, path in enumerate(paths):
+        log(1 + k, k).save(path)
+    from dynid import load_log
+
+    read = [load_log(path, arm) for path in paths]
+    result = identify(arm, read)
+    new = log(3, 7)
+    assert [one.source for one in earlier_logs(result, [new])] == paths
+    assert [one.source for one in earlier_logs(result, [read[0]])] == paths[1:], "a log is not compared with itself"
+    log(1, 99).save(paths[0])
+    assert [one.source for one in earlier_logs(result, [new])] == paths[1:]
+
+
+def test_options_make_sense_or_say_why_not(result):
+    assert GapOptions().effects == GapOptions(effects="all").effects == ()
+    assert GapOptions(effects=("spring", "stribeck")).effects == GapOptions(effects="spring, stribeck").effects
+    assert GapOptions(joints=[2, "elbow"]).joints == ("2", "elbow")
+    assert GapOptions(false_alarm="5%").false_alarm == 0.05
+    with pytest.raises(WrongUsage, match="--mode 'frosen'"):
+        GapOptions(mode="frosen")
+    with pytest.raises(WrongUsage, match="did you mean 'stribeck'"):
+        find_gap(result, [], GapOptions(effects="stribek"))
+    with pytest.raises(WrongUsage, match="no joint 'elbov'"):
+        find_gap(result, [], GapOptions(joints="elbov"))
+
+
+def test_joints_are_names_numbers_and_ranges():
+    names = ("a", "b", "c", "3")
+    assert joint_indices(names, "b", "--joints") == (1,)
+    assert joint_indices(names, "1-2, c", "--joints") == (0, 1, 2)
+    assert joint_indices(names, "3", "--joints") == (3,), "a name goes before a number"
+    assert joint_indices(names, "2,b", "--joints") == (1,)
+    for wrong in ("0", "5", "3-1", "d"):
+        with pytest.raises(WrongUsage, match="--joints: no joint"):
+            joint_indices(names, wrong, "--joints")
