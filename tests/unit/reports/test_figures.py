@@ -1,0 +1,156 @@
+"""Figures show the numbers that they are made from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.estimation.prediction import EstimatedMotion
+from dynid.files.robotfile import load_robot
+from dynid.reports.figures import (
+    MOST_POINTS,
+    QUANTITIES,
+    coverage_figure,
+    error_figure,
+    motion_figure,
+    residual_figure,
+    spectrum_figure,
+    torque_figure,
+    write_figure,
+    write_motion_figures,
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("scara")
+
+
+@pytest.fixture(scope="module")
+def motion(robot):
+    """Different numbers for every quantity and joint; a gap of 2 s at 5 s."""
+    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(7, 10, 0.01)])
+    rng = np.random.default_rng(0)
+    arrays = [rng.normal(size=(len(t), robot.n)) for _ in range(8)]
+    return EstimatedMotion(t, *arrays, np.ones((len(t), robot.n), dtype=bool))
+
+
+def curves(axis):
+    """Return the curves of a panel by label, without the breaks at gaps."""
+    return {line.get_label(): np.asarray(line.get_ydata())[np.isfinite(line.get_ydata())] for line in axis.get_lines()}
+
+
+def panels(figure):
+    return [axis for axis in figure.axes if axis.get_visible()]
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda each: each.key)
+def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, quantity):
+    figure = motion_figure(motion, robot, quantity, "run")
+    titles = [axis.get_title(loc="left") for axis in panels(figure)]
+    assert sorted(titles) == sorted(robot.joint_names)
+    for axis, name in zip(panels(figure), titles, strict=True):
+        j = robot.joint_names.index(name)
+        found = curves(axis)
+        measured = getattr(motion, f"{quantity.key}_measured")[:, j]
+        estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
+        np.testing.assert_array_equal(found["measured"], measured)
+        np.testing.assert_array_equal(found["estimated"], estimated)
+        assert set(found) == {"measured", "estimated"} | ({"residual"} if quantity.key == "tau" else set())
+        assert axis.get_ylabel() == quantity.units[0 if robot.joints[j].revolute else 1]
+
+
+def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
+    for only in (False, True):
+        (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=only))
+        found = curves(axis)
+        j = robot.joint_names.index("slide")
+        np.testing.assert_array_equal(found["residual"], motion.tau_measured[:, j] - motion.tau_estimated[:, j])
+        assert set(found) == ({"residual"} if only else {"measured", "estimated", "residual"})
+        assert axis.get_ylabel() == "N"
+
+
+def test_no_line_crosses_a_gap_in_time(motion, robot):
+    """Nobody measured there: the curve has one break, at 5 s."""
+    (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=True))
+    x = np.asarray(axis.get_lines()[0].get_xdata())
+    assert np.flatnonzero(np.isnan(x)).tolist() == [500]
+    assert np.nanmax(np.diff(x)) < 0.011
+
+
+def test_long_logs_are_thinned(robot):
+    n = 3 * MOST_POINTS
+    t, wave = np.arange(n) * 0.01, np.zeros((n, robot.n))
+    motion = EstimatedMotion(t, *(wave,) * 8, np.ones(wave.shape, dtype=bool))
+    (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=True))
+    assert len(axis.get_lines()[0].get_xdata()) == MOST_POINTS
+
+
+def test_coverage_shows_the_range_of_each_joint_over_its_limits(motion, robot):
+    position, velocity = coverage_figure(motion, robot).axes
+    for axis, values in ((position, motion.q_estimated), (velocity, motion.qd_estimated)):
+        blue = [bar for bar in axis.patches if abs(bar.get_height() - 0.35) < 1e-9]
+        np.testing.assert_allclose([bar.get_x() for bar in blue], values.min(axis=0))
+        np.testing.assert_allclose([bar.get_width() for bar in blue], np.ptp(values, axis=0))
+    grey = [bar for bar in position.patches if abs(bar.get_height() - 0.7) < 1e-9]
+    limits = [joint.limits.position for joint in robot.joints if joint.limits.position]
+    np.testing.assert_allclose([bar.get_x() for bar in grey], [low for low, _ in limits])
+    np.testing.assert_allclose([bar.get_width() for bar in grey], [high - low for low, high in limits])
+
+
+def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
+    """A residual of sign(qd) is -1 on the left and +1 on the right; over an unrelated position it is flat."""
+    rng = np.random.default_rng(2)
+    qd, q = rng.uniform(-1, 1, (2, 4800, robot.n))
+    zero = np.zeros_like(q)
+    motion = EstimatedMotion(np.arange(4800.0), q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0)
+    axes = residual_figure(motion, robot).axes
+    velocity, position = (curves(axis) for axis in axes[:2])
+    line = next(y for y in velocity.values() if len(y) == 24)
+    assert set(np.sign(line[:11])) == {-1.0}
+    assert np.abs(np.abs(np.delete(line, [11, 12])) - 1).max() < 1e-12
+    assert np.abs(next(y for y in position.values() if len(y) == 24)).max() < 0.3
+
+
+def test_the_spectrum_starts_at_one(robot):
+    (axis,) = spectrum_figure(np.array([4.0, 2.0, 0.004])).axes
+    np.testing.assert_allclose(axis.get_lines()[0].get_ydata(), [1.0, 0.5, 0.001])
+    np.testing.assert_allclose(axis.get_lines()[1].get_ydata(), 1e-3)
+
+
+def test_bars_are_standard_errors_in_percent_cut_at_300(evidence):
+    """0.01 over the value; a parameter that is not determined, or zero, has no bar."""
+    found = evidence.found
+    (axis,) = error_figure(found).axes
+    heights = np.array([bar.get_height() for bar in axis.patches])
+    shown = np.isfinite(found.std_error) & (found.theta != 0)
+    assert not shown.all()
+    np.testing.assert_array_equal(np.isfinite(heights), shown)
+    np.testing.assert_allclose(heights[shown], np.clip(1 / np.abs(found.theta[shown]), 0.05, 300))
+
+
+def test_names_are_labels_not_formulas(motion, robot):
+    hostile = replace(
+        robot, joints=tuple(replace(j, name=f"$\\frac{{{k}}}$\n\u202e") for k, j in enumerate(robot.joints))
+    )
+    figure = motion_figure(motion, hostile, QUANTITIES[0], "$x$")
+    assert panels(figure)[0].get_title(loc="left") == r"\$\frac{0}\$<U+000A><U+202E>"
+    assert figure.get_suptitle() == r"\$x\$: position"
+    figure.canvas.draw()
+
+
+def test_equal_figures_give_equal_files(motion, robot, tmp_path):
+    """PNG and SVG, written by their suffix; no date and no random ids."""
+    for suffix, start in ((".png", b"\x89PNG"), (".svg", b"<?xml")):
+        paths = [
+            write_figure(torque_figure(motion, robot, ("slide",), "run"), tmp_path / f"{k}{suffix}") for k in range(2)
+        ]
+        one, two = (path.read_bytes() for path in paths)
+        assert one == two
+        assert one.startswith(start)
+
+
+def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
+    names = ["position", "velocity", "acceleration", "torque"]
+    assert write_motion_figures(tmp_path, motion, robot, "run") == [tmp_path / f"{name}.png" for name in names]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(f"{n}{s}" for n in names for s in (".png", ".svg"))

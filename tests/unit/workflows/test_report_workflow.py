@@ -1,0 +1,58 @@
+"""A report of a result in memory says the same as that of its files."""
+
+import re
+
+import numpy as np
+
+from dynid import report
+from dynid.reports.evidence import gather
+from dynid.workflows.identify import save_result
+from dynid.workflows.results import load_run
+
+
+def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
+    made = report(result)
+    assert len(made.verdict) == 3
+    assert [light.name for light in made.lights] == ["fit", "unseen motion", "knowledge", "physics"]
+    assert [label.split(" of ")[0] for label in re.findall(r'role="img" aria-label="([^"]*)"', made.html)] == [
+        "singular values", "range", "standard error", "measured and estimated torque", "mean and spread",
+        "the arm from two sides with an ellipsoid for each link&#x27;s mass and inertia",
+    ]  # fmt: skip
+
+
+def test_it_is_the_report_of_the_saved_result(result, tmp_path):
+    """Motion and torque from memory and from estimatedmotion.npz are the same arrays."""
+    save_result(tmp_path, result)
+    stored = load_run(tmp_path)
+    memory, disk = gather(result), gather(stored)
+    for name in ("t", "q_measured", "qd_estimated", "tau_measured", "tau_estimated", "usable"):
+        np.testing.assert_array_equal(getattr(memory.motion, name), getattr(disk.motion, name))
+    assert report(stored).verdict == report(result).verdict
+
+
+def test_the_singular_values_are_those_of_the_stack_with_columns_of_unit_length(result):
+    rows = np.concatenate([part.W.reshape(-1, part.W.shape[2]) for part in result.observations.stack])
+    expected = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), compute_uv=False)
+    np.testing.assert_allclose(gather(result).singular_values, expected, rtol=1e-6)
+
+
+def test_the_page_and_the_summary_are_saved_beside_each_other(result, tmp_path):
+    made = report(result)
+    assert made.save(tmp_path) == [tmp_path / "report.html", tmp_path / "summary.md"]
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == made.html
+    assert (tmp_path / "summary.md").read_text(encoding="utf-8") == made.markdown
+    assert made.facts()["lights"] == {light.name: light.state for light in made.lights}
+
+
+def test_a_notebook_shows_the_verdict(result):
+    made = report(result)
+    shown = made._repr_html_()
+    assert shown.count("<p>") == 3
+    assert shown.count("<li>") == 4
+
+
+def test_files_in_the_working_directory_are_not_taken_for_those_of_a_new_result(result, tmp_path, monkeypatch):
+    (tmp_path / "estimatedmotion.npz").write_bytes(b"not an archive")
+    (tmp_path / "gap.npz").write_bytes(b"not an archive")
+    monkeypatch.chdir(tmp_path)
+    assert gather(result).gap is None
