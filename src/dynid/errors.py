@@ -318,6 +318,14 @@ class LogLayout(DynidError):
     fix = "see docs/reference/log-format.md"
 
 
+class TooLarge(DynidError):
+    """A file holds, or says it holds, more than dynid takes into memory."""
+
+    code, status = "E323", ExitStatus.INPUT
+    why = "a file that somebody else made could fill the memory of this machine"
+    fix = "raise the limit with --limit NAME=VALUE; docs/reference/limits.md lists them"
+
+
 # ---------------------------------------------------------------- 4: what the data can tell
 class JointStill(DynidError):
     """A joint never moves in the log."""

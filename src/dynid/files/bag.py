@@ -1,7 +1,6 @@
 """ROS 1 bags as logs and back, without ROS.
 
-Reads and writes with rosbags; what rosbags cannot open is scanned record by record (``bag_recovery``) and comes with
-finding W305.
+Reads record by record (``bag_records``), writes with rosbags; what is damaged comes with finding W305.
 """
 
 from __future__ import annotations
@@ -13,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid import limits
 from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
-from dynid.files.bag_recovery import MAGIC, Connection, scan
-from dynid.files.messages import Collector, broken_bytes
+from dynid.files.bag_records import MAGIC, BrokenBag, Connection, read_index, scan
+from dynid.files.messages import BrokenMessage, Collector
 from dynid.log import Log
 
 
@@ -46,16 +46,29 @@ def list_topics(path: Path) -> dict[str, Topic]:
         LogNotFound: not a bag.
     """
     _check_magic(path)
+    found: dict[str, Topic] = {}
+
+    def count(connection: Connection, messages: int) -> None:
+        before = found.get(connection.topic)
+        found[connection.topic] = Topic(
+            connection.topic, connection.type, messages + (before.count if before is not None else 0)
+        )
+
     try:
-        return _indexed_topics(path)
-    except broken_bytes():
-        found: dict[str, Topic] = {}
+        index = read_index(path)
+        for connection in index.connections.values():
+            count(connection, 0)
+        for counts in index.chunks.values():
+            for number, messages in counts.items():
+                if number in index.connections:
+                    count(index.connections[number], messages)
+    except BrokenBag:
+        found.clear()
         for connection, _, _ in scan(path):
-            before = found.get(connection.topic)
-            found[connection.topic] = Topic(connection.topic, connection.type, before.count + 1 if before else 1)
+            count(connection, 1)
         if not found:
             raise _nothing_readable(path) from None
-        return found
+    return found
 
 
 def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
@@ -66,13 +79,16 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]
 
     Raises:
         BagTruncated: nothing of these topics is readable.
+        WrongMessageType: the layout of the messages is not the known one of their type.
+        TooLarge: a chunk, a message or a name is larger than the limit.
     """
     try:
-        collectors = _collect(_indexed(path, names))
+        index = read_index(path)
+        collectors = _collect(scan(path, salvage=False, index=index, topics=names))
         return {name: collector.logs() for name, collector in collectors.items()}, ()
-    except broken_bytes() as error:
-        reason = str(error).strip() or type(error).__name__
-    collectors = _collect((item for item in scan(path) if item[0].topic in names), lenient=True)
+    except (BrokenBag, BrokenMessage) as error:
+        reason = str(error)
+    collectors = _collect(scan(path, topics=names), lenient=True)
     groups = {name: found for name, collector in collectors.items() if (found := collector.logs())}
     if not groups:
         raise _nothing_readable(path)
@@ -124,39 +140,6 @@ def _collect(messages: Iterator[tuple[Connection, int, bytes]], *, lenient: bool
     return found
 
 
-def _indexed(path: Path, names: Collection[str]) -> Iterator[tuple[Connection, int, bytes]]:
-    from rosbags.rosbag1 import Reader
-
-    with Reader(path) as reader:
-        chosen = [connection for connection in reader.connections if connection.topic in names]
-        known = {connection.id: _plain(connection) for connection in chosen}
-        for connection, time, raw in reader.messages(connections=chosen):
-            yield known[connection.id], time, raw
-
-
-def _indexed_topics(path: Path) -> dict[str, Topic]:
-    from rosbags.rosbag1 import Reader
-
-    with Reader(path) as reader:
-        found: dict[str, Topic] = {}
-        for connection in reader.connections:
-            before = found.get(connection.topic)
-            count = connection.msgcount + (before.count if before else 0)
-            found[connection.topic] = Topic(connection.topic, _plain(connection).type, count)
-        return found
-
-
-def _plain(connection: object) -> Connection:
-    """Return a connection of rosbags as our own; newer versions wrap the text of the definition."""
-    definition = connection.msgdef  # type: ignore[attr-defined]
-    return Connection(
-        connection.topic,  # type: ignore[attr-defined]
-        connection.msgtype.replace("/msg/", "/"),  # type: ignore[attr-defined]
-        getattr(definition, "data", definition),
-        connection.digest,  # type: ignore[attr-defined]
-    )
-
-
 def _recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
     logs = [log for found in groups.values() for log in found]
     count = sum(len(log) for log in logs)
@@ -175,7 +158,7 @@ def _nothing_readable(path: Path) -> BagTruncated:
 
 def _check_magic(path: Path) -> None:
     try:
-        with path.open("rb") as stream:
+        with limits.open_file(path) as stream:
             start = stream.read(len(MAGIC))
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error

@@ -15,7 +15,7 @@ from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogNotFound, WrongMessageType
 from dynid.files.artifact import sha256
 from dynid.files.bag import list_topics, read_topics
-from dynid.files.bag_recovery import MAGIC
+from dynid.files.bag_records import MAGIC
 from dynid.files.messages import KINOVA_TYPES
 from dynid.files.npzlog import read_npz_log
 from dynid.files.textlog import read_csv, read_folder

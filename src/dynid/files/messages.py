@@ -1,20 +1,24 @@
 """Raw ROS 1 messages -> logs, block by block, so that a bag of hours is never held as messages.
 
 ``Collector`` takes the raw messages of one topic and keeps only their numbers, grouped by the joint names they carry
-(an arm and its gripper often share a topic).
+(an arm and its gripper often share a topic). Only the layouts below are decoded, by the code below: the definition that
+a bag carries is compared with the known one and never interpreted.
 """
 
 from __future__ import annotations
 
+import hashlib
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
-from dynid.files.bag_recovery import Connection
+from dynid.errors import TooLarge, WrongMessageType
+from dynid.files.bag_records import Connection
 from dynid.log import Log
 
 Times = NDArray[np.int64]
@@ -23,13 +27,68 @@ Times = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
 
-#: Checksum of the one definition that the fixed layout below was written for.
-JOINT_STATE_MD5 = "3066dcd76a6cfaef579bd0f34173e9fd"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
+_SEVEN = tuple(f"float32 joint{i}" for i in range(1, 8))
+#: Definitions that the decoders below were written for: the fields of each type, and those of the types in it.
+LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
+    JOINT_STATE: {
+        JOINT_STATE: (
+            "std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort",
+        ),
+        "std_msgs/Header": ("uint32 seq", "time stamp", "string frame_id"),
+    },
+    **{kind: {kind: _SEVEN} for kind in KINOVA_TYPES},
+}  # fmt: skip
+#: Their checksums: ROS takes the md5 of the fields, with the md5 of a type in its place.
+CHECKSUMS = {
+    JOINT_STATE: "3066dcd76a6cfaef579bd0f34173e9fd",
+    **{kind: hashlib.md5("\n".join(_SEVEN).encode(), usedforsecurity=False).hexdigest() for kind in KINOVA_TYPES},
+}
+_SEVEN_FLOATS = struct.Struct("<7f")
 #: Messages that are decoded together: large enough for numpy, small enough to be forgotten soon.
 BLOCK = 4096
+#: Bytes of messages that are kept before they are decoded.
+BLOCK_BYTES = 8 << 20
 #: A clock ticks: header stamps with fewer distinct values than this share of the messages are not one.
 LEAST_DISTINCT = 0.5
+
+
+class BrokenMessage(Exception):
+    """The bytes of a message do not have the layout of its type."""
+
+
+def check_layout(connection: Connection) -> None:
+    """Raise when messages do not have the one layout that is known for their type.
+
+    Raises:
+        WrongMessageType: the type is not known, or the definition is another one.
+    """
+    kind = connection.type
+    if kind not in LAYOUTS:
+        raise WrongMessageType(f"{connection.topic} has messages of the type {kind}", where=connection.topic)
+    if connection.md5 == CHECKSUMS[kind] or _fields_of(connection) == LAYOUTS[kind]:
+        return
+    raise WrongMessageType(
+        f"the {kind} of {connection.topic} has another layout than the known one (md5 {connection.md5[:40]})",
+        where=connection.topic,
+        why="only the known layout is decoded: another one would have to be trusted to say what its bytes mean",
+        fix="record with the standard definition of this message",
+    )
+
+
+def _fields_of(connection: Connection) -> dict[str, tuple[str, ...]]:
+    """Return the lines of a definition by type, without comments and blank lines."""
+    found: dict[str, list[str]] = {connection.type: []}
+    current = connection.type
+    for raw in connection.definition.splitlines():
+        words = raw.partition("#")[0].split()
+        if words[:1] == ["MSG:"] and len(words) == 2:
+            current = words[1].replace("/msg/", "/")
+            found[current] = []
+        elif words and set(raw.strip()) != {"="}:
+            kind = {"Header": "std_msgs/Header"}.get(words[0], words[0].replace("/msg/", "/"))
+            found[current].append(" ".join([kind, *words[1:]]))
+    return {kind: tuple(lines) for kind, lines in found.items()}
 
 
 class Collector:
@@ -38,19 +97,26 @@ class Collector:
     Args:
         connection: type and definition of the messages.
         lenient: whether messages that cannot be decoded are passed over, as in a damaged bag.
+
+    Raises:
+        WrongMessageType: the layout is not known.
     """
 
     def __init__(self, connection: Connection, *, lenient: bool = False) -> None:
+        check_layout(connection)
         self.connection = connection
         self.lenient = lenient
         self._pending: list[tuple[int, bytes]] = []
+        self._bytes = 0
+        self._count = 0
         self._blocks: dict[frozenset[str], list[tuple[tuple[str, ...], Columns]]] = {}
-        self._decode: Callable[[bytes], object] | None = None
 
     def add(self, arrival: int, raw: bytes) -> None:
         """Take one message."""
+        limits.check("message_bytes", len(raw), self.connection.topic)
         self._pending.append((arrival, raw))
-        if len(self._pending) == BLOCK:
+        self._bytes += len(raw)
+        if len(self._pending) == BLOCK or self._bytes > BLOCK_BYTES:
             self._flush()
 
     def logs(self) -> list[Log]:
@@ -64,23 +130,27 @@ class Collector:
             return
         arrival = np.array([time for time, _ in self._pending], dtype=np.int64)
         raws = [raw for _, raw in self._pending]
-        self._pending = []
-        fast = joint_state_block(arrival, raws) if self.connection.md5 == JOINT_STATE_MD5 else None
+        self._count += len(raws)
+        limits.check("samples", self._count, self.connection.topic)
+        self._pending, self._bytes = [], 0
+        fast = joint_state_block(arrival, raws) if self.connection.type == JOINT_STATE else None
         for names, columns in [fast] if fast is not None else self._one_by_one(arrival, raws):
             self._blocks.setdefault(frozenset(names), []).append((names, columns))
+        limits.check("joint_sets", len(self._blocks), self.connection.topic)
 
     def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[tuple[tuple[str, ...], Columns]]:
-        """Decode by the bag's own definition; messages with equal names and lengths go into one block."""
+        """Decode message by message; those with equal names and lengths go into one block."""
         rows: dict[tuple[Any, ...], list[tuple[int, int, Any, Any, Any]]] = {}
         for time, raw in zip(arrival, raws, strict=True):
             try:
-                if self._decode is None:
-                    self._decode = _decoder(self.connection)
-                names, stamp, position, velocity, effort = _fields(self._decode(raw), self.connection.type)
-            except broken_bytes():
-                if not self.lenient:
-                    raise
-                continue
+                names, stamp, position, velocity, effort = decoded(raw, self.connection.type)
+            except (BrokenMessage, TooLarge) as error:
+                if self.lenient:
+                    continue
+                # Why: sizes that no message before it had are damage, sizes of the first one are what was recorded.
+                if isinstance(error, TooLarge) and (rows or self._blocks):
+                    raise BrokenMessage("a message has sizes that cannot be") from None
+                raise
             key = (names, len(position), len(velocity), len(effort))
             rows.setdefault(key, []).append((int(time), stamp, position, velocity, effort))
         return [(key[0], _columns(key[0], entries)) for key, entries in rows.items()]
@@ -111,59 +181,54 @@ def joint_state_block(arrival: Times, raws: Sequence[bytes]) -> tuple[tuple[str,
 def _layout(raw: bytes) -> tuple[tuple[str, ...], list[int], list[int]] | None:
     """Return the names, and where position, velocity and effort start and how many numbers they have."""
     try:
-        (size,) = struct.unpack_from("<I", raw, 12)
-        at = 16 + size
-        (count,) = struct.unpack_from("<I", raw, at)
-        at += 4
-        names = []
-        for _ in range(count):
-            (size,) = struct.unpack_from("<I", raw, at)
-            names.append(raw[at + 4 : at + 4 + size].decode())
-            at += 4 + size
-        starts, counts = [], []
-        for _ in range(3):
-            (numbers,) = struct.unpack_from("<I", raw, at)
-            starts.append(at + 4)
-            counts.append(numbers)
-            at += 4 + 8 * numbers
-    except (struct.error, UnicodeDecodeError):
+        names, starts, counts = _parts(raw)
+    except (struct.error, UnicodeDecodeError, TooLarge):
         return None
-    return (tuple(names), starts, counts) if at == len(raw) and all(c in (0, count) for c in counts) else None
+    fits = starts[2] + 8 * counts[2] == len(raw) and all(c in (0, len(names)) for c in counts)
+    return (names, starts, counts) if fits else None
 
 
-def broken_bytes() -> tuple[type[Exception], ...]:
-    """Return what rosbags and its decompressors raise on broken bytes, at opening or in the middle of reading."""
-    from rosbags.rosbag1 import ReaderError
-    from rosbags.serde import SerdeError
-    from rosbags.typesys import TypesysError
-
-    broken_numbers = (struct.error, ValueError, LookupError, OverflowError, AssertionError, MemoryError)
-    return (ReaderError, SerdeError, TypesysError, OSError, RuntimeError, EOFError, *broken_numbers)
-
-
-def _decoder(connection: Connection) -> Callable[[bytes], object]:
-    """Return a function from raw bytes to a message object, made from the definition in the bag."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.EMPTY)
-    package, _, name = connection.type.partition("/")
-    full = f"{package}/msg/{name}"
-    store.register(get_types_from_msg(connection.definition, full))
-
-    def decode(raw: bytes) -> object:
-        return store.deserialize_ros1(raw, full)
-
-    return decode
+def _parts(raw: bytes) -> tuple[tuple[str, ...], list[int], list[int]]:
+    """Return the names of a JointState, and where its three fields of numbers start and how many each has."""
+    (size,) = struct.unpack_from("<I", raw, 12)
+    at = 16 + size
+    (count,) = struct.unpack_from("<I", raw, at)
+    at += 4
+    limits.check("columns", min(count, len(raw) // 4), "a JointState")
+    names = []
+    for _ in range(count):
+        (size,) = struct.unpack_from("<I", raw, at)
+        limits.check("name_length", min(size, len(raw)), "a JointState")
+        names.append(raw[at + 4 : at + 4 + size].decode())
+        at += 4 + size
+    starts, counts = [], []
+    for _ in range(3):
+        (numbers,) = struct.unpack_from("<I", raw, at)
+        starts.append(at + 4)
+        counts.append(numbers)
+        at += 4 + 8 * numbers
+    return tuple(names), starts, counts
 
 
-def _fields(message: object, kind: str) -> tuple[tuple[str, ...], int, Any, Any, Any]:
-    """Return names, stamp [ns], position, velocity and effort of a message."""
-    if kind == JOINT_STATE:
-        state: Any = message
-        stamp = int(state.header.stamp.sec) * 10**9 + int(state.header.stamp.nanosec)
-        return tuple(state.name), stamp, state.position, state.velocity, state.effort
-    values = [float(getattr(message, f"joint{i}")) for i in range(1, 8)]
-    return (), 0, values, (), ()
+def decoded(raw: bytes, kind: str) -> tuple[tuple[str, ...], int, Any, Any, Any]:
+    """Return names, stamp [ns], position, velocity and effort of one message of a known type.
+
+    Raises:
+        BrokenMessage: the bytes are not such a message.
+    """
+    if kind != JOINT_STATE:
+        if len(raw) < _SEVEN_FLOATS.size:
+            raise BrokenMessage("a message is too short for its type")
+        return (), 0, _SEVEN_FLOATS.unpack_from(raw), (), ()
+    try:
+        seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
+        names, starts, counts = _parts(raw)
+    except (struct.error, UnicodeDecodeError):
+        raise BrokenMessage("a message is too short for its type, or its names are no text") from None
+    if starts[2] + 8 * counts[2] > len(raw):
+        raise BrokenMessage("a message is too short for its type")
+    values = [np.frombuffer(raw, "<f8", count, start) for start, count in zip(starts, counts, strict=True)]
+    return names, seconds * 10**9 + nanoseconds, *values
 
 
 def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Columns:

@@ -9,7 +9,7 @@ import pytest
 
 from dynid.errors import BagTruncated, LogNotFound
 from dynid.files.bag import list_topics, read_topics
-from dynid.files.bag_recovery import scan
+from dynid.files.bag_records import scan
 from makelogs import joint_state, state_messages, write_bag
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 8))

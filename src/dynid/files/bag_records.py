@@ -1,0 +1,305 @@
+"""A ROS 1 bag -> its messages, by one linear walk over its records; a damaged one gives what is still readable.
+
+A recorder that was killed leaves a bag without index and with its last chunk open; a full disk leaves one cut
+anywhere. Everything before the first broken record is still there. Records are read one by one, chunk by chunk, so
+memory holds one chunk at a time, whatever the file says; the index only tells which chunks may be passed over. Source:
+bag format 2.0, wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import bz2
+import os
+import struct
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from dynid import limits
+
+#: Length of the line ``#ROSBAG V2.0`` that opens every bag.
+MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 3, 5, 6, 7))
+#: A record header holds a few short fields; a larger number is debris.
+_LARGEST_HEADER = 1 << 20
+_PIECE = 1 << 16
+#: So many unpacked bytes of a whole bag are read however small it is.
+_FREE_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One publisher of one topic.
+
+    Attributes:
+        topic: topic name.
+        type: message type, such as ``"sensor_msgs/JointState"``.
+        definition: text of the message definition; it is only compared, never interpreted.
+        md5: checksum of the definition, as the recorder wrote it.
+    """
+
+    topic: str
+    type: str
+    definition: str
+    md5: str
+
+
+@dataclass(frozen=True)
+class Index:
+    """What the index at the end of a closed bag says.
+
+    Attributes:
+        connections: by their number.
+        chunks: for each chunk, by its place in the file, how many messages it has of which connection.
+    """
+
+    connections: dict[int, Connection]
+    chunks: dict[int, dict[int, int]]
+
+
+class BrokenBag(Exception):
+    """The bag is cut, was not closed, or has damaged records; says what was met."""
+
+
+def read_index(path: Path) -> Index:
+    """Return the index of a bag.
+
+    Raises:
+        BrokenBag: there is none, or it is damaged.
+        TooLarge: it names more connections than the limit.
+    """
+    with limits.open_file(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        stream.seek(len(MAGIC))
+        opening, _ = _read_head(stream, end)
+        if opening.get(b"op") != _BAG:
+            raise BrokenBag("it does not begin with a bag header")
+        place = opening.get(b"index_pos", b"")
+        start = int.from_bytes(place, "little") if len(place) == 8 else 0
+        if start == 0:
+            raise BrokenBag("it was never closed: there is no index")
+        if start > end:
+            raise BrokenBag("it ends before its index")
+        stream.seek(start)
+        found = Index({}, {})
+        while stream.tell() < end:
+            header, size = _read_head(stream, end)
+            data = _read_exactly(stream, size, end)
+            if header.get(b"op") == _CONNECTION:
+                _remember(header, data, found.connections, path)
+            elif header.get(b"op") == _CHUNK_INFO:
+                chunk = int.from_bytes(header.get(b"chunk_pos", b""), "little")
+                found.chunks[chunk] = dict(struct.iter_unpack("<II", data[: len(data) // 8 * 8]))
+        counts = [_number(opening, key) for key in (b"conn_count", b"chunk_count")]
+        if len(found.connections) < counts[0] or len(found.chunks) < counts[1]:
+            raise BrokenBag("its index is not whole")
+        return found
+
+
+@dataclass
+class _Walk:
+    """State of a walk over a bag."""
+
+    path: Path
+    connections: dict[int, Connection] = field(default_factory=dict)
+    unpacked: int = 0
+    broken: str = ""
+
+
+def scan(
+    path: Path, *, salvage: bool = True, index: Index | None = None, topics: Collection[str] | None = None
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield connection, arrival time [ns] and raw bytes of every readable message, in the order of the file.
+
+    Args:
+        path: the bag.
+        salvage: stop silently at the first broken record, and pass over broken chunks, instead of raising.
+        index: its index; chunks without messages of ``topics`` are passed over.
+        topics: names of the topics that are wanted; all when None.
+
+    Raises:
+        BrokenBag: a record or a chunk is damaged, and ``salvage`` is not wanted.
+        TooLarge: a chunk unpacks to more than the limit.
+    """
+    walk = _Walk(path, dict(index.connections) if index else {})
+    with limits.open_file(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        stream.seek(len(MAGIC))
+        try:
+            while stream.tell() < end:
+                place = stream.tell()
+                header, size = _read_head(stream, end)
+                if header.get(b"op") != _CHUNK:
+                    messages = _one(header, _read_exactly(stream, size, end), walk)
+                elif index is not None and topics is not None and _without(index, place, topics):
+                    stream.seek(size, os.SEEK_CUR)
+                    continue
+                else:
+                    messages = _chunk(stream, header, size, end, walk)
+                for item in messages:
+                    if topics is None or item[0].topic in topics:
+                        yield item
+                if walk.broken and not salvage:
+                    raise BrokenBag(walk.broken)
+        except BrokenBag:
+            if not salvage:
+                raise
+
+
+def _without(index: Index, place: int, topics: Collection[str]) -> bool:
+    """Return whether a chunk has no message of some topics, as far as the index knows."""
+    counts = index.chunks.get(place)
+    if counts is None:
+        return False
+    return not any(number in index.connections and index.connections[number].topic in topics for number in counts)
+
+
+def _chunk(
+    stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, walk: _Walk
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield the messages of a chunk.
+
+    Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of an
+    uncompressed one simply follow.
+    """
+    compression = header.get(b"compression", b"")
+    if size == 0:
+        walk.broken = walk.broken or "its last chunk was not closed"
+        if compression == b"none":
+            return
+    left = size or end - stream.tell()
+    whole = size > 0 and left <= end - stream.tell()
+    if compression == b"none":
+        limits.check("chunk_bytes", min(left, end - stream.tell()), walk.path)
+    content = _unpacked(stream, min(left, end - stream.tell()), compression, whole, walk)
+    if not whole:
+        walk.broken = walk.broken or "its last chunk is cut"
+    yield from _messages(content, walk)
+
+
+def _read_exactly(stream: IO[bytes], size: int, end: int) -> bytes:
+    if size > end - stream.tell():
+        raise BrokenBag("it ends in the middle of a record")
+    return stream.read(size)
+
+
+def _read_head(stream: IO[bytes], end: int) -> tuple[dict[bytes, bytes], int]:
+    """Read a record's header and the size of its data."""
+    length = struct.unpack("<I", _read_exactly(stream, 4, end))[0]
+    if length > _LARGEST_HEADER:
+        raise BrokenBag("a record header is damaged")
+    header = _fields(_read_exactly(stream, length, end))
+    return header, struct.unpack("<I", _read_exactly(stream, 4, end))[0]
+
+
+def _fields(block: bytes) -> dict[bytes, bytes]:
+    """Split a header into its fields: length, name=value."""
+    found: dict[bytes, bytes] = {}
+    position = 0
+    while position < len(block):
+        size = int.from_bytes(block[position : position + 4], "little")
+        content = block[position + 4 : position + 4 + size]
+        name, equals, value = content.partition(b"=")
+        if len(content) != size or not equals:
+            raise BrokenBag("a record header is damaged")
+        found[name] = value
+        position += 4 + size
+    return found
+
+
+def _messages(chunk: bytes, walk: _Walk) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield the messages of a chunk up to the first broken one."""
+    position, end = 0, len(chunk)
+    try:
+        while position < end:
+            head = int.from_bytes(chunk[position : position + 4], "little")
+            body = position + 8 + head
+            size = int.from_bytes(chunk[body - 4 : body], "little")
+            if body > end or body + size > end:
+                raise BrokenBag("a chunk ends in the middle of a message")
+            yield from _one(_fields(chunk[position + 4 : body - 4]), chunk[body : body + size], walk)
+            position = body + size
+    except BrokenBag as error:
+        walk.broken = walk.broken or str(error)
+
+
+def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield the message of a record, or remember the connection it describes."""
+    op = header.get(b"op")
+    if op == _MESSAGE:
+        connection = walk.connections.get(_number(header, b"conn"))
+        stamp = header.get(b"time", b"")
+        if connection is not None and len(stamp) == 8:
+            seconds, nanoseconds = struct.unpack("<II", stamp)
+            yield connection, seconds * 10**9 + nanoseconds, data
+    elif op == _CONNECTION:
+        _remember(header, data, walk.connections, walk.path)
+
+
+def _remember(header: dict[bytes, bytes], data: bytes, found: dict[int, Connection], path: Path) -> None:
+    facts = _fields(data)
+    words = [facts.get(key, b"").decode("utf-8", "replace") for key in (b"type", b"message_definition", b"md5sum")]
+    topic = header.get(b"topic", b"").decode("utf-8", "replace")
+    parts = [part for part in topic.split("/") if part]
+    found[_number(header, b"conn")] = Connection(f"{'/' if topic.startswith('/') else ''}{'/'.join(parts)}", *words)
+    limits.check("connections", len(found), path)
+
+
+def _number(header: dict[bytes, bytes], key: bytes) -> int:
+    value = header.get(key, b"")
+    if len(value) != 4:
+        raise BrokenBag("a record header is damaged")
+    return int.from_bytes(value, "little")
+
+
+def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, walk: _Walk) -> bytes:
+    """Return the content of a chunk, of which ``size`` bytes are in the file; unpacked piece by piece within the limit.
+
+    Why: a chunk that is cut gives what its complete blocks hold; one that is whole but does not decompress is given up,
+    because what comes out before the error may already be wrong.
+    """
+    if compression == b"none":
+        return stream.read(size)
+    after = stream.tell() + size
+    unpack = _decompressor(compression)
+    out = bytearray()
+    try:
+        if unpack is None:
+            walk.broken = walk.broken or "a chunk has an unknown compression"
+            return b""
+        while stream.tell() < after:
+            for part in unpack(stream.read(min(_PIECE, after - stream.tell()))):
+                out += part
+                limits.check("chunk_bytes", len(out), walk.path)
+    except (OSError, RuntimeError, EOFError, ValueError, MemoryError):
+        walk.broken = walk.broken or "a chunk cannot be decompressed"
+        out = bytearray() if whole else out
+    finally:
+        stream.seek(after)
+    walk.unpacked += len(out)
+    if walk.unpacked > _FREE_BYTES:
+        limits.check_expansion(after, walk.unpacked, walk.path)
+    return bytes(out)
+
+
+def _decompressor(compression: bytes) -> Callable[[bytes], Iterator[bytes]] | None:
+    """Return a function from packed pieces to unpacked ones of limited size."""
+    machine: Any
+    if compression == b"bz2":
+        machine = bz2.BZ2Decompressor()
+    elif compression == b"lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        machine = LZ4FrameDecompressor()
+    else:
+        return None
+
+    def unpack(piece: bytes) -> Iterator[bytes]:
+        if machine.eof:
+            return
+        yield machine.decompress(piece, _PIECE)
+        while not machine.needs_input and not machine.eof:
+            yield machine.decompress(b"", _PIECE)
+
+    return unpack

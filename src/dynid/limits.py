@@ -1,0 +1,186 @@
+"""The one table of limits on what a file may ask for, checked before memory is taken.
+
+A file from somebody else may say that it holds a petabyte, nest a list a million times, or never end. Each limit is far
+above what a real recording or result needs and low enough for 1 GB of memory; ``raised`` changes some of them for the
+code under it, which the common option ``--limit NAME=VALUE`` does for a whole command.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from dynid.errors import TooLarge
+
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One line of the table.
+
+    Attributes:
+        most: the largest value that is accepted.
+        unit: its unit, for messages.
+        what: what is counted.
+        why: why it is this large and no larger.
+    """
+
+    most: float
+    unit: str
+    what: str
+    why: str
+
+
+LIMITS: dict[str, Limit] = {
+    "chunk_bytes": Limit(
+        64 * MIB, "bytes", "one chunk of a bag, unpacked",
+        "recorders close a chunk at 0.75 MiB, some at 4 MiB; one chunk at a time is held in memory",
+    ),
+    "expansion": Limit(
+        200, "times", "how far packed data of more than 16 MiB may expand",
+        "joint states pack three- to tenfold; a decompression bomb expands a thousandfold",
+    ),
+    "message_bytes": Limit(
+        MIB, "bytes", "one message of a bag",
+        "a joint state of 100 joints has 5 kB; 4096 messages are decoded together",
+    ),
+    "joint_sets": Limit(
+        256, "sets", "different sets of joint names on one topic",
+        "an arm and its gripper are two; each set is a log of its own",
+    ),
+    "connections": Limit(10_000, "connections", "publishers and topics of a bag", "a large robot has some hundred"),
+    "archive_bytes": Limit(
+        768 * MIB, "bytes", "all arrays of an .npz file, unpacked",
+        "eight hours of seven joints at 100 Hz have 500 MB; they are held in memory",
+    ),
+    "members": Limit(1000, "members", "arrays of an .npz file", "results have up to 60"),
+    "header_bytes": Limit(32 * MIB, "bytes", "the JSON header of an .npz file", "headers have 10 kB to 1 MB"),
+    "yaml_bytes": Limit(
+        2 * MIB, "bytes", "a YAML or JSON file", "robot files have 5 kB; YAML is read at 1 MB in ten seconds",
+    ),
+    "urdf_bytes": Limit(16 * MIB, "bytes", "a URDF", "the longest that are published have 0.5 MB"),
+    "text_bytes": Limit(
+        4096 * MIB, "bytes", "a text log", "an hour of seven joints at 500 Hz has 400 MB; it is read block by block",
+    ),
+    "line_bytes": Limit(MIB, "bytes", "one line of a text log", "a row of 1000 columns has 20 kB"),
+    "nesting": Limit(50, "levels", "lists and keys inside each other in YAML and JSON", "no file of dynid has ten"),
+    "samples": Limit(
+        20_000_000, "samples", "samples of a log, also after resampling", "eleven hours at 500 Hz; five arrays of them",
+    ),
+    "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
+    "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
+    "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
+    "name_length": Limit(
+        200, "characters", "a name of a robot, joint or link", "names go into file names, of which systems keep 255",
+    ),
+}  # fmt: skip
+
+#: Packed data of up to this size may expand as it likes.
+_SMALL = 16 * MIB
+_RAISED: ContextVar[Mapping[str, float] | None] = ContextVar("limits", default=None)
+
+
+def limit(name: str) -> float:
+    """Return the limit in force."""
+    return (_RAISED.get() or {}).get(name, LIMITS[name].most)
+
+
+@contextmanager
+def raised(values: Mapping[str, float]) -> Iterator[None]:
+    """Put other values of some limits in force for the code in the block."""
+    token = _RAISED.set({**(_RAISED.get() or {}), **values})
+    try:
+        yield
+    finally:
+        _RAISED.reset(token)
+
+
+def check(name: str, size: float, where: Path | str) -> None:
+    """Raise when a size is beyond a limit.
+
+    Args:
+        name: of the limit.
+        size: what the file asks for.
+        where: the file, and the place in it.
+
+    Raises:
+        TooLarge: names the limit and the option that raises it.
+    """
+    most = limit(name)
+    if size > most:
+        entry = LIMITS[name]
+        raise TooLarge(
+            f"{where}: {_spaced(size)} {entry.unit} for {entry.what}; at most {_spaced(most)} are read",
+            where=str(where),
+            why=entry.why,
+            fix=f"if the file is to be trusted: --limit {name}={_round_up(size)}",
+        )
+
+
+def check_expansion(packed: int, unpacked: int, where: Path | str) -> None:
+    """Raise when packed data expands like a decompression bomb."""
+    if unpacked > _SMALL:
+        check("expansion", unpacked / max(packed, 1), where)
+
+
+def _spaced(value: float) -> str:
+    return f"{value:,.0f}".replace(",", " ") if value < 1e15 else f"{value:.1e}"
+
+
+def _round_up(size: float) -> int:
+    digits = 10 ** max(0, len(str(int(size))) - 2)
+    return int(-(-size // digits) * digits)
+
+
+def read_limits(text: str) -> tuple[str, float]:
+    """Return name and value of ``NAME=VALUE``.
+
+    Raises:
+        ValueError: no such limit, or no positive number.
+    """
+    name, _, value = text.partition("=")
+    if name not in LIMITS:
+        raise ValueError(f"no limit '{name}'; the limits are {', '.join(LIMITS)}")
+    if not re.fullmatch(r"\d+(\.\d+)?([eE]\d{1,2})?", value) or float(value) <= 0:
+        raise ValueError(f"'{value}' is not a positive number")
+    return name, float(value)
+
+
+def open_file(path: Path) -> IO[bytes]:
+    """Open a regular file to read; a device, a pipe or a socket, which may never end, is refused.
+
+    Raises:
+        OSError: it cannot be opened, or is something else than a file.
+    """
+    # Why: opening a pipe that nobody writes to would wait for ever.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    try:
+        mode = os.fstat(handle).st_mode
+        if not stat.S_ISREG(mode):
+            what = "it is a folder" if stat.S_ISDIR(mode) else "it is no regular file"
+            raise OSError(errno.EINVAL, what, str(path))
+        return os.fdopen(handle, "rb")
+    except BaseException:
+        os.close(handle)
+        raise
+
+
+def read_bytes(path: Path, name: str) -> bytes:
+    """Return the content of a regular file that is no larger than a limit.
+
+    Raises:
+        TooLarge: it is larger.
+        OSError: it cannot be opened, or is no regular file.
+    """
+    with open_file(path) as stream:
+        check(name, os.fstat(stream.fileno()).st_size, path)
+        return stream.read(int(limit(name)) + 1)
