@@ -1,15 +1,20 @@
 """Files that are written whole or not at all, and .npz files of arrays with one JSON header in them.
 
-Member files carry a fixed date, so that equal contents give equal bytes; nothing is ever pickled.
+Member files carry a fixed date, so that equal contents give equal bytes; nothing is ever pickled. What is read is
+measured first: how members are packed, what type and shape they say they have, and how much memory that takes.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import math
 import os
+import re
+import struct
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,12 +23,23 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import CannotWrite
 
 #: Name of the array that holds the header.
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
 COMPRESSED_BYTES = 4 << 20
+#: What NumPy writes in front of an array, for the types that a result may have: truth values, numbers, text.
+_ARRAY_HEADER = re.compile(
+    r"\{'descr': '([<>|=]?(?:b1|[iu][1248]|f[248]|U\d{1,9}))', 'fortran_order': (False|True), "
+    r"'shape': \(((?:\d{1,18},? ?){0,8})\), \} *\n"
+)
+#: Fixed part at the end of a zip archive: what comes before it may be a comment of 64 KiB.
+_ZIP_END, _ZIP_COMMENT = struct.Struct("<4s4H2LH"), 1 << 16
+#: Bytes of the directory of an archive for each member that the limit allows.
+_ENTRY_BYTES = 1 << 10
+_TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]')
 
 
 @contextmanager
@@ -61,6 +77,88 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
             content = buffer.getbuffer()
             how = zipfile.ZIP_DEFLATED if len(content) < COMPRESSED_BYTES else zipfile.ZIP_STORED
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content, how, 1)
+
+
+def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an .npz file, or only one of them where it is there; nothing in it is executed.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+        ValueError: it is not an .npz file of truth values, numbers and text, or is damaged.
+        TooLarge: it holds more than a limit.
+    """
+    with limits.open_file(path) as stream:
+        _check_directory(stream, path)
+        stream.seek(0)
+        try:
+            with zipfile.ZipFile(stream) as archive:
+                members = archive.infolist()
+                limits.check("members", len(members), path)
+                limits.check("archive_bytes", sum(member.file_size for member in members), path)
+                wanted = [member for member in members if only is None or member.filename == f"{only}.npy"]
+                return {member.filename.removesuffix(".npy"): _array(archive, member, path) for member in wanted}
+        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, struct.error) as error:
+            raise ValueError(f"it is not a whole archive: {error}") from error
+        except (UnicodeError, IndexError, OverflowError, KeyError) as error:
+            raise ValueError("its directory is damaged") from error
+
+
+def _check_directory(stream: IO[bytes], path: Path) -> None:
+    """Raise when the directory at the end of an archive, which is read as a whole, is missing or very long."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - _ZIP_END.size - _ZIP_COMMENT))
+    tail = stream.read()
+    place = tail.rfind(b"PK\x05\x06")
+    if place < 0 or place + _ZIP_END.size > len(tail):
+        raise ValueError("it is not an archive")
+    _, _, _, _, members, directory, _, _ = _ZIP_END.unpack_from(tail, place)
+    limits.check("members", members, path)
+    if directory > limits.limit("members") * _ENTRY_BYTES:
+        limits.check("members", directory // _ENTRY_BYTES, path)
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> NDArray[Any]:
+    name = member.filename[:80]
+    if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"'{name}' is encrypted or packed in a way that .npz files do not have")
+    if not name.endswith(".npy"):
+        raise ValueError(f"'{name}' is no array")
+    limits.check_expansion(member.compress_size, member.file_size, f"{path}: {name}")
+    if name == f"{HEADER}.npy":
+        # Unit: text is stored at four bytes a character.
+        limits.check("header_bytes", member.file_size / 4, path)
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        length = struct.unpack("<H", stream.read(2))[0] if version == (1, 0) else struct.unpack("<I", stream.read(4))[0]
+        match = _ARRAY_HEADER.fullmatch(stream.read(min(length, _ENTRY_BYTES)).decode("latin-1"))
+        if match is None:
+            raise ValueError(f"'{name}' holds no numbers and no text")
+        dtype, shape = np.dtype(match[1]), tuple(int(size) for size in match[3].replace(",", " ").split())
+        rest = member.file_size - length - (10 if version == (1, 0) else 12)
+        if math.prod(shape) * dtype.itemsize != rest:
+            raise ValueError(f"'{name}' has another length than its shape {shape}")
+        content = bytearray(stream.read(rest))
+        if len(content) != rest:
+            raise ValueError(f"'{name}' is cut")
+    if not dtype.itemsize:
+        return np.zeros(shape, dtype)
+    order: Any = "F" if match[2] == "True" else "C"
+    return np.frombuffer(content, dtype).reshape(shape, order=order)
+
+
+def parse_json(text: str, where: Path | str) -> Any:  # noqa: ANN401
+    """Return what JSON text holds.
+
+    Raises:
+        ValueError: it is not JSON.
+        TooLarge: lists and keys are nested deeper than the limit.
+    """
+    depth = deepest = 0
+    for token in _TOKENS.finditer(text):
+        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token[0], 0)
+        deepest = max(deepest, depth)
+    limits.check("nesting", deepest, where)
+    return json.loads(text)
 
 
 def _plain(value: object) -> object:

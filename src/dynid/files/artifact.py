@@ -7,19 +7,17 @@ carry a fixed date, so that two runs on the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import NewerSchema, NotAnArtifact
-from dynid.npz import HEADER, write_npz, written_whole
+from dynid import limits
+from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
+from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
 from dynid.version import __version__
 
 
@@ -51,7 +49,7 @@ def sha256(path: Path) -> str:
 def _sha256(files: tuple[tuple[Path, int, int], ...]) -> str:
     digest = hashlib.sha256()
     for file, _, _ in files:
-        with file.open("rb") as stream:
+        with limits.open_file(file) as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
@@ -80,16 +78,15 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
         NewerSchema: written by a newer dynid.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        header = json.loads(str(arrays.pop(HEADER)))
+        arrays = read_npz(path)
+        header = parse_json(str(arrays.pop(HEADER)), path)
         found = str(header["schema"])
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise NotAnArtifact(f"{path} is not a dynid result, or is damaged", where=str(path)) from error
     if schema is not None and found != schema:
-        kind, number = found.rsplit("/", 1)
+        kind, _, number = found.rpartition("/")
         if kind == schema.rsplit("/", 1)[0] and number.isdigit() and int(number) > int(schema.rsplit("/", 1)[1]):
             raise NewerSchema(
                 f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
@@ -102,7 +99,6 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
 def read_header(path: Path) -> dict[str, Any] | None:
     """Return only the header of a result file, or None when it is none."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return dict(json.loads(str(archive[HEADER])))
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile):
+        return dict(parse_json(str(read_npz(path, HEADER)[HEADER]), path))
+    except (OSError, ValueError, KeyError, TypeError, TooLarge):
         return None

@@ -6,17 +6,13 @@ W320). ``q_motor`` and ``tau_motor`` in the place of ``q`` and ``tau`` say that 
 
 from __future__ import annotations
 
-import json
-import zipfile
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.files.artifact import sha256
 from dynid.log import SCHEMA, Log
-from dynid.npz import HEADER
+from dynid.npz import HEADER, parse_json, read_npz
 from dynid.version import __version__
 
 
@@ -29,11 +25,12 @@ def read_npz_log(path: Path) -> Log:
         LogLayout: arrays are missing or their sizes differ.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        header: dict[str, Any] = json.loads(str(arrays.pop(HEADER))) if HEADER in arrays else {}
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
-        raise LogNotFound(f"{path.name} is not an .npz log, or is damaged", where=str(path)) from error
+        arrays = read_npz(path)
+        header: dict[str, Any] = dict(parse_json(str(arrays.pop(HEADER)), path)) if HEADER in arrays else {}
+        units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
+        names = tuple(str(name) for name in header.get("joint_names") or ())
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LogNotFound(f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)) from error
     if header:
         _check_schema(path, header)
     motor = "q_motor" in arrays
@@ -42,12 +39,11 @@ def read_npz_log(path: Path) -> Log:
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
-    units = header.get("units", {})
     log = Log(
         t=arrays["t"],
         q=arrays[position],
         tau=arrays[torque],
-        names=tuple(header.get("joint_names", ())),
+        names=names,
         qd=arrays.get("qd"),
         source=path,
         sha256=sha256(path),
