@@ -80,7 +80,7 @@ LIMITS: dict[str, Limit] = {
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(
-        200, "characters", "a name of a robot, joint or link", "names go into file names, of which systems keep 255",
+        100, "characters", "a name of a robot, joint or link", "names go into file names, of which systems keep 255",
     ),
 }  # fmt: skip
 
@@ -102,6 +102,11 @@ def raised(values: Mapping[str, float]) -> Iterator[None]:
         yield
     finally:
         _RAISED.reset(token)
+
+
+def words() -> list[str]:
+    """Return the words of a command line that put the raised limits in force in another process."""
+    return [word for name, value in (_RAISED.get() or {}).items() for word in ("--limit", f"{name}={value:.10g}")]
 
 
 def check(name: str, size: float, where: Path | str) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.settings import load_settings
+from dynid.limits import raised, read_limits
 
 if TYPE_CHECKING:
     from dynid.cli.terminal import Terminal
@@ -37,6 +38,7 @@ class Common:
         config: configuration file given with --config.
         log_file: file that gets a copy of everything said on stderr.
         seed: of every random choice.
+        limit: limits that are raised, as ``NAME=VALUE``.
         debug: show tracebacks.
     """
 
@@ -51,6 +53,7 @@ class Common:
     config: Path | None = None
     log_file: Path | None = None
     seed: int = 0
+    limit: tuple[str, ...] = ()
     debug: bool = False
 
     @cached_property
@@ -75,6 +78,15 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
     """Remember a value that error messages need, even when later options are wrong."""
     ctx.meta[f"dynid.{param.name}"] = value
+    return value
+
+
+def _checked_limits(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    for text in value:
+        try:
+            read_limits(text)
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
     return value
 
 
@@ -127,6 +139,13 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     ),
     click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
     click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice."),
+    click.option(
+        "--limit",
+        multiple=True,
+        metavar="NAME=VALUE",
+        callback=_checked_limits,
+        help="Raise a limit on what a file may hold, such as joints=64 (docs/reference/limits.md); may be repeated.",
+    ),
     click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
 )
 
@@ -212,7 +231,7 @@ def dynid_command(
     def decorate(function: Callable[..., Any]) -> Command:
         def callback(**values: Any) -> Any:  # noqa: ANN401
             common = Common(**{key: values.pop(key) for key in COMMON_NAMES})
-            with common.terminal:
+            with raised(dict(read_limits(text) for text in common.limit)), common.terminal:
                 return function(common, **values)
 
         update_wrapper(callback, function)

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from dynid.errors import WrongUsage
+from dynid.errors import DynidError, WrongUsage
 from dynid.version import __version__
 
 NAME = "run.yaml"
@@ -78,11 +78,15 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
 def _others(path: Path) -> dict[str, object]:
     import yaml
 
+    from dynid.files.yamlfile import parse_yaml, read_text
+
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        text = read_text(path)
+        parse_yaml(text, path)  # Why: it bounds the nesting, which the next line does not.
+        found = yaml.safe_load(text)
+    except (OSError, ValueError, DynidError, yaml.YAMLError):
         return {}
-    return dict(found) if isinstance(found, dict) else {}
+    return {str(key): value for key, value in found.items()} if isinstance(found, dict) else {}
 
 
 def repeated(command: str, args: Sequence[str]) -> list[str]:

@@ -54,6 +54,8 @@ def read_batch(path: Path) -> tuple[Job, ...]:
         top = read_yaml(path).mapping(("defaults", "jobs"), required=("jobs",))
         shared = top["defaults"].mapping(_JOB) if "defaults" in top else {}
         jobs = tuple(_job(value, shared, path.parent) for value in top["jobs"].items())
+        if not jobs:
+            raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
         _unique(jobs, top["jobs"])
     except WrongRobotFile as error:
         error.why, error.fix = "the job could not be run", "docs/how-to/ci-regression.md shows a batch file"

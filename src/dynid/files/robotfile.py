@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid import limits
 from dynid.errors import Finding, ImplausibleGravity, MissingConvention, NotYaml, RobotNotFound, WrongRobotFile
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
@@ -93,7 +94,9 @@ def _robot(root: Value, path: Path) -> Robot:
 
 def _joints(value: Value, context: Context) -> tuple[Joint, ...]:
     joints: list[Joint] = []
-    for number, item in enumerate(value.items(), start=1):
+    items = value.items()
+    limits.check("joints", len(items), value.where)
+    for number, item in enumerate(items, start=1):
         keys = item.mapping([key.name for key in JOINT])
         sliding = "type" in keys and keys["type"].choice(("revolute", "prismatic")) == "prismatic"
         own = Context(context.angle_unit, revolute=not sliding, findings=context.findings)

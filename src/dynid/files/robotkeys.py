@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid import limits
 from dynid.drivers.registry import DRIVERS
 from dynid.errors import AngleTooLarge, Finding, WrongRobotFile
 from dynid.files.yamlfile import Value
@@ -37,8 +38,6 @@ from dynid.units import ANGLE, FACTORS
 #: DH angles this close to a multiple of 15 degrees are taken to mean it [rad]: 1.5708 must not break exact zeros.
 SNAP_RAD = 1e-4
 SNAP_STEP = math.pi / 12
-#: Characters of the longest name of a robot or joint.
-LONGEST_NAME = 100
 
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -124,8 +123,9 @@ def read_found(found: dict[str, Value], keys: Sequence[Key], context: Context) -
 def _name(value: Value, context: Context) -> str:
     """Return a name that a page can show and a simulator can hold: PyBullet ends the process on others."""
     name = value.text()
-    if not 1 <= len(name) <= LONGEST_NAME:
-        what = f"{value.where}: {value.path} has {len(name)} characters; a name has 1 to {LONGEST_NAME}"
+    limits.check("name_length", len(name), f"{value.where}: {value.path}")
+    if not name:
+        what = f"{value.where}: {value.path} has no characters; a name has at least 1"
         raise WrongRobotFile(what, where=value.where)
     return name
 

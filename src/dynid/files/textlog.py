@@ -5,14 +5,19 @@ Reads text, writes nothing. One row a sample, one column a joint; white space or
 
 from __future__ import annotations
 
+import io
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count as count_from
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
 from dynid.files.artifact import sha256
 from dynid.log import Log
@@ -21,6 +26,8 @@ Floats = NDArray[np.float64]
 
 #: Names of a column that is time.
 TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
+#: Rows that are turned into numbers together.
+BLOCK = 20_000
 _SPLIT = re.compile(r"[,;\s]+")
 
 
@@ -104,27 +111,59 @@ def read_csv(path: Path, rate: float | None = None) -> Log:
 
 
 def _read_table(path: Path) -> _Table:
-    """Read one text file; its first line may hold names."""
+    """Read one text file block by block; its first line may hold names."""
+    names: tuple[str, ...] = ()
+    rows: list[tuple[int, str]] = []
+    blocks: list[Floats] = []
+    width = first = count = 0
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with limits.open_file(path) as stream:
+            limits.check("text_bytes", os.fstat(stream.fileno()).st_size, path)
+            for number, line in _lines(stream, path):
+                if not first:
+                    first = number
+                    bare = line.lstrip("#% ")
+                    if not _is_numbers(bare):
+                        names = tuple(_words(bare))
+                        limits.check("columns", len(names), path)
+                        limits.check("name_length", max(map(len, names)), path)
+                        continue
+                if line[0] in "#%":
+                    continue
+                width = width or len(names) or len(_words(line))
+                rows.append((number, line))
+                if len(rows) == BLOCK:
+                    count += len(rows)
+                    limits.check("samples", count, path)
+                    blocks.append(_numbers(path, rows, width))
+                    rows = []
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
     except UnicodeDecodeError as error:
         raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
-    lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
-    names: tuple[str, ...] = ()
-    if lines and not _is_numbers(lines[0][1].lstrip("#% ")):
-        names = tuple(_words(lines[0][1].lstrip("#% ")))
-        lines = lines[1:]
-    rows = [(i, line) for i, line in lines if line[0] not in "#%"]
-    if not rows:
+    if rows:
+        blocks.append(_numbers(path, rows, width))
+    if not blocks:
         raise LogLayout(f"{path.name} has no samples", where=str(path))
-    width = len(names) or len(_words(rows[0][1]))
-    return _Table(path, names, _numbers(path, rows, width))
+    return _Table(path, names, blocks[0] if len(blocks) == 1 else np.concatenate(blocks))
+
+
+def _lines(stream: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines that hold something, with their numbers, each no longer than the limit."""
+    most = int(limits.limit("line_bytes"))
+    text = io.TextIOWrapper(stream, encoding="utf-8-sig")
+    for number in count_from(1):
+        line = text.readline(most + 1)
+        if not line:
+            return
+        limits.check("line_bytes", len(line), f"{path}:{number}")
+        if line := line.strip():
+            yield number, line
 
 
 def _numbers(path: Path, rows: list[tuple[int, str]], width: int) -> Floats:
-    """Return the numbers of all rows: at once where the file is plain, else row by row to name what is wrong."""
+    """Return the numbers of some rows: at once where they are plain, else row by row to name what is wrong."""
+    limits.check("columns", width, path)
     delimiter = next((sign for sign in ",;" if sign in rows[0][1]), None)
     try:
         values: Floats = np.loadtxt([line for _, line in rows], delimiter=delimiter, comments=None, ndmin=2)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import WrongUrdf
 from dynid.files.robotkeys import SNAP_RAD, SNAP_STEP
 from dynid.files.yamlfile import closest
@@ -140,11 +141,13 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     """
     where = str(path)
     try:
-        top = ET.fromstring(path.read_bytes())
+        top = ET.fromstring(limits.read_bytes(path, "urdf_bytes"))
     except OSError as error:
         raise WrongUrdf(f"cannot read {path}: {error.strerror}", where=where) from error
     except ET.ParseError as error:
         raise WrongUrdf(f"{path} is not XML: {error}", where=f"{path}:{error.position[0]}") from error
+    except (LookupError, ValueError) as error:
+        raise WrongUrdf(f"{path} is not XML in a known encoding: {error}", where=where) from error
     if top.tag != "robot":
         raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is no URDF", where=where)
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
@@ -173,7 +176,9 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
 
 
 def _named(element: ET.Element) -> str:
-    return element.attrib["name"]
+    name = element.attrib["name"]
+    limits.check("name_length", len(name), f"<{element.tag}>")
+    return name
 
 
 def _numbers(text: str, count: int) -> Floats:

@@ -19,11 +19,14 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+from dynid import limits
 from dynid.errors import DynidError, ExitStatus, WrongUsage
 from dynid.files.batchfile import Job, folder_name, read_batch
+from dynid.npz import parse_json
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
+from dynid.text import shell
 from dynid.version import __version__
 
 #: What a job leaves in its folder, so that it need not run again.
@@ -253,6 +256,8 @@ class Runner:
 
     def __init__(self, out: Path, *, seed: int = 0, force: bool = False, threads: int = 1) -> None:
         self.out, self.seed, self.force, self.threads = out, seed, force, threads
+        # Why: raised limits belong to the thread that raised them, and jobs run in others.
+        self._limits = limits.words()
         self._running: set[subprocess.Popen[str]] = set()
         self._lock = Lock()
         self._stopped = False
@@ -291,7 +296,9 @@ class Runner:
     def _command(self, words: list[str], folder: Path) -> tuple[int, dict[str, Any] | None, str]:
         """Run one command and return its exit status, its JSON answer and the line that says what is wrong."""
         folder.mkdir(parents=True, exist_ok=True)
-        own = [sys.executable, "-m", "dynid", *words, "--json", "--no-input", "--force", "--seed", str(self.seed)]
+        name, *rest = words
+        common = ["--json", "--no-input", "--force", "--seed", str(self.seed), *self._limits]
+        own = [sys.executable, "-m", "dynid", name, *common, *rest]
         threads = {f"{name}_NUM_THREADS": str(self.threads) for name in ("OMP", "OPENBLAS", "MKL")}
         with self._lock:
             if self._stopped:
@@ -309,7 +316,7 @@ class Runner:
         with self._lock:
             self._running.discard(process)
         with (folder / "run.log").open("a", encoding="utf-8") as log:
-            log.write(f"$ dynid {' '.join(words)}\n{said}")
+            log.write(f"$ {shell('dynid', *words)}\n{said}")
         found = json.loads(answer) if answer.strip() else None
         return process.returncode, found, _complaint(said) if process.returncode else ""
 
@@ -326,20 +333,21 @@ def _complaint(said: str) -> str:
 
 def commands(job: Job, folder: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the commands of a job: name and words."""
-    words = [job.robot, *map(str, job.logs), "--out", str(folder)]
+    words = ["--out", str(folder)]
     for key, value in job.options.items():
         flag = f"--{key.replace('_', '-')}"
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
-    yield "identify", words
+    # Why: behind -- a log that is called --force is a log.
+    yield "identify", [*words, "--", job.robot, *map(str, job.logs)]
     result = str(folder / "parameters.npz")
     for log in job.validate:
         most = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
-        yield "validate", [result, str(log), "--no-plot", *most]
+        yield "validate", ["--no-plot", *most, "--", result, str(log)]
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
-        yield "compare", [result, "--baseline", str(job.baseline), *within]
+        yield "compare", ["--baseline", str(job.baseline), *within, "--", result]
 
 
 def job_key(job: Job, seed: int) -> str:
@@ -361,11 +369,11 @@ def job_key(job: Job, seed: int) -> str:
 def _record(job: Job, folder: Path, key: str) -> JobResult | None:
     """Return what a job gave that was done before from the same inputs."""
     try:
-        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        found = parse_json(limits.read_bytes(folder / RECORD, "header_bytes").decode("utf-8"), folder / RECORD)
         if found["key"] == key and (folder / "parameters.npz").is_file():
             status, answers, message = int(found["status"]), dict(found["answers"]), str(found["message"])
             return JobResult(job, folder, status, answers=answers, message=message, reused=True)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, DynidError):
         pass
     return None
 
