@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from dynid.cli import terminal
-from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, robot_page
+from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, limits_page, robot_page
 from dynid.errors import codes
 from dynid.files.artifact import Artifact, write_artifact
 
@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[2]
     ("name", "page"),
     [
         ("errors.md", errors_page),
+        ("limits.md", limits_page),
         ("cli.md", cli_page),
         ("api.md", api_page),
         ("robot-file.md", robot_page),

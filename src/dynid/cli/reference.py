@@ -16,6 +16,7 @@ from dynid.cli.options import COMMON_NAMES, Command
 from dynid.errors import EXIT_MEANING, codes, page
 from dynid.files.artifact import write_text
 from dynid.files.robotkeys import ROBOT, Key
+from dynid.limits import LIMITS
 from dynid.options import Options
 
 #: Topics by the first digit of a code.
@@ -119,6 +120,28 @@ def errors_page() -> str:
         if parts:
             lines.append("")
         lines += [f"- **{label}**: {_escaped(text)}" for label, text in parts.items()]
+    return "\n".join(lines) + "\n"
+
+
+def limits_page() -> str:
+    """Return docs/reference/limits.md: the table of limits."""
+    lines = [
+        "# Limits",
+        "",
+        "Made by `make reference` from the table in `src/dynid/limits.py`; a test keeps both equal.",
+        "",
+        "A file that somebody else made may say that it holds a petabyte, nest a list a million times, or never end.",
+        "Each limit is checked before memory is taken; a file beyond one is refused ([E323](errors.md#e323)). Where the",
+        "file is to be trusted, `--limit NAME=VALUE` raises the limit for one command; in Python,",
+        "`dynid.limits.raised` does.",
+        "Devices, pipes and sockets are not read at all.",
+        "",
+        "| limit | value | unit | what is counted | why this much |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for name, entry in LIMITS.items():
+        value = f"{entry.most:,.0f}".replace(",", " ")
+        lines.append(f"| `{name}` | {value} | {entry.unit} | {entry.what} | {entry.why} |")
     return "\n".join(lines) + "\n"
 
 
@@ -289,6 +312,7 @@ def _with_units(units: dict[str, str]) -> str:
 
 if __name__ == "__main__":
     write_text(Path(sys.argv[1]) / "errors.md", errors_page())
+    write_text(Path(sys.argv[1]) / "limits.md", limits_page())
     write_text(Path(sys.argv[1]) / "cli.md", cli_page())
     write_text(Path(sys.argv[1]) / "api.md", api_page())
     write_text(Path(sys.argv[1]) / "robot-file.md", robot_page())
