@@ -40,6 +40,7 @@ class Declaration:
             number from 1).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
+        deliberate: whether only the command line may give it, no variable of the environment and no file.
     """
 
     help: str
@@ -53,6 +54,7 @@ class Declaration:
     kind: str = ""
     bounds: tuple[float | None, float | None] = (None, None)
     off: str = ""
+    deliberate: bool = False
 
 
 def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401

@@ -43,6 +43,8 @@ def options_of(kind: type[Given], values: Mapping[str, Any], **more: Any) -> Giv
 def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
     said, flag = declaration_of(each), flag_of(each)
     facts: dict[str, Any] = {"help": said.help, "default": each.default}
+    if said.deliberate:
+        facts["allow_from_autoenv"] = False
     if said.shown is not None:
         facts["show_default"] = said.shown or True
     if said.pair:

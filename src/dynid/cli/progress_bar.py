@@ -94,6 +94,10 @@ class Bar:
         self._end_stage()
         self._terminal.findings(findings)
 
+    def pause(self) -> None:
+        """Take the bar away until the next stage begins, so that a question can be asked."""
+        self._end_stage()
+
     def _show(self) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

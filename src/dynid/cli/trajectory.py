@@ -174,7 +174,13 @@ def show(common: Common, found: Plan) -> None:
         common.terminal.stage(label, text)
     for picture in found.clearance.pictures:
         common.terminal.stage("preview", str(picture))
-    common.terminal.table(*found.table())
+    rows = [
+        (p.joint, f"{p.position:.3f}", f"{p.velocity:.3f}", f"{p.acceleration:.3f}",
+         "-" if p.torque is None else f"{p.torque:.2f}", f"{100 * p.share:.0f} %")
+        for p in found.check.peaks
+    ]  # fmt: skip
+    heads = ("joint", "position rad", "velocity rad/s", "accel. rad/s^2", "torque N m", "of limit")
+    common.terminal.table(heads, rows)
 
 
 def accepted(common: Common, found: Plan | Reviewed, look: View, *, accept: bool) -> Answer:

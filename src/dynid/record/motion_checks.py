@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken, PackageMissing
 from dynid.motion import Motion
+from dynid.progress import SILENT, Progress
+from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
 from dynid.trajectory.clearance import Scene, Spheres, tool_speed
 from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
@@ -33,21 +36,6 @@ TORQUE_POSES = 20000
 
 
 @dataclass(frozen=True)
-class PlayedMotion:
-    """A motion as it will be played.
-
-    Attributes:
-        motion: approach, motion, repetitions.
-        approach: length of the approach at its beginning [s]; 0 without one.
-        speed: share of the planned speed that it contains.
-    """
-
-    motion: Motion
-    approach: float = 0.0
-    speed: float = 1.0
-
-
-@dataclass(frozen=True)
 class PeakTorque:
     """The largest predicted torque.
 
@@ -60,6 +48,113 @@ class PeakTorque:
     joint: str
     share: float
     time: float
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a motion will do, as it was judged before the arm moved.
+
+    Attributes:
+        seconds: length of all that is played [s].
+        approach_seconds: length of the slow approach at its beginning [s].
+        fastest_joint: name of the joint that moves fastest.
+        speed: its speed [rad/s or m/s].
+        tool_speed: largest speed of the last frame [m/s].
+        closest: least distance to anything [m]; None where nothing is measured.
+        torque_share: largest predicted share of a torque rating; None where nothing can be said.
+        torque_by: what predicts the torques: a file of parameters, or ``"prior"``.
+    """
+
+    seconds: float
+    approach_seconds: float
+    fastest_joint: str
+    speed: float
+    tool_speed: float
+    closest: float | None
+    torque_share: float | None
+    torque_by: str
+
+    def facts(self) -> dict[str, Any]:
+        """Return it as the manifest and the JSON answer have it."""
+        return {
+            "seconds": self.seconds,
+            "approach_seconds": self.approach_seconds,
+            "fastest_joint": self.fastest_joint,
+            "speed_rad_s": self.speed,
+            "tool_speed_m_s": self.tool_speed,
+            "closest_m": self.closest,
+            "torque_share": self.torque_share,
+            "torque_by": self.torque_by,
+        }
+
+
+@dataclass(frozen=True)
+class TorqueForecaster:
+    """What predicts torques before a motion.
+
+    Attributes:
+        torque: predicted torques of a motion, (N, n) [N m or N]; None where nothing can be said.
+        words: what predicts them, or why nothing does.
+        source: for the manifest: a file of parameters, or ``"prior"``.
+    """
+
+    torque: Torque | None
+    words: str
+    source: str
+
+
+def forecast(
+    robot: Robot,
+    played: PlayedMotion,
+    scene: Scene,
+    forecaster: TorqueForecaster,
+    urdf: Path | None = None,
+    progress: Progress = SILENT,
+) -> Forecast:
+    """Judge limits, clearance and torques of what will be played.
+
+    Args:
+        robot: the arm.
+        played: approach, motion, repetitions.
+        scene: what surrounds the arm.
+        forecaster: predicts the torques.
+        urdf: shapes that the motion was planned with; cylinders along the DH table when None.
+        progress: told what was found.
+
+    Raises:
+        LimitBroken: a joint limit or a torque (E501).
+        Collision: links, floor or obstacles come too near (E502).
+    """
+    joint, speed = check_limits(robot, played)
+    progress.stage("limits", "position, velocity and acceleration of every sample are inside")
+    near = check_clearance(robot, played, scene, urdf)
+    tool = fastest_tool(robot, played.motion)
+    closest = f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; " if near else ""
+    progress.stage("clearance", f"{closest}tool up to {tool:.2f} m/s")
+    return Forecast(
+        seconds=float(played.motion.t[-1]),
+        approach_seconds=played.approach,
+        fastest_joint=joint,
+        speed=speed,
+        tool_speed=tool,
+        closest=near[0].distance if near else None,
+        torque_share=_torque_share(robot, played, forecaster, progress),
+        torque_by=forecaster.source,
+    )
+
+
+def _torque_share(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster, progress: Progress) -> float | None:
+    """Judge the torques; return the largest share of a rating, None where nothing can be said."""
+    if forecaster.torque is None:
+        progress.stage("forecast", f"no torques: {forecaster.words}")
+        return None
+    peak = check_torque(robot, played, forecaster.torque)
+    if peak is None:
+        progress.stage("forecast", "no torques: the robot file has no ratings")
+        return None
+    largest = f"{100 * peak.share:.0f} % of the rating ({peak.joint} at t = {peak.time:.1f} s)"
+    progress.stage("forecast", f"torques up to {largest}, by {forecaster.words}")
+    return peak.share
 
 
 def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:

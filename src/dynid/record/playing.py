@@ -28,6 +28,21 @@ BLEND = 1.0
 _SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
 
+@dataclass(frozen=True)
+class PlayedMotion:
+    """A motion as it will be played.
+
+    Attributes:
+        motion: approach, motion, repetitions.
+        approach: length of the approach at its beginning [s]; 0 without one.
+        speed: share of the planned speed that it contains.
+    """
+
+    motion: Motion
+    approach: float = 0.0
+    speed: float = 1.0
+
+
 def at_speed(motion: Motion, speed: float) -> Motion:
     """Return the same path at a share of its speed (Paper Eq. 19)."""
     return Motion(motion.t / speed, motion.q, motion.qd * speed, motion.qdd * speed**2)

@@ -26,7 +26,9 @@ from dynid.errors import (
     TorqueScale,
 )
 from dynid.motion import Motion
+from dynid.progress import SILENT, Progress
 from dynid.record.monitor import StopRules
+from dynid.record.playing import APPROACH_SHARE, PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
 from dynid.signals.gravity import expected_torque
@@ -227,6 +229,44 @@ def _check_place(q: Floats, robot: Robot, motion: Motion, when: str) -> None:
     if not away[worst] <= START_TOLERANCE:
         unit = "rad" if robot.joints[worst].revolute else "m"
         raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}")
+
+
+def motion_to_play(
+    robot: Robot,
+    planned: Motion,
+    seen: ObservedState,
+    *,
+    speed: float = 1.0,
+    repeat: int = 1,
+    go_to_start: bool = False,
+    progress: Progress = SILENT,
+) -> PlayedMotion:
+    """Return a planned motion at its speed, as often as asked for, led in from where the arm stands.
+
+    Args:
+        robot: the arm.
+        planned: the motion.
+        seen: where the arm stands.
+        speed: share of the planned speed.
+        repeat: how often it is played.
+        go_to_start: approach the first pose slowly where the arm is elsewhere.
+        progress: told of an approach.
+
+    Raises:
+        StartPoseOff: the arm moves, or is elsewhere and no approach was asked for.
+    """
+    motion = nearest_turn(robot, repeated(robot, at_speed(planned, speed), repeat), seen.q)
+    try:
+        check_start(seen, robot, motion)
+    except StartPoseOff:
+        if not go_to_start or seen.moved > STILL:
+            raise
+    else:
+        return PlayedMotion(motion, speed=speed)
+    way_in = approach(robot, seen.q, motion.q[0])
+    share = 100 * APPROACH_SHARE
+    progress.stage("approach", f"{way_in.t[-1]:.0f} s to the start, at {share:.0f} % of the limits")
+    return PlayedMotion(joined([way_in, motion]), float(way_in.t[-1]), speed)
 
 
 def check_endpoints(port: CommandPort) -> None:

@@ -23,6 +23,9 @@ from dynid.sim.urdf import write_urdf
 
 Floats = NDArray[np.float64]
 
+#: Step of the physics where none is given [s].
+STEP = 5e-4
+
 
 @dataclass(frozen=True)
 class Friction:
@@ -74,7 +77,7 @@ class SimulatedArm:
         bodies: Sequence[Body] | None = None,
         friction: Friction | None = None,
         rotor_inertia: Sequence[float] | None = None,
-        dt: float = 5e-4,
+        dt: float = STEP,
         extra: Callable[[float, Floats, Floats], Floats] | None = None,
     ) -> None:
         self.robot = robot

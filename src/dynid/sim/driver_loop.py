@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +18,8 @@ from dynid.sim.track import ComputedTorque
 
 Floats = NDArray[np.float64]
 
+#: The physics has at least one step between two samples, and a step is no longer than this [s].
+LONGEST_STEP = 1e-3
 #: A late simulation lets other threads read commands after so many steps, for so long [s].
 PIECE, BREATH = 10, 5e-4
 #: What can be made to go wrong, and when it is noticed on a real arm.
@@ -30,6 +33,11 @@ FAULTS = {
     "no-stop": "there is no stop service or topic from the beginning",
     "gravity-free": "torques lack gravity, as with the driver's parameter or the estimated external torque",
 }
+
+
+def step_of(rate: float) -> float:
+    """Return a step of the physics [s] that divides the time between two samples at a rate [Hz]."""
+    return 1 / rate / math.ceil(1 / rate / LONGEST_STEP - 1e-9)
 
 
 @dataclass(frozen=True)
@@ -123,6 +131,19 @@ class DriverLoop:
     def now(self) -> float:
         """Simulated time [s]."""
         return self._steps * self.arm.dt
+
+    def reference_shares(self) -> dict[str, float]:
+        """Return what the arm's own reference used of its limits: along commands, and while braking after a stop."""
+        velocity, acceleration = (
+            np.array([getattr(joint.limits, key) or np.inf for joint in self.robot.joints])
+            for key in ("velocity", "acceleration")
+        )
+        follower = self.follower
+        return {
+            "reference_velocity_share": float(np.max(follower.fastest / velocity)),
+            "reference_acceleration_share": float(np.max(follower.hardest / acceleration)),
+            "stop_acceleration_share": float(np.max(follower.hardest_stop / acceleration)),
+        }
 
     def commanded(self) -> None:
         """Note that a command came."""

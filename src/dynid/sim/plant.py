@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.files.robotfile import packaged
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.log import Log
+from dynid.model.prior import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
-from dynid.sim.arm import Friction, SimulatedArm
+from dynid.sim.arm import STEP, Friction, SimulatedArm
 from dynid.sim.track import SimulatedRun
 
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -76,9 +78,9 @@ class Plant:
     friction: Friction
     sensors: Sensors
 
-    def arm(self, robot: Robot) -> SimulatedArm:
-        """Return the arm in PyBullet."""
-        return SimulatedArm(robot, self.bodies, self.friction, self.rotor_inertia)
+    def arm(self, robot: Robot, dt: float = STEP) -> SimulatedArm:
+        """Return the arm in PyBullet, with this step of the physics [s]."""
+        return SimulatedArm(robot, self.bodies, self.friction, self.rotor_inertia, dt=dt)
 
     def parameters(self) -> dict[str, float]:
         """Return the true parameters by name: m1, mcx1, ... Izz1, Im1 of each link and fv1, fc1, fo1 of each joint."""
@@ -90,6 +92,16 @@ class Plant:
         for prefix, each in parts.items():
             found |= {f"{prefix}{i}": value for i, value in enumerate(each, start=1)}
         return found
+
+
+def plant_of(robot: Robot) -> Plant:
+    """Return the truth that ships for an arm; without one, what the robot file says, frictionless and noiseless."""
+    for path in sorted(packaged("trajectories").glob("*_truth.yaml")):
+        plant = read_plant(path)
+        if plant.robot == robot.slug:
+            return plant
+    n = robot.n
+    return Plant(robot.slug, tuple(prior_bodies(robot)), (0.0,) * n, Friction.none(n), Sensors.perfect(n))
 
 
 def read_plant(path: Path) -> Plant:

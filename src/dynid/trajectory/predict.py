@@ -93,7 +93,9 @@ def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     good = values > max(FLOOR * 100, 1e-13) * values[-1]
     seen = np.all(np.abs(U[:, ~good]) < 1e-6, axis=1) & (np.diag(G) > 0)
     inverse = (U[:, good] / values[good]) @ U[:, good].T
-    return inverse * np.outer(s, s), seen
+    # Why: a parameter that the motion does not show has a huge scale; its entries are not used.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return inverse * np.outer(s, s), seen
 
 
 def held_out(

@@ -19,6 +19,7 @@ from dynid.files.trajectoryfile import Review, StoredTrajectory
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.table import Table
 from dynid.trajectory.clearance import Scene
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
@@ -211,14 +212,22 @@ class Plan:
         write_trajectory(path, self.stored(inputs))
         return [path, *texts]
 
-    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-        """Return headings and rows of the joints' largest values, and the share of the nearest limit that they use."""
-        rows: list[tuple[str, ...]] = [
-            (p.joint, f"{p.position:.3f}", f"{p.velocity:.3f}", f"{p.acceleration:.3f}",
-             "-" if p.torque is None else f"{p.torque:.2f}", f"{100 * p.share:.0f} %")
-            for p in self.check.peaks
-        ]  # fmt: skip
-        return ("joint", "position rad", "velocity rad/s", "accel. rad/s^2", "torque N m", "of limit"), rows
+    def table(self) -> Table:
+        """Return the largest values of each joint, and the share of the nearest limit that they use."""
+        return Table(
+            [
+                {
+                    "joint": peak.joint,
+                    "position [rad]": peak.position,
+                    "velocity [rad/s]": peak.velocity,
+                    "acceleration [rad/s^2]": peak.acceleration,
+                    "torque [N m]": peak.torque,
+                    "share of limit": peak.share,
+                }
+                for peak in self.check.peaks
+            ],
+            footer=[f"{label:<11}{text}" for label, text in self.summary()],
+        )
 
     def summary(self) -> list[tuple[str, str]]:
         """Return labels and sentences: what the motion is, uses, teaches and costs."""
@@ -278,15 +287,13 @@ class Plan:
             cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
             yield "note", f"{cost} for equally many samples: a first, safe run; then 0.5, then 1.0"
 
-    def __str__(self) -> str:
-        """Return the summary and the table as text."""
-        lines = [f"{label:<11}{text}" for label, text in self.summary()]
-        columns, rows = self.table()
-        widths = [max(len(row[k]) for row in [columns, *rows]) for k in range(len(columns))]
-        lines += ["  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True)) for row in [columns, *rows]]
-        return "\n".join(lines)
+    def __repr__(self) -> str:
+        """Return the table and the summary as text."""
+        return repr(self.table())
 
-    __repr__ = __str__
+    def _repr_html_(self) -> str:
+        """Return the table and the summary as HTML for notebooks."""
+        return self.table()._repr_html_()
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window for the length of a ``with`` block.

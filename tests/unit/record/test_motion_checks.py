@@ -6,8 +6,8 @@ import pytest
 from dynid.errors import Collision, LimitBroken
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
-from dynid.record.motion_checks import PlayedMotion, check_clearance, check_limits, check_torque, fastest_tool
-from dynid.record.playing import approach, at_speed, joined
+from dynid.record.motion_checks import check_clearance, check_limits, check_torque, fastest_tool
+from dynid.record.playing import PlayedMotion, approach, at_speed, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.clearance import Box, Scene, scene_from
 

@@ -1,0 +1,445 @@
+"""Play a reviewed motion on the arm and record what its driver publishes; the only workflow that commands an arm.
+
+Everything is checked before a joint moves, and nothing moves before the operator has confirmed it by the robot's name.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from dynid.errors import DynidError, NotReviewed, StartPoseOff, WrongUsage
+from dynid.options import Options, option
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.drivers.command_port import CommandPort
+    from dynid.drivers.ros import Node
+    from dynid.estimation.result import StoredResult
+    from dynid.files.trajectoryfile import StoredTrajectory
+    from dynid.motion import Motion
+    from dynid.record.monitor import Monitor
+    from dynid.record.motion_checks import Forecast, TorqueForecaster
+    from dynid.record.preflight import ObservedState
+    from dynid.record.recorder import Listener, LogRecorder
+    from dynid.record.session import Outcome
+
+#: A recording that only listens ends after so many times the silence that stops a motion.
+PATIENT = 8
+
+
+def _quantity(unit: str) -> Callable[[Any, str], float]:
+    """Return a reader of positive numbers with a unit; percent become a share."""
+
+    def read(value: Any, name: str) -> float:  # noqa: ANN401
+        text = str(value).strip()
+        try:
+            number = float(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
+        except ValueError:
+            number = 0.0
+        if not 0 < number < float("inf"):
+            raise WrongUsage(f"{name} {value} is not a positive number of {unit}")
+        return number
+
+    return read
+
+
+@dataclass(frozen=True)
+class RecordOptions(Options):
+    """How a motion is played and recorded."""
+
+    dry_run: bool = option(False, "Check everything, send nothing.")
+    listen_only: bool = option(False, "Record while another program moves the arm.")
+    repeat: int = option(1, "How often the motion is played.", bounds=(1, 1000), shown="")
+    speed: float = option("100%", "Share of the planned speed.", shown="", read=_quantity("%"))
+    max_deviation: float = option(
+        "0.15rad", "Stop when a joint is further from its plan [rad or m].", shown="", read=_quantity("rad")
+    )
+    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
+    topic: str | None = option(None, "Topic of the joint states (default: the robot file's).", metavar="T")
+    command_topic: str | None = option(None, "Topic or action of the commands (default: the driver's).", metavar="T")
+    timeout: float = option("2s", "How long master and topic may stay silent [s].", shown="", read=_quantity("s"))
+    accept_unreviewed: bool = option(False, "Play a motion that nobody has confirmed.", deliberate=True)
+    go_to_start: bool = option(False, "Approach the first pose slowly from where the arm stands.", deliberate=True)
+    zero_torques: bool = option(
+        False, "Zero the torque sensors before the motion (Kinova, in the candle pose).", deliberate=True
+    )
+    duration: float | None = option(None, "Length of a recording with --listen-only [s].", metavar="S", kind="positive")
+
+
+class Operator(Protocol):
+    """The person beside the arm: what is asked before anything moves or is overwritten."""
+
+    def may_replace(self, path: Path) -> None:
+        """Return when an earlier recording may be overwritten; raise an error of the catalogue otherwise."""
+
+    def confirm_motion(self, robot: str) -> None:
+        """Return only after a person has confirmed, by the robot's name, that the arm may move; raise otherwise."""
+
+    def stop_pressed(self) -> bool:
+        """Return whether the person wants it to stop; asked about twenty times a second."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was recorded, or only checked.
+
+    Attributes:
+        robot: the arm.
+        options: how it was recorded.
+        forecast: what the motion was judged to do; None when another program moved the arm.
+        outcome: how it ended; None for a dry run.
+        bag: log.bag.
+        texts: folder of the paper's text files.
+        manifest: manifest.yaml.
+        failure: what ended it early, or kept it from being written; None when all went well.
+    """
+
+    robot: Robot
+    options: RecordOptions
+    forecast: Forecast | None = None
+    outcome: Outcome | None = None
+    bag: Path | None = None
+    texts: Path | None = None
+    manifest: Path | None = None
+    failure: BaseException | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """What was written."""
+        return [path for path in (self.bag, self.texts, self.manifest) if path is not None]
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid record`` says."""
+        from dynid.record import session
+
+        ended = {"verdict": "dry run"} if self.outcome is None else session.facts(self.outcome)
+        foreseen = self.forecast.facts() if self.forecast is not None else {}
+        return {"schema": "dynid/record/1", "robot": self.robot.name, **ended, "foreseen": foreseen}
+
+
+@dataclass(frozen=True)
+class _Session:
+    """One run: what is played on what, with which answers, into which folder."""
+
+    robot: Robot
+    trajectory: StoredTrajectory | None
+    options: RecordOptions
+    operator: Operator
+    folder: Path
+    parameters: StoredResult | None
+    command: str
+    node: Node
+    progress: Progress
+
+
+def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: RecordOptions) -> None:
+    """Refuse options that contradict each other before anything is looked for.
+
+    Raises:
+        WrongUsage: they do.
+    """
+    if options.listen_only and (options.go_to_start or options.zero_torques):
+        raise WrongUsage(
+            "--listen-only sends nothing to the arm", fix="leave out --move, --go-to-start and --zero-torques"
+        )
+    if trajectory is None and not options.listen_only:
+        raise WrongUsage("no trajectory given", fix=f"dynid record {robot.slug} TRAJECTORY, or --listen-only")
+
+
+def record(
+    robot: Robot,
+    trajectory: StoredTrajectory | None,
+    options: RecordOptions,
+    operator: Operator,
+    folder: Path,
+    *,
+    parameters: StoredResult | None = None,
+    command: str = "",
+    progress: Progress = SILENT,
+) -> Recording:
+    """Check everything, ask the operator, play a motion, and record what the driver publishes.
+
+    Args:
+        robot: the arm.
+        trajectory: the motion; None with ``listen_only``.
+        options: how it is played and recorded.
+        operator: who is asked before the arm moves, and may stop it.
+        folder: where log.bag, the text files and manifest.yaml go.
+        parameters: identified model that predicts the torques; the robot file's prior when None.
+        command: what started it, for the manifest.
+        progress: told what was found.
+
+    Returns:
+        What was recorded. A motion that was stopped is returned with its ``failure``; its log is kept.
+
+    Raises:
+        DynidError: something is not in order, and the arm was not moved.
+    """
+    from dynid.drivers.ros import connect
+
+    require_usable(robot, trajectory, options)
+    begin = time.monotonic()
+    node = connect("dynid_record", options.master, options.timeout)
+    progress.stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
+    try:
+        return _recorded(_Session(robot, trajectory, options, operator, folder, parameters, command, node, progress))
+    finally:
+        node.close()
+
+
+def _recorded(run: _Session) -> Recording:
+    """Check, ask, move or listen, write."""
+    from dynid.drivers.registry import driver_of
+    from dynid.record import preflight
+
+    options = run.options
+    topic = preflight.find_topic(run.node, run.robot, options.topic)
+    listener = preflight.listener_of(run.node, run.robot, topic)
+    try:
+        port = driver_of(run.robot).open_port(
+            run.node, run.robot, topic, options.command_topic, moving=not options.listen_only
+        )
+        seen = _observed(run, listener, port)
+        if options.listen_only:
+            return _listened(run, listener, port)
+        motion, forecast = _prepared(run, seen, port)
+        if options.dry_run:
+            run.progress.stage("dry run", "everything is in order; nothing was sent")
+            return Recording(run.robot, options, forecast)
+        _ask_to_replace(run)
+        run.operator.confirm_motion(run.robot.slug)
+        return _moved(run, listener, port, motion, seen, forecast)
+    finally:
+        listener.close()
+
+
+# ---------------------------------------------------------------- before anything moves
+def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedState:
+    """Listen to the driver and judge its numbers."""
+    from dynid.record import preflight
+
+    robot, progress = run.robot, run.progress
+    seen = preflight.listen(listener, robot, run.options.timeout)
+    used = f"{len(seen.names)} names, {robot.n} used" if len(seen.names) != robot.n else f"{robot.n} names"
+    progress.stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
+    preflight.check_units(seen, robot)
+    if not run.options.zero_torques:
+        progress.findings(preflight.check_zero(seen, robot))
+    removed = preflight.check_gravity(seen, robot, port)
+    words = {None: "the driver does not say whether gravity is in the torques", False: "gravity is in the torques"}
+    progress.stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
+    return seen
+
+
+def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Motion, Forecast]:
+    """Return what will be played, checked sample by sample, and what it was judged to do."""
+    from dynid.record import motion_checks, preflight
+    from dynid.trajectory.clearance import Scene, scene_from
+
+    planned, options, progress = run.trajectory, run.options, run.progress
+    assert planned is not None
+    preflight.check_endpoints(port)
+    played = preflight.motion_to_play(
+        run.robot,
+        planned.motion,
+        seen,
+        speed=options.speed,
+        repeat=options.repeat,
+        go_to_start=options.go_to_start,
+        progress=progress,
+    )
+    facts = planned.facts.get("scene")
+    shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
+    if shapes is not None and not shapes.is_file():
+        progress.stage("note", f"{shapes} is gone: distances are those of cylinders along the links")
+        shapes = None
+    scene = scene_from(facts) if facts else Scene()
+    forecast = motion_checks.forecast(run.robot, played, scene, _torque_forecaster(run), shapes, progress)
+    progress.stage("reviewed", _review_text(run.robot, planned, options))
+    progress.stage(
+        "ready",
+        f"about to move {run.robot.slug}: {forecast.seconds:.0f} s, fastest {forecast.fastest_joint} at "
+        f"{forecast.speed:.2f} rad/s, keep the stop button in reach",
+    )
+    return played.motion, forecast
+
+
+def _torque_forecaster(run: _Session) -> TorqueForecaster:
+    """Return what predicts the torques: an identified model, or the prior of the robot file."""
+    from dynid.model.prior import prior_base_parameters
+    from dynid.record.motion_checks import TorqueForecaster
+    from dynid.workflows.model import base_model
+    from dynid.workflows.validate import base_model_of
+
+    robot, stored = run.robot, run.parameters
+    source = "prior" if stored is None else str(stored.path)
+    if robot.torque.source == "gravity_free" or robot.torque.relative:
+        reason = "are counted in amperes" if robot.torque.relative else "lack gravity, and so does its model"
+        return TorqueForecaster(None, f"those of this arm {reason}", source)
+    if stored is None:
+        base = base_model(robot, run.folder, run.progress)
+        theta, words = (
+            prior_base_parameters(base.model, base.reduction, unknown=0.0),
+            "the robot file's prior, without friction",
+        )
+    else:
+        if stored.robot.joint_names != robot.joint_names:
+            raise WrongUsage(f"{stored.path} belongs to {stored.robot.name}", fix="give a model of this arm")
+        if stored.robot.torque.relative:
+            raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
+        base = base_model_of(stored, stored.path.parent, run.progress)
+        theta, words = stored.identification.theta, source
+    observer = base.model.observer(base.reduction.base)
+    return TorqueForecaster(lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source)
+
+
+def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions) -> str:
+    """Return who has confirmed a motion.
+
+    Raises:
+        NotReviewed: nobody has, or it was changed afterwards.
+    """
+    review, again = planned.review, f"dynid trajectory {robot.slug} --review {planned.source}"
+    if planned.reviewed and review is not None:
+        return f"by {review.by}, {review.when}"
+    if options.accept_unreviewed:
+        return "no; accepted with --accept-unreviewed"
+    if review is not None:
+        raise NotReviewed(f"{planned.source} was changed after {review.by} confirmed it", fix=again)
+    raise NotReviewed(f"nobody confirmed {planned.source}", fix=f"{again}, or --accept-unreviewed")
+
+
+def _ask_to_replace(run: _Session) -> None:
+    """Ask before an earlier recording is replaced."""
+    for name in ("log.bag", "log.npz"):
+        if (run.folder / name).exists():
+            run.operator.may_replace(run.folder / name)
+            return
+
+
+# ---------------------------------------------------------------- while it is recorded
+def _moved(
+    run: _Session, listener: Listener, port: CommandPort, motion: Motion, seen: ObservedState, forecast: Forecast
+) -> Recording:
+    """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
+    from dynid.record import playing, session
+    from dynid.record.monitor import StopRules
+    from dynid.record.preflight import at_candle, check_place
+
+    port.ready()
+    run.progress.stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
+    if run.options.zero_torques:
+        if not at_candle(seen):
+            raise StartPoseOff(
+                "the arm is not at the candle pose (all joints 180 deg)",
+                why="its torque sensors are zeroed there",
+                fix="move it there by hand or joystick",
+            )
+        port.zero_torques()
+        run.progress.stage("zeroed", "torque sensors")
+    assert listener.latest is not None
+    check_place(listener.latest, run.robot, motion)
+    reference = playing.ReferenceMotion(motion, listener.latest.q - motion.q[0])
+
+    def play(recorder: LogRecorder) -> Outcome:
+        run.progress.stage("moving")
+
+        def poll(time: float, monitor: Monitor) -> bool:
+            run.progress.advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
+            return run.operator.stop_pressed()
+
+        return session.play(port, reference, StopRules(run.options.max_deviation), recorder, poll)
+
+    return _written(run, listener, port, play, forecast)
+
+
+def _listened(run: _Session, listener: Listener, port: CommandPort) -> Recording:
+    """Record while another program moves the arm."""
+    from dynid.record import session
+    from dynid.record.monitor import StopRules
+
+    _ask_to_replace(run)
+    seconds = run.options.duration
+    run.progress.stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
+    stale = PATIENT * StopRules().stale
+
+    def listen(recorder: LogRecorder) -> Outcome:
+        return session.listen_only(recorder, seconds, stale, lambda _: run.operator.stop_pressed())
+
+    return _written(run, listener, port, listen, None)
+
+
+def _written(
+    run: _Session,
+    listener: Listener,
+    port: CommandPort,
+    work: Callable[[LogRecorder], Outcome],
+    forecast: Forecast | None,
+) -> Recording:
+    """Open the files, work, close them; the manifest is written before the first motion and completed after."""
+    from dynid.files.artifact import sha256
+    from dynid.record import manifest, session
+    from dynid.record.recorder import LogRecorder
+
+    path = run.folder / "manifest.yaml"
+    facts = _beginning(run, port, forecast)
+    manifest.write_manifest(path, facts)
+    recorder = LogRecorder(listener, run.folder)
+    recorder.start()
+    outcome = work(recorder)
+    outcome.tally = recorder.close()
+    bag, texts = recorder.bag_path, recorder.text_folder
+    log = {"bag": bag.name, "sha256": sha256(bag), "text": texts.name}
+    try:
+        manifest.write_manifest(path, facts | {"ended": manifest.now(), **session.facts(outcome), "log": log})
+    except DynidError as error:
+        # Why: a full disk must not hide what happened to the arm.
+        outcome.notes.append(f"{error.what}; the manifest still says 'running'")
+    failure = outcome.failure
+    if failure is None and recorder.failure is not None:
+        failure = session.disk_error(recorder)
+    return Recording(run.robot, run.options, forecast, outcome, bag, texts, path, failure)
+
+
+def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> dict[str, Any]:
+    """Return what the manifest says before the first motion."""
+    from dynid.files.artifact import sha256
+    from dynid.record import manifest
+
+    facts = manifest.beginning(run.robot, run.node, run.command)
+    facts["driver"] = {
+        "kind": port.robot.driver.kind if port.robot.driver else "generic",
+        "state_topic": port.state_topic,
+        "command_topic": None if run.options.listen_only else port.command_topic,
+        "parameters": port.parameters(),
+    }
+    planned = run.trajectory
+    if planned is not None and planned.source is not None:
+        review = planned.review
+        facts["trajectory"] = {
+            "file": str(planned.source), "sha256": sha256(planned.source), "alpha": planned.alpha,
+            "speed": run.options.speed, "repeat": run.options.repeat,
+            "reviewed_by": review.by if review and planned.reviewed else None,
+            "foreseen": forecast.facts() if forecast is not None else {},
+        }  # fmt: skip
+    return facts
+
+
+def convert(recording: Recording, header: dict[str, Any] | None = None) -> Path:
+    """Write log.npz beside log.bag and return its path.
+
+    Args:
+        recording: what was recorded.
+        header: facts for its header.
+    """
+    from dynid.files.logs import read_log
+
+    assert recording.bag is not None
+    target = recording.bag.with_name("log.npz")
+    read_log(recording.bag, robot=recording.robot, topic=recording.options.topic).save(target, header)
+    return target

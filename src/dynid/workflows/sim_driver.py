@@ -1,0 +1,215 @@
+"""Simulate an arm behind the very topics of its driver, in real time, to rehearse a recording with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.options import Options, option
+from dynid.robot import Robot
+from dynid.sim.driver_loop import FAULTS
+
+if TYPE_CHECKING:
+    from dynid.sim.command_log import CommandLog
+    from dynid.sim.driver_loop import Imperfections
+    from dynid.sim.plant import Plant
+
+Floats = NDArray[np.float64]
+
+
+def _fault(value: Any, name: str) -> tuple[str, float]:  # noqa: ANN401
+    """Return a fault and when it begins [s], from KIND@SECONDS."""
+    if value is None or isinstance(value, tuple):
+        return value or ("", 0.0)
+    kind, _, seconds = str(value).partition("@")
+    if kind not in FAULTS:
+        raise WrongUsage(f"no fault '{kind}'", why=f"faults are {', '.join(FAULTS)}", fix=f"{name} silent@3")
+    try:
+        return kind, float(seconds or 0)
+    except ValueError:
+        raise WrongUsage(f"'{seconds}' is no time", fix=f"{name} {kind}@3") from None
+
+
+@dataclass(frozen=True)
+class SimDriverOptions(Options):
+    """What is simulated, and what goes wrong in it."""
+
+    rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000), shown="")
+    topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
+    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
+    pose: str | Sequence[float] | None = option(
+        None,
+        "Where the arm stands: at the start of a trajectory, or at DH positions [rad or m].",
+        metavar="TRAJECTORY|Q1,Q2,...",
+    )
+    truth: Path | None = option(
+        None, "Truth file of the simulated arm (default: the one that ships for the robot).", kind="input"
+    )
+    torque_noise: float | None = option(
+        None, "Standard deviation of all torques [N m] (default: the truth file's).", metavar="NM", kind="float"
+    )
+    torque_step: float = option(0.0, "Resolution of the torques [N m].", metavar="NM", kind="float")
+    torque_offset: float = option(0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM")
+    position_step: float | None = option(
+        None, "Resolution of the encoders [rad] (default: the truth file's).", metavar="RAD", kind="float"
+    )
+    latency: float = option(0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1))
+    jitter: float = option(0.0, "Standard deviation added to the latency [s].", metavar="S", bounds=(0, 1))
+    drop: float = option(0.0, "Share of the messages that are lost.", metavar="SHARE", bounds=(0, 1))
+    skew: float = option(
+        0.0,
+        "How much later than the position torque and velocity are polled [s] (Kinova).",
+        metavar="S", bounds=(0, 1),
+    )  # fmt: skip
+    fault: tuple[str, float] = option(
+        None, "Make something go wrong, S seconds after the first command.", metavar="KIND[@S]", read=_fault
+    )
+    duration: float | None = option(
+        None, "Length of the simulation [s] (default: until Ctrl-C).", metavar="S", kind="positive"
+    )
+    seed: int = option(0, "Seed of all noise.")
+
+
+@dataclass(frozen=True)
+class DriverRun:
+    """What a simulated driver published and received.
+
+    Attributes:
+        robot: the arm.
+        commands: what came, and what it used of the limits.
+        published: number of joint states.
+        dropped: number of joint states that were lost on purpose.
+        largest_delay: how far the simulation fell behind real time at worst [s].
+        longest_queue: largest number of commands that waited.
+        reference: shares of the limits that the arm's own reference used.
+        interrupted: whether Ctrl-C ended it.
+    """
+
+    robot: Robot
+    commands: CommandLog
+    published: int
+    dropped: int
+    largest_delay: float
+    longest_queue: int
+    reference: dict[str, float]
+    interrupted: bool
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid sim-driver`` says."""
+        return {
+            "schema": "dynid/sim-driver/1",
+            "robot": self.robot.name,
+            **self.commands.facts(),
+            **self.reference,
+            "published": self.published,
+            "dropped": self.dropped,
+            "largest_delay_s": self.largest_delay,
+            "longest_queue": self.longest_queue,
+        }
+
+
+def simulate_driver(
+    robot: Robot,
+    options: SimDriverOptions = SimDriverOptions(),
+    *,
+    started: Callable[[str, str], None] | None = None,
+) -> DriverRun:
+    """Simulate an arm behind its driver's topics until the time is over or Ctrl-C is pressed.
+
+    Args:
+        robot: the arm.
+        options: what is simulated.
+        started: told the topic of the joint states and the address of the master once the driver is there.
+    """
+    import time
+
+    from dynid.drivers.ros import connect
+    from dynid.sim.driver_loop import DriverLoop, step_of
+    from dynid.sim.follow import PointFollower, VelocityFollower
+    from dynid.sim.plant import plant_of, read_plant
+    from dynid.sim.ros_drivers import simulated_driver
+
+    topic = options.topic or (robot.driver.topic if robot.driver else None) or "/joint_states"
+    node = connect("dynid_sim_driver", options.master)
+    try:
+        plant = plant_of(robot) if options.truth is None else read_plant(options.truth)
+        with plant.arm(robot, step_of(options.rate)) as arm:
+            kind = VelocityFollower if is_kinova(robot) else PointFollower
+            follower = kind(start_pose(robot, options.pose), arm.dt)
+            rng = np.random.default_rng(options.seed)
+            loop: DriverLoop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
+            driver = simulated_driver(node, loop, topic)
+            if started is not None:
+                started(topic, node.uri)
+            end, interrupted = time.monotonic() + (options.duration or float("inf")), False
+            try:
+                loop.run(driver.publish, lambda: time.monotonic() < end)
+            except KeyboardInterrupt:
+                interrupted = True
+            return DriverRun(
+                robot, driver.commands, loop.published, loop.dropped, loop.largest_delay, follower.longest,
+                loop.reference_shares(), interrupted,
+            )  # fmt: skip
+    finally:
+        node.close()
+
+
+def is_kinova(robot: Robot) -> bool:
+    """Return whether the arm is a Kinova Gen2, which takes velocities and stands upright at 180 deg."""
+    return robot.driver is not None and robot.driver.kind == "kinova_gen2"
+
+
+def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
+    from dynid.sim.driver_loop import Imperfections
+
+    sensors, n = plant.sensors, len(plant.bodies)
+    noise, step = options.torque_noise, options.position_step
+    return Imperfections(
+        torque_noise=sensors.torque_noise if noise is None else (noise,) * n,
+        position_step=sensors.position_step if step is None else step,
+        velocity_noise=sensors.velocity_noise or 0.0,
+        torque_step=options.torque_step,
+        torque_offset=(options.torque_offset,) * n,
+        latency=options.latency,
+        jitter=options.jitter,
+        drop=options.drop,
+        skew=options.skew,
+        fault=options.fault[0],
+        fault_time=options.fault[1],
+    )
+
+
+def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
+    """Return where the arm stands at the beginning, (n,) [rad or m].
+
+    Args:
+        robot: the arm.
+        given: a file of a trajectory, positions, or both as text; the middle of all ranges when None.
+    """
+    from dynid.files.trajectoryfile import read_trajectory
+
+    if given is None:
+        # Why: a Kinova Gen2 points up with all joints at 180 deg, which is also the middle of its ranges.
+        endless = np.pi if is_kinova(robot) else 0.0
+        ranges = [joint.limits.position or (endless, endless) for joint in robot.joints]
+        return np.array([(lower + upper) / 2 for lower, upper in ranges])
+    if isinstance(given, str) and Path(given).exists():
+        return np.array(read_trajectory(Path(given), robot).motion.q[0])
+    try:
+        pose = np.array([float(word) for word in (given.split(",") if isinstance(given, str) else given)])
+    except ValueError:
+        plan = str(given).endswith(".npz")
+        raise WrongUsage(
+            f"--pose {given} is neither a file nor numbers",
+            fix=f"plan it first: dynid trajectory {robot.slug}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
+        ) from None
+    if len(pose) != robot.n:
+        what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"
+        raise WrongUsage(what, fix="give one per joint [rad]")
+    return pose
