@@ -170,7 +170,7 @@ def wrote_trajectory(common: Common, path: Path, *, reviewed: bool) -> None:
 def show(common: Common, found: Plan) -> None:
     """Say on stderr what was found, and print the joints' peaks on stdout."""
     common.terminal.findings(found.findings)
-    for label, text in found.summary():
+    for label, text in found.lines():
         common.terminal.stage(label, text)
     for picture in found.clearance.pictures:
         common.terminal.stage("preview", str(picture))

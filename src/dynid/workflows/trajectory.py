@@ -226,11 +226,15 @@ class Plan:
                 }
                 for peak in self.check.peaks
             ],
-            footer=[f"{label:<11}{text}" for label, text in self.summary()],
+            footer=self.summary().splitlines(),
         )
 
-    def summary(self) -> list[tuple[str, str]]:
-        """Return labels and sentences: what the motion is, uses, teaches and costs."""
+    def summary(self) -> str:
+        """Return what the motion is, uses, teaches and costs, one line each."""
+        return "\n".join(f"{label:<11}{text}" for label, text in self.lines())
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Return the lines of the summary, each as a label and a sentence."""
         basis, alpha = self.trajectory.basis.facts, self.trajectory.alpha
         kind = (
             f"{len(basis['knots']) - 1} {basis['kind']} segments"
