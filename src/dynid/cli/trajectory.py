@@ -49,7 +49,7 @@ class View:
 )
 @click.argument("robot")
 @click.argument("plan", required=False, metavar="[PLAN.yaml]", type=_FILE)
-@options_from(PlanOptions, without=("seed",))
+@options_from(PlanOptions, without=("seed", "processes"))
 @click.option(
     "--from-waypoints", metavar="CSV", type=_FILE, help="Go through these points, one per row, instead of searching."
 )

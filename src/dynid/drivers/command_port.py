@@ -87,7 +87,7 @@ class CommandPort(ABC):
 
         Args:
             target: where the arm shall be ``lead`` seconds from now.
-            measured: where it was last seen, (n,).
+            measured: where it was last seen, (n,) [rad or m].
         """
 
     @abstractmethod
@@ -148,7 +148,7 @@ class CommandPort(ABC):
             time.sleep(0.02)
 
     def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
-        """Publish the command of this period and return it."""
+        """Publish the command of this period and return it; ``measured`` is the last seen pose, (n,) [rad or m]."""
         message = self.message(target, measured)
         self.publisher.publish(message)
         return message
@@ -170,7 +170,7 @@ class CommandPort(ABC):
         return
 
     def at_rest(self, q: Floats) -> Any:  # noqa: ANN401
-        """Publish a command that keeps the arm at rest at ``q``, and return it."""
+        """Publish a command that keeps the arm at rest at ``q``, (n,) [rad or m], and return it."""
         zero = np.zeros(self.robot.n)
         return self.send(Target(q, zero, zero), q)
 

@@ -1,4 +1,4 @@
-"""The port to a robot driver: which topic holds the joint states, what of it to believe."""
+"""The port to a robot driver: which topic holds the joint states, which of its columns can be trusted, how it is commanded."""
 
 from __future__ import annotations
 

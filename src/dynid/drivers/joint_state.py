@@ -82,29 +82,29 @@ class Columns:
         return Sample(arrival, stamp, self.positions_dh(q), self.efforts_dh(tau))
 
     def positions_dh(self, q: Floats) -> Floats:
-        """Return driver positions as DH positions, (..., n)."""
+        """Return driver positions, in its unit, as DH positions, (..., n) [rad or m]."""
         return np.asarray(q * self._position * self.sign + self._offset)
 
     def efforts_dh(self, tau: Floats) -> Floats:
-        """Return driver efforts as DH torques, (..., n)."""
+        """Return driver efforts, in its unit, as DH torques, (..., n) [N m or N, A for a current]."""
         return np.asarray(tau * self._effort * self.sign)
 
     def velocities_dh(self, qd: Floats) -> Floats:
-        """Return driver velocities as DH velocities, (..., n)."""
+        """Return driver velocities, in its unit, as DH velocities, (..., n) [rad/s or m/s]."""
         return np.asarray(qd * self._velocity * self.sign)
 
     def positions(self, q: Floats) -> Floats:
-        """Return DH positions as the driver's, (..., n)."""
+        """Return DH positions, (..., n) [rad or m], in the driver's unit."""
         return np.asarray((q - self._offset) * self.sign / self._position)
 
     def velocities(self, qd: Floats) -> Floats:
-        """Return DH velocities or accelerations as the driver's, (..., n)."""
+        """Return DH velocities [rad/s] or accelerations [rad/s^2], (..., n), in the driver's unit."""
         return np.asarray(qd * self.sign / self._velocity)
 
     def efforts(self, tau: Floats) -> Floats:
-        """Return DH torques as the driver's, (..., n)."""
+        """Return DH torques, (..., n) [N m or N], in the driver's unit."""
         return np.asarray(tau * self.sign / self._effort)
 
     def in_degrees(self, qd: Floats) -> Floats:
-        """Return DH velocities as the driver's in deg/s, whatever unit its joint states have, (..., n)."""
+        """Return DH velocities, (..., n) [rad/s], as the driver's [deg/s], whatever unit its joint states have."""
         return np.asarray(np.degrees(qd * self.sign))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +57,9 @@ class Forecast:
         seconds: length of all that is played [s].
         approach_seconds: length of the slow approach at its beginning [s].
         fastest_joint: name of the joint that moves fastest.
-        speed: its speed [rad/s or m/s].
-        tool_speed: largest speed of the last frame [m/s].
-        closest: least distance to anything [m]; None where nothing is measured.
+        speed_rad_s: its speed [rad/s or m/s].
+        tool_speed_m_s: largest speed of the last frame [m/s].
+        closest_m: least distance to anything [m]; None where nothing is measured.
         torque_share: largest predicted share of a torque rating; None where nothing can be said.
         torque_by: what predicts the torques: a file of parameters, or ``"prior"``.
     """
@@ -68,24 +67,11 @@ class Forecast:
     seconds: float
     approach_seconds: float
     fastest_joint: str
-    speed: float
-    tool_speed: float
-    closest: float | None
+    speed_rad_s: float
+    tool_speed_m_s: float
+    closest_m: float | None
     torque_share: float | None
     torque_by: str
-
-    def facts(self) -> dict[str, Any]:
-        """Return it as the manifest and the JSON answer have it."""
-        return {
-            "seconds": self.seconds,
-            "approach_seconds": self.approach_seconds,
-            "fastest_joint": self.fastest_joint,
-            "speed_rad_s": self.speed,
-            "tool_speed_m_s": self.tool_speed,
-            "closest_m": self.closest,
-            "torque_share": self.torque_share,
-            "torque_by": self.torque_by,
-        }
 
 
 @dataclass(frozen=True)
@@ -135,9 +121,9 @@ def forecast(
         seconds=float(played.motion.t[-1]),
         approach_seconds=played.approach,
         fastest_joint=joint,
-        speed=speed,
-        tool_speed=tool,
-        closest=near[0].distance if near else None,
+        speed_rad_s=speed,
+        tool_speed_m_s=tool,
+        closest_m=near[0].distance if near else None,
         torque_share=_torque_share(robot, played, forecaster, progress),
         torque_by=forecaster.source,
     )

@@ -49,7 +49,7 @@ def at_speed(motion: Motion, speed: float) -> Motion:
 
 
 def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
-    """Return a slow quintic from rest to rest, (N, n)."""
+    """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)
     velocity, acceleration = (
         np.array([getattr(joint.limits, key) or usual for joint in robot.joints]) * APPROACH_SHARE
@@ -90,7 +90,7 @@ def repeated(robot: Robot, motion: Motion, times: int) -> Motion:
 
 
 def nearest_turn(robot: Robot, motion: Motion, measured: Floats) -> Motion:
-    """Return the motion with joints that turn without end shifted by full turns to where the arm stands.
+    """Return the motion with joints that turn without end shifted by full turns to where the arm stands, (n,) [rad].
 
     Why: such a joint may have been turned by hand; its driver counts on, and the plan does not know.
     """

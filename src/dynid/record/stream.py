@@ -1,4 +1,4 @@
-"""Commands to the arm, one a period, from a thread of its own that is paced by absolute deadlines.
+"""Commands to the arm, one per period, from a thread of its own that is paced by absolute deadlines.
 
 A late period is skipped, never caught up: two commands in one period would queue in the driver and outlive the stream.
 """
@@ -52,7 +52,7 @@ class Stream(threading.Thread):
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Send one command a period until the motion is over or something is wrong."""
+        """Send one command per period until the motion is over or something is wrong."""
         try:
             self._play()
         except BaseException as error:  # noqa: BLE001 - the thread that waits for this one raises it
@@ -82,7 +82,7 @@ class Stream(threading.Thread):
         assert sample is not None  # preflight has seen one
         planned = self.reference.at(sample.arrival - start)
         self.monitor.state(sample, planned.q, now, now - start)
-        # Why: a driver that plays one command a period is told what that period needs, however late it is; others are
+        # Why: a driver that plays one command per period is told what that period needs, however late it is; others are
         # told what comes after now.
         target = self.reference.at((self.time if self.port.slotted else now - start) + self.port.lead)
         self._keep(self.port.send(target, sample.q))

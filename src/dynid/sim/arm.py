@@ -49,12 +49,12 @@ class Friction:
         return cls((0.0,) * n, (0.0,) * n, (0.0,) * n, (0.01,) * n)
 
     def torque(self, qd: Floats) -> Floats:
-        """Return the torque that the drives need against friction at a velocity, (..., n)."""
+        """Return the torque that drives need against friction, (..., n) [N m or N], at velocities [rad/s or m/s]."""
         smooth_sign = np.tanh(qd / np.array(self.velocity))
         return np.asarray(np.array(self.viscous) * qd + np.array(self.coulomb) * smooth_sign + np.array(self.offset))
 
     def slope(self, qd: Floats) -> Floats:
-        """Return the derivative of ``torque`` by the velocity, (..., n)."""
+        """Return the derivative of ``torque`` by the velocity, (..., n) [N m s/rad or N s/m]."""
         steepness = 1 - np.tanh(qd / np.array(self.velocity)) ** 2
         return np.asarray(np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness)
 
@@ -64,7 +64,7 @@ class SimulatedArm:
 
     Args:
         robot: geometry and gravity.
-        bodies: true body of each link in its DH frame; what the robot file believes when None.
+        bodies: true body of each link in its DH frame; the prior of the robot file when None.
         friction: true friction; none when None.
         rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg]; none when None.
         dt: step of the physics [s].
@@ -123,13 +123,13 @@ class SimulatedArm:
         return body, joints
 
     def reset(self, q: Floats, qd: Floats | None = None) -> None:
-        """Put the arm at a state, at rest when ``qd`` is None; time goes on."""
+        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s], at rest when None."""
         speeds = np.zeros(self.robot.n) if qd is None else qd
         for joint, position, speed in zip(self._joints, q, speeds, strict=True):
             self._bullet.resetJointState(self._body, joint, float(position), float(speed), physicsClientId=self._client)
 
     def state(self) -> tuple[Floats, Floats]:
-        """Return joint positions and velocities, (n,) each."""
+        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
         rows = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
         return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
@@ -139,7 +139,7 @@ class SimulatedArm:
         return np.array(self._bullet.calculateInverseDynamics(self._body, *inputs, physicsClientId=self._client))
 
     def mass_matrix(self, q: Floats) -> Floats:
-        """Return Bullet's mass matrix without rotors, (n, n)."""
+        """Return Bullet's mass matrix without rotors, (n, n) [kg m^2 or kg]."""
         return np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client))
 
     def required_torque(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:

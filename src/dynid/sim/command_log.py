@@ -32,12 +32,12 @@ class CommandLog:
     accelerations: list[Floats] = field(default_factory=list)
 
     def velocity(self, time: float, qd: Floats) -> None:
-        """Take a velocity command; its acceleration is the change since the last one, over the driver's own period."""
+        """Take a velocity command, (n,) [rad/s]; its acceleration is the change since the last one over the period."""
         before = self.velocities[-1] if self.velocities else np.zeros_like(qd)
         self._add(time, np.full_like(qd, np.nan), qd, (qd - before) / self.period)
 
     def point(self, time: float, q: Floats, qd: Floats, qdd: Floats) -> None:
-        """Take a point of a trajectory."""
+        """Take a point of a trajectory: (n,) each [rad, rad/s, rad/s^2]."""
         self._add(time, q, qd, qdd)
 
     def _add(self, time: float, q: Floats, qd: Floats, qdd: Floats) -> None:

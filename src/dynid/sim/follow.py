@@ -17,7 +17,7 @@ T = TypeVar("T")
 class Follower(ABC, Generic[T]):
     """Turns received commands into the reference of the joint controllers.
 
-    Commands wait in a queue and are taken one a period of 10 ms, in whatever rhythm they came. One that is late is
+    Commands wait in a queue and are taken one per period of 10 ms, in whatever rhythm they came. One that is late is
     bridged, and when it comes one of those that wait is dropped, so that the arm does not fall behind for good.
 
     A critically damped second-order filter stands for the firmware's smoothing: it follows ramps without lag and turns
@@ -90,7 +90,7 @@ class Follower(ABC, Generic[T]):
         self.stopped = False
 
     def step(self) -> tuple[Floats, Floats, Floats]:
-        """Return the reference of this step: position, velocity, acceleration, (n,) each."""
+        """Return the reference of this step: position, velocity, acceleration, (n,) each [rad, rad/s, rad/s^2]."""
         if self._count % self._every == 0:
             self._next()
         self._count += 1
@@ -135,7 +135,7 @@ class VelocityFollower(Follower[Floats]):
         self._wanted = np.zeros_like(q)
 
     def take(self, command: Floats) -> None:
-        """Go over to a velocity, (n,), within the period.
+        """Go over to a velocity, (n,) [rad/s], within the period.
 
         Why: a step at each period would be an acceleration at 100 Hz, which samples at 100 Hz always catch at its peak.
         """
@@ -173,7 +173,7 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
         self._newest: tuple[Floats, Floats, float] | None = None
 
     def push(self, command: tuple[Floats, Floats, float]) -> None:
-        """Receive a point; a stopped arm ignores it."""
+        """Receive a point: position and velocity, (n,) each [rad, rad/s], and time [s]; a stopped arm ignores it."""
         if not self.stopped:
             self._newest = command
 
@@ -183,14 +183,14 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
         return bool(self._path) or self._elapsed < self._length
 
     def take(self, command: tuple[Floats, Floats, float]) -> None:
-        """Go to a position with a velocity, (n,) each, within so many seconds."""
+        """Go to a position with a velocity, (n,) each [rad, rad/s], within a time [s]."""
         q, qd, after = command
         self._path.clear()
         self._from, self._to = (self.goal.copy(), self.speed.copy()), (q, qd)
         self._length, self._elapsed = max(after, self.dt), 0.0
 
     def play(self, points: Iterable[tuple[Floats, Floats, float]]) -> None:
-        """Go through points, each with its velocity, (n,) each, and its time from now."""
+        """Go through points, each with its velocity, (n,) each [rad, rad/s], and its time from now [s]."""
         if self.stopped:
             return
         begin, path = 0.0, []

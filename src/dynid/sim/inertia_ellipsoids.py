@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 SIZE = 460
 #: The camera's field of view [deg] and where it looks from: turned about z [deg].
 FIELD, YAWS = 34.0, (25.0, 115.0)
-#: Rings and points a ring of the sphere that ellipsoids are made of.
+#: Rings and points per ring of the sphere that ellipsoids are made of.
 RINGS, ROUND = 24, 48
 _ARM = (0.62, 0.64, 0.67, 1.0)
 

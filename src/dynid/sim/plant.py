@@ -66,7 +66,7 @@ class Plant:
 
     Attributes:
         robot: name of its robot file.
-        bodies: one a link, in the DH frames.
+        bodies: one per link, in the DH frames.
         rotor_inertia: on the joint side, (n,) [kg m^2 or kg].
         friction: of the joints.
         sensors: what measuring adds.

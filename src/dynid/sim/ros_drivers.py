@@ -168,7 +168,7 @@ class SimulatedKinova(SimulatedDriver):
 
 
 def doubled(qd: Floats) -> Floats:
-    """Return velocities as kinova-ros publishes them: twice the firmware's, and wrapped above 180 deg/s after that."""
+    """Return velocities, (n,) [rad/s], as kinova-ros publishes them: doubled, then wrapped above 180 deg/s."""
     degrees = 2 * np.degrees(qd)
     return np.asarray(np.radians(np.where(degrees > 180, degrees - 360, degrees)))
 
@@ -194,7 +194,7 @@ class SimulatedController(SimulatedDriver):
         return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
 
     def points(self, trajectory: Any) -> list[tuple[Floats, Floats, Floats, float]]:  # noqa: ANN401
-        """Return position, velocity and acceleration of each point in DH quantities, and its time from the start."""
+        """Return DH position, velocity and acceleration of each point, (n,) each, and its time from the start [s]."""
         where = [trajectory.joint_names.index(name) for name in self.columns.names]
         return [
             (

@@ -28,7 +28,7 @@ class ComputedTorque:
     damping: float = 1.0
 
     def torque(self, arm: SimulatedArm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]) -> Floats:
-        """Return drive torques, (n,), for a state and the commanded position, velocity and acceleration."""
+        """Return drive torques, (n,) [N m or N], for a state and a commanded position, velocity and acceleration."""
         omega = 2 * np.pi * self.frequency
         aim = target[2] + 2 * self.damping * omega * (target[1] - qd) + omega**2 * (target[0] - q)
         return arm.inverse_dynamics(q, qd, aim) + arm.rotor_inertia * aim

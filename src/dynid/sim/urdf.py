@@ -1,4 +1,4 @@
-"""A URDF from the DH table and one body a link, for PyBullet and for pictures.
+"""A URDF from the DH table and one body per link, for PyBullet and for pictures.
 
 A URDF link's frame is its joint's frame, so link i of the URDF is DH frame i moved by a constant (``fixed_poses``); the
 joint variable of the URDF is q of the robot file. Reads a ``Robot`` and bodies; writes one file.
@@ -31,7 +31,7 @@ def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
 
     Args:
         robot: the arm; ``base_xyz`` and ``base_rpy`` place frame 0, the prior's radius gives the shapes.
-        bodies: one body a link in its DH frame; what the robot file believes when None.
+        bodies: one body per link in its DH frame; the prior of the robot file when None.
         path: the file to write.
     """
     write_text(path, urdf_text(robot, bodies))

@@ -40,24 +40,24 @@ class Basis(Protocol):
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint."""
+        """Number of coefficients per joint."""
 
     @property
     def constant(self) -> Floats:
-        """Coefficients of the motion that stays at 1, (size,)."""
+        """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
 
     @property
     def facts(self) -> dict[str, Any]:
         """What ``basis_from`` needs to make it again, JSON-able."""
 
     def matrix(self, t: Floats, order: int = 0) -> Floats:
-        """Return Phi, or its derivative of an order, at times, (N, size)."""
+        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order]."""
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return, joint by joint, all times where the derivative of an order may have its extrema, ends included.
+        """Return, joint by joint, all times [s] where the derivative of an order may have its extrema, ends included.
 
         Args:
-            c: coefficients, (size, n).
+            c: coefficients, (size, n) [rad or m].
             order: 0 for positions, 1 for velocities, 2 for accelerations.
         """
 
@@ -121,12 +121,12 @@ class Quintic:
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint."""
+        """Number of coefficients per joint."""
         return int(self._free.shape[1])
 
     @cached_property
     def constant(self) -> Floats:
-        """Coefficients of the motion that stays at 1, (size,)."""
+        """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
         return _solved(self._free, np.tile([1.0, 0.0, 0.0], len(self.knots)))
 
     @property
@@ -135,7 +135,7 @@ class Quintic:
         return {"kind": "spline" if self.smooth else "quintic", "knots": list(self.knots)}
 
     def matrix(self, t: Floats, order: int = 0) -> Floats:
-        """Return Phi, or its derivative of an order, at times, (N, size).
+        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order].
 
         Source: Paper Eqs. 17-18; the boundary rates have to be multiplied by T and T^2, the length of the segment.
         """
@@ -154,14 +154,14 @@ class Quintic:
         return segment, (t - knots[segment]) / length, length
 
     def polynomials(self, c: Floats) -> Floats:
-        """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n)."""
+        """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n) [rad or m]."""
         nodes = (self._free @ c).reshape(len(self.knots), 3, -1)
         lengths = np.diff(self.knots)[:, None, None] ** np.arange(3)[None, :, None]
         found: Floats = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
         return found
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return the knots and all roots of the next derivative, joint by joint."""
+        """Return the knots and all roots of the next derivative, joint by joint, (times,) [s], from c, (size, n)."""
         slopes = (self.polynomials(c) * _falling(order + 1)[None, :, None])[:, : 5 - order]
         knots = np.array(self.knots)
         found = []
@@ -195,7 +195,7 @@ class Fourier:
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint."""
+        """Number of coefficients per joint."""
         return int(self._free.shape[1])
 
     @cached_property
@@ -210,7 +210,7 @@ class Fourier:
 
     @cached_property
     def constant(self) -> Floats:
-        """Coefficients of the motion that stays at 1, (size,)."""
+        """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
         return _solved(self._free, np.eye(2 * self.harmonics + 1)[0])
 
     @property
@@ -219,14 +219,14 @@ class Fourier:
         return {"kind": "fourier", "period": self.period, "harmonics": self.harmonics}
 
     def matrix(self, t: Floats, order: int = 0) -> Floats:
-        """Return Phi, or its derivative of an order, at times, (N, size)."""
+        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order]."""
         w = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
         angle = t[:, None] * w + order * np.pi / 2
         still = np.full((len(t), 1), float(order == 0))
         return np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ self._free
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return the ends and all roots of the next derivative, as roots of a polynomial in exp(i w t)."""
+        """Return the ends and all roots [s] of the next derivative, as roots of a polynomial in exp(i w t)."""
         h = self.harmonics
         k = np.arange(1, h + 1)
         raw = self._free @ c

@@ -93,7 +93,7 @@ class World:
                 self._bullet.createMultiBody(0, -1, looks[(i + j) % 2], [x, y, height - side / 50])
 
     def place(self, q: Floats) -> None:
-        """Put the arm at a pose in DH values."""
+        """Put the arm at a pose in DH values, (n,) [rad or m]."""
         for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
             self._bullet.resetJointState(self._arm, joint, float(value))
 
@@ -140,7 +140,7 @@ class World:
         return min((float(row[8]) for row in found), default=FAR)
 
     def watched(self, poses: Floats) -> list[tuple[str, int, int, int]]:
-        """Return what can collide: (name, other body, link, other link), without what touches in most random poses.
+        """Return what can collide: (name, other body, link, other link), without what touches in most poses.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
         apart. The foot stands on the floor.
@@ -158,7 +158,7 @@ class World:
         return [row for row, count, most in zip(candidates, touching, shares, strict=True) if count < most]
 
     def distances(self, poses: Floats, watched: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
-        """Return the least distance of every watched pair over poses, the closest pair first."""
+        """Return the least distance [m] of every watched pair over poses, (N, n) [rad or m], the closest pair first."""
         least = np.full(len(watched), np.inf)
         where = np.zeros(len(watched), dtype=int)
         for k, q in enumerate(poses):
@@ -176,7 +176,7 @@ class World:
         return {"pair": name, "distance_m": distance, "index": index, "room_m": room}
 
     def picture(self, q: Floats, target: list[float], distance: float) -> NDArray[np.uint8]:
-        """Return a picture of a pose, (HEIGHT, WIDTH, 3), of a camera so far from what it looks at."""
+        """Return a picture, (HEIGHT, WIDTH, 3), of a pose, (n,) [rad or m], seen from a distance [m]."""
         bullet = self._bullet
         self.place(q)
         view = bullet.computeViewMatrixFromYawPitchRoll(target, distance, YAW, PITCH, 0, 2)
@@ -186,7 +186,7 @@ class World:
         return np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
 
     def play(self, times: Floats, poses: Floats) -> None:
-        """Show the motion in the window until it is closed; the space bar replays."""
+        """Show poses, (N, n) [rad or m], at times, (N,) [s], until the window is closed; the space bar replays."""
         bullet = self._bullet
         bullet.configureDebugVisualizer(bullet.COV_ENABLE_GUI, 0)
         while bullet.isConnected():

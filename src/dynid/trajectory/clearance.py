@@ -194,7 +194,7 @@ class Spheres:
         return height
 
     def value(self, q: Floats) -> tuple[float, Floats]:
-        """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
+        """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n) [1/rad or 1/m]."""
         points, frames = self.points(q)
         scene = self.scene
         pull, tool_pull = np.zeros_like(points), np.zeros((len(q), 3))
@@ -237,7 +237,11 @@ class Spheres:
         return effort
 
     def contacts(self, q: Floats) -> list[Contact]:
-        """Return the least clearance between links, to the floor, to each obstacle and of the tool to its workspace."""
+        """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.
+
+        Args:
+            q: joint positions, (N, n) [rad or m].
+        """
         points, frames = self.points(q)
         found = []
         distance = self._pair_distance(points, self._first, self._second)[0]

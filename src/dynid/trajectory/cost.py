@@ -43,7 +43,7 @@ class Cost:
         """Return the cost and its gradient by G.
 
         Args:
-            G: information matrix, (p, p).
+            G: information matrix, (p, p), without unit when rows are weighted by the noise [N m].
             power: p-norm that stands in for the largest eigenvalue; infinity for the cost itself. Low powers make the
                 ends of the spectrum smooth functions of the motion.
         """
@@ -100,7 +100,7 @@ class Figures:
 
 
 def figures(G: Floats) -> Figures:
-    """Return the figures of merit of W from G = W^T W."""
+    """Return the figures of merit of W [N m per unit of each parameter] from G = W^T W, (p, p)."""
     values = np.maximum(np.linalg.eigvalsh(G), 0.0)
     s = 1 / np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
     scaled = np.maximum(np.linalg.eigvalsh(G * np.outer(s, s)), 0.0)
@@ -113,7 +113,7 @@ def select_samples(W: Floats, eta: float, cost: Cost | None = None) -> NDArray[n
     """Choose samples of a path until another one lowers the cost by no more than ``eta``.
 
     Args:
-        W: base regressor along the path, (N, n, p).
+        W: base regressor along the path, (N, n, p) [N m per unit of each parameter].
         eta: least gain of a sample, as a share of the cost (the threshold of Eq. 16).
         cost: cost function of the information matrix; Eq. 14 when None.
 

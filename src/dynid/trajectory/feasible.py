@@ -82,14 +82,18 @@ class Shaping:
         self.size = (basis.size + 1) * self._n
 
     def random(self, rng: np.random.Generator) -> Floats:
-        """Return free variables of a random motion, (size,)."""
+        """Return free variables of a random motion, (size,), without unit."""
         return np.concatenate([rng.standard_normal(self._basis.size * self._n), rng.normal(0.0, 0.5, self._n)])
 
     def _split(self, x: Floats) -> tuple[Floats, Floats]:
         return x[: -self._n].reshape(-1, self._n), np.tanh(x[-self._n :])
 
     def motion(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return q, qd, qdd at the wanted times, (N, n) each, and remember what ``gradient`` needs."""
+        """Return q, qd, qdd at the wanted times, (N, n) each [rad, rad/s, rad/s^2]; ``gradient`` refers to them.
+
+        Args:
+            x: free variables, (size,).
+        """
         c, place = self._split(x)
         columns = np.arange(self._n)
         U, Ud, Udd = (phi @ c for phi in self._fine)
@@ -114,7 +118,13 @@ class Shaping:
         return scale * u + centre, scale * ud, scale * udd
 
     def gradient(self, gq: Floats, gqd: Floats, gqdd: Floats) -> Floats:
-        """Return the gradient by the free variables of the last motion, given that by q, qd, qdd, (size,)."""
+        """Return a cost's gradient by the free variables of the last motion, (size,), from that by its samples.
+
+        Args:
+            gq: gradient by the positions, (N, n) [1/rad or 1/m].
+            gqd: by the velocities, (N, n) [s/rad or s/m].
+            gqdd: by the accelerations, (N, n) [s^2/rad or s^2/m].
+        """
         c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
         columns = np.arange(self._n)
         u, ud, udd = (phi @ c for phi in self._wanted)
@@ -131,7 +141,11 @@ class Shaping:
         return np.concatenate([gradient.ravel(), total * room * (1 - place**2)])
 
     def coefficients(self, x: Floats) -> Floats:
-        """Return the coefficients of the motion, scaled with the exact extrema instead of those of a grid, (k, n)."""
+        """Return the motion's coefficients, (k, n) [rad or m], scaled with exact extrema instead of those of a grid.
+
+        Args:
+            x: free variables, (size,).
+        """
         c, place = self._split(x)
         basis, limits = self._basis, self._limits
         low, high = extrema(basis, c, 0)
@@ -153,7 +167,7 @@ class Shaping:
 
 
 def extrema(basis: Basis, c: Floats, order: int) -> Floats:
-    """Return the exact least and greatest value of a derivative of every joint, (2, n)."""
+    """Return the exact extrema of a derivative of every joint, (2, n) [rad/s^order], for c, (size, n) [rad]."""
     times = basis.stationary(c, order)
     values = [basis.matrix(t, order) @ c[:, j] for j, t in enumerate(times)]
     return np.array([[v.min() for v in values], [v.max() for v in values]])

@@ -76,7 +76,7 @@ class LimitCheck:
     """What a motion uses of the limits.
 
     Attributes:
-        peaks: one a joint.
+        peaks: one per joint.
         violations: broken limits, () for a motion that may run.
         tool_speed: largest speed of the last frame [m/s].
     """

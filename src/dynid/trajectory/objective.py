@@ -27,7 +27,7 @@ class Penalty(Protocol):
     """Something a motion should keep away from."""
 
     def value(self, q: Floats) -> tuple[float, Floats]:
-        """Return the penalty of positions, (N, n), and its gradient, (N, n)."""
+        """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n)."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def information(problem: PlanProblem, W: Floats) -> Floats:
 
     Args:
         problem: what is planned.
-        W: the regressor at evenly spaced samples of the motion, (N, n, p).
+        W: the regressor at evenly spaced samples of the motion, (N, n, p) [N m per unit of each parameter].
     """
     weights = np.ones(W.shape[1]) if problem.noise is None else 1 / problem.noise
     rows = (W * weights[None, :, None]).reshape(-1, W.shape[2])

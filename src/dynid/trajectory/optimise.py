@@ -27,6 +27,7 @@ from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.trajectory.feasible import Shaping
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
+from dynid.trajectory.options import PlanOptions
 
 Floats = NDArray[np.float64]
 
@@ -43,25 +44,6 @@ LANES = 8
 PENALISED = 50.0
 #: Seconds between two reports of the best so far.
 REPORT = 0.5
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """How long and how hard to search.
-
-    Attributes:
-        restarts: number of starts.
-        seconds: time limit [s].
-        seed: seed of the starts.
-        processes: processes at work; the processor's cores when None.
-        replay: start and evaluation at which an earlier search met its best; only that one is made again.
-    """
-
-    restarts: int = 5
-    seconds: float = 60.0
-    seed: int = 0
-    processes: int | None = None
-    replay: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,8 +96,13 @@ class BestMotion:
     evaluation: int
 
 
-def optimise(problem: PlanProblem, search: SearchOptions, progress: Progress = SILENT) -> SearchOutcome:
+def optimise(problem: PlanProblem, search: PlanOptions, progress: Progress = SILENT) -> SearchOutcome:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
+
+    Args:
+        problem: what is planned.
+        search: restarts, time limit, seed, processes, and what to make again.
+        progress: told of the best so far.
 
     Raises:
         KeyboardInterrupt: interrupted before anything was found.
@@ -181,7 +168,7 @@ def describe(problem: PlanProblem, value: float) -> str:
 
 
 @contextmanager
-def _workers(problem: PlanProblem, search: SearchOptions) -> Iterator[tuple[Any, list[Any]]]:
+def _workers(problem: PlanProblem, search: PlanOptions) -> Iterator[tuple[Any, list[Any]]]:
     """Run the search in processes that end with the block."""
     context = multiprocessing.get_context("spawn")
     reports = context.Queue()
@@ -228,7 +215,7 @@ def _modest_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _work(problem: PlanProblem, search: SearchOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
+def _work(problem: PlanProblem, search: PlanOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
     """Search from the starts of every ``step``-th lane and report the best so far of each."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     objective = ExcitationObjective(problem)
@@ -246,7 +233,7 @@ def _work(problem: PlanProblem, search: SearchOptions, first: int, step: int, re
 
 
 def start_variables(objective: ExcitationObjective, seed: int, start: int) -> Floats:
-    """Return the free variables from which a start goes down."""
+    """Return the free variables from which a start goes down, (size,)."""
     return objective.shaping.random(np.random.default_rng((seed, start)))
 
 
@@ -279,7 +266,7 @@ def descend(
 
     Args:
         objective: what is made small.
-        x: start.
+        x: free variables of the start, (size,).
         best: cost of the best motion so far; a start far from it is given up before the last stage.
         report: called with improvements of the cost itself.
         last: evaluation at which to stop; None to go on to the end.

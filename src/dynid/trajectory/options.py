@@ -126,6 +126,7 @@ class PlanOptions(Options):
         None, "Choose measurement points with this threshold (Eq. 16).", metavar="ETA", kind="positive"
     )
     seed: int = option(0, "Seed of every random choice.")
+    processes: int | None = option(None, "Number of processes that search (default: one per core, 8 at most).")
 
     @property
     def scene(self) -> Scene:

@@ -52,7 +52,7 @@ class Trajectory:
         return replace(self, alpha=alpha)
 
     def motion(self, t: Floats) -> Motion:
-        """Return the motion at times of the run; before and after it the arm rests at its ends.
+        """Return the motion at times of the run, (N,) [s]; before and after it the arm rests at its ends.
 
         Source: Paper Eq. 19 in its right form, q = p(alpha t), qd = alpha p', qdd = alpha^2 p''.
         """
@@ -68,7 +68,7 @@ class Trajectory:
         return self.motion(np.arange(int(np.ceil(self.duration * rate - 1e-9)) + 1) / rate)
 
     def extrema(self, order: int) -> Floats:
-        """Return the exact least and greatest value of q (0), qd (1) or qdd (2) of every joint, (2, n)."""
+        """Return the exact extrema of q (0), qd (1) or qdd (2) of every joint, (2, n) [rad, rad/s or rad/s^2]."""
         return extrema(self.basis, self.coefficients, order) * self.alpha**order
 
 

@@ -26,7 +26,7 @@ from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import CONTINUOUS, Bounds, Shaping, bounds
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
 from dynid.trajectory.objective import PlanProblem
-from dynid.trajectory.optimise import MotionCandidate, SearchOptions, SearchOutcome, optimise
+from dynid.trajectory.optimise import MotionCandidate, SearchOutcome, optimise
 from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
@@ -159,11 +159,7 @@ class Proposal:
 
 def search_motions(context: PlanningContext, progress: Progress = SILENT) -> SearchOutcome | None:
     """Search for the best motions; None when no search is wanted."""
-    options = context.options
-    if not options.optimise:
-        return None
-    search = SearchOptions(options.restarts, options.seconds, options.seed, replay=options.replay)
-    return optimise(plan_problem(context), search, progress)
+    return optimise(plan_problem(context), context.options, progress) if context.options.optimise else None
 
 
 def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
@@ -190,7 +186,7 @@ def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]
 
 
 def clear_pose(context: PlanningContext) -> Floats:
-    """Return a pose inside the limits with much room around the arm, (n,)."""
+    """Return a pose inside the limits with much room around the arm, (n,) [rad or m]."""
     rng = np.random.default_rng(0)
     lower, upper = np.maximum(context.limits.lower, CONTINUOUS[0]), np.minimum(context.limits.upper, CONTINUOUS[1])
     q = rng.uniform(lower, upper, (CLEAR_POSES, len(lower)))

@@ -61,7 +61,7 @@ def predict(
         model: the model.
         columns: base parameters, (p,).
         motion: the motion at the samples of the log.
-        noise: standard deviation of each joint's torque, white, (n,).
+        noise: standard deviation of each joint's torque, white, (n,) [N m or N].
         other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
         known: information matrix of earlier logs; None without any.
     """
@@ -74,7 +74,14 @@ def predict(
 
 
 def information_of(model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats) -> tuple[Floats, Floats]:
-    """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each."""
+    """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each.
+
+    Args:
+        model: the model.
+        columns: base parameters, (p,).
+        motion: the motion at the samples of the log.
+        noise: standard deviation of each joint's torque, (n,) [N m or N].
+    """
     observer = model.observer(columns)
     raw, weighted = np.zeros((2, len(columns), len(columns)))
     for start in range(0, len(motion), 1000):
@@ -101,7 +108,7 @@ def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 def held_out(
     model: Model, columns: NDArray[np.intp], limits: Bounds, seed: int = 0, motions: int = OTHER_MOTIONS
 ) -> Floats:
-    """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p)."""
+    """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p) [(N m)^2]."""
     observer = model.observer(columns)
     basis = Fourier(OTHER_DURATION, OTHER_HARMONICS)
     t = OTHER_DURATION * (np.arange(200) + 0.5) / 200

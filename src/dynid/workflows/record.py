@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -118,7 +118,7 @@ class Recording:
         from dynid.record import session
 
         ended = {"verdict": "dry run"} if self.outcome is None else session.facts(self.outcome)
-        foreseen = self.forecast.facts() if self.forecast is not None else {}
+        foreseen = asdict(self.forecast) if self.forecast is not None else {}
         return {"schema": "dynid/record/1", "robot": self.robot.name, **ended, "foreseen": foreseen}
 
 
@@ -264,7 +264,7 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
     progress.stage(
         "ready",
         f"about to move {run.robot.slug}: {forecast.seconds:.0f} s, fastest {forecast.fastest_joint} at "
-        f"{forecast.speed:.2f} rad/s, keep the stop button in reach",
+        f"{forecast.speed_rad_s:.2f} rad/s, keep the stop button in reach",
     )
     return played.motion, forecast
 
@@ -425,7 +425,7 @@ def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> d
             "file": str(planned.source), "sha256": sha256(planned.source), "alpha": planned.alpha,
             "speed": run.options.speed, "repeat": run.options.repeat,
             "reviewed_by": review.by if review and planned.reviewed else None,
-            "foreseen": forecast.facts() if forecast is not None else {},
+            "foreseen": asdict(forecast) if forecast is not None else {},
         }  # fmt: skip
     return facts
 

@@ -256,7 +256,7 @@ class Plan:
                 f"{excitation}{figures.condition_scaled:.3g})   smallest singular value {figures.smallest:.2g}",
             ),
             ("predicted", error),
-            ("noise", f"{size} N m a sample, {self.noise_from}"),
+            ("noise", f"{size} N m per sample, {self.noise_from}"),
             *self._alpha_lines(),
         ]
 

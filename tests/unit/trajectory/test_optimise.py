@@ -16,7 +16,8 @@ from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.limits import check_trajectory
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
-from dynid.trajectory.optimise import HOPELESS, SearchOptions, descend, optimise, start_variables
+from dynid.trajectory.optimise import HOPELESS, descend, optimise, start_variables
+from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 
 
@@ -37,7 +38,7 @@ def planar():
 
 def test_search_ends_far_below_its_start_and_inside_the_limits(lwr):
     here = problem(lwr)
-    found = optimise(here, SearchOptions(restarts=1, seconds=60, processes=1))
+    found = optimise(here, PlanOptions(restarts=1, seconds=60, processes=1))
     objective = ExcitationObjective(here)
     start = objective(start_variables(objective, 0, 0))[0]
     # D-optimality is the mean over 62 parameters: 0.4 is a volume of the error ellipsoid smaller by exp(12).
@@ -48,7 +49,7 @@ def test_search_ends_far_below_its_start_and_inside_the_limits(lwr):
 
 def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
     found = [
-        optimise(problem(lwr), SearchOptions(restarts=2, seconds=120, seed=seed, processes=processes))
+        optimise(problem(lwr), PlanOptions(restarts=2, seconds=120, seed=seed, processes=processes))
         for seed, processes in ((3, 1), (3, 2), (4, 1))
     ]
     plans = [one.candidates[0].coefficients for one in found]
@@ -57,7 +58,7 @@ def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
 
 
 def test_starts_that_are_given_up_are_the_same_for_any_number_of_processes():
-    found = [optimise(planar(), SearchOptions(restarts=10, seconds=300, processes=count)) for count in (1, 2)]
+    found = [optimise(planar(), PlanOptions(restarts=10, seconds=300, processes=count)) for count in (1, 2)]
     assert [(one.ended, one.finished) for one in found] == [("all starts", 10)] * 2
     ranks = [[(c.start, c.evaluation, c.value) for c in one.candidates] for one in found]
     assert ranks[0] == ranks[1]
@@ -73,13 +74,13 @@ def test_a_start_is_given_up_only_when_it_is_far_from_the_best():
 
 def test_time_limit_is_kept_to_about_a_second(lwr):
     begin = time.monotonic()
-    found = optimise(problem(lwr), SearchOptions(restarts=10_000, seconds=6, processes=1))
+    found = optimise(problem(lwr), PlanOptions(restarts=10_000, seconds=6, processes=1))
     assert (found.ended, len(found.candidates) > 0) == ("time", True)
     assert time.monotonic() - begin < 12
 
 
 def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(lwr):
-    search = SearchOptions(restarts=10_000, seconds=6, seed=5, processes=2)
+    search = PlanOptions(restarts=10_000, seconds=6, seed=5, processes=2)
     stopped = optimise(problem(lwr), search)
     best = stopped.candidates[0]
     again = optimise(problem(lwr), replace(search, seconds=0.1, replay=(best.start, best.evaluation)))
@@ -90,7 +91,7 @@ def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(l
 
 def test_replay_of_numbers_that_no_such_search_ended_with_is_refused():
     with pytest.raises(WrongUsage, match="start 3 met no best at evaluation 100000"):
-        optimise(planar(), SearchOptions(replay=(3, 100_000)))
+        optimise(planar(), PlanOptions(replay=(3, 100_000)))
 
 
 class Impatient(Silent):
@@ -101,6 +102,6 @@ class Impatient(Silent):
 
 
 def test_interrupt_keeps_the_best_so_far(lwr):
-    found = optimise(problem(lwr), SearchOptions(restarts=100, seconds=300, processes=1), Impatient())
+    found = optimise(problem(lwr), PlanOptions(restarts=100, seconds=300, processes=1), Impatient())
     assert (found.ended, len(found.candidates)) == ("interrupt", 1)
     assert np.isfinite(found.candidates[0].value)
