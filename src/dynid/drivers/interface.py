@@ -1,4 +1,4 @@
-"""The port to a robot driver: which topic holds the joint states, which of its columns can be trusted, how it is commanded."""
+"""The port to a robot driver: its topic of joint states, which columns can be trusted, and how it is commanded."""
 
 from __future__ import annotations
 
