@@ -92,11 +92,10 @@ def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progr
     return _of_trajectory(base, known, noise) if isinstance(known, StoredTrajectory) else _of_log(base, known, progress)
 
 
-def _of_result(base: BaseModel, result: Identification) -> Floats:
-    found = result
+def _of_result(base: BaseModel, found: Identification) -> Floats:
     if tuple(found.names) != base.reduction.base_names:
         raise WrongUsage(
-            f"{result.path} has other base parameters than the robot file", fix="identify again with this robot file"
+            f"{found.path} has other base parameters than the robot file", fix="identify again with this robot file"
         )
     scale = 1 / np.sqrt(np.diag(found.covariance))
     return np.asarray(np.linalg.pinv(found.covariance * np.outer(scale, scale)) * np.outer(scale, scale))

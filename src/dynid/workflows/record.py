@@ -19,7 +19,7 @@ from dynid.robot import Robot
 if TYPE_CHECKING:
     from dynid.drivers.command_port import CommandPort
     from dynid.drivers.ros import Node
-    from dynid.estimation.result import StoredResult
+    from dynid.estimation.result import Identification
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.motion import Motion
     from dynid.record.monitor import Monitor
@@ -131,7 +131,7 @@ class _Session:
     options: RecordOptions
     operator: Operator
     folder: Path
-    parameters: StoredResult | None
+    parameters: Identification | None
     command: str
     node: Node
     progress: Progress
@@ -158,7 +158,7 @@ def record(
     operator: Operator,
     folder: Path,
     *,
-    parameters: StoredResult | None = None,
+    parameters: Identification | None = None,
     command: str = "",
     progress: Progress = SILENT,
 ) -> Recording:
@@ -293,7 +293,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
         if stored.robot.torque.relative:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
         base = base_model_of(stored, stored.path.parent, run.progress)
-        theta, words = stored.identification.theta, source
+        theta, words = stored.theta, source
     observer = base.model.observer(base.reduction.base)
     return TorqueForecaster(lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source)
 
