@@ -166,7 +166,7 @@ class WrongUrdf(DynidError):
     """The URDF cannot be read, or is not the serial arm that is asked for."""
 
     code, status = "E210", ExitStatus.INPUT
-    why = "one chain of turning and sliding joints is needed"
+    why = "one chain of revolute and prismatic joints is needed"
     fix = "expand a xacro first; name the ends of the chain with --base and --tip"
 
 
@@ -239,7 +239,7 @@ class JointCountDiffers(DynidError):
     """The file has another number of joints than the robot."""
 
     code, status = "E310", ExitStatus.INPUT
-    why = "one column a joint is needed"
+    why = "one column per joint is needed"
     fix = "use the robot file that belongs to this recording"
 
 
@@ -326,7 +326,7 @@ class TooLarge(DynidError):
     fix = "raise the limit with --limit NAME=VALUE; docs/reference/limits.md lists them"
 
 
-# ---------------------------------------------------------------- 4: what the data can tell
+# ---------------------------------------------------------------- 4: what the data can answer
 class JointStill(DynidError):
     """A joint never moves in the log."""
 
@@ -347,7 +347,7 @@ class RankDeficient(DynidError):
     """The log determines fewer base parameters than the structure has."""
 
     code, status = "E403", ExitStatus.DATA
-    why = "some base parameters cannot be told apart in this motion"
+    why = "some base parameters cannot be distinguished in this motion"
     fix = "record a motion that excites them, or continue with --drop-weak"
 
 
@@ -428,7 +428,7 @@ class StateStale(DynidError):
     """Joint states stopped coming while the arm moved."""
 
     code, status = "E506", ExitStatus.UNSAFE
-    why = "nobody sees what the arm does"
+    why = "what the arm does is not seen"
     fix = "look at the driver and the network; the log up to there is kept"
 
 
@@ -551,7 +551,7 @@ WARNINGS: dict[str, str] = {
     "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
     "W210": "The URDF leaves something open: a link without mass, or joints that hang on a link of the arm.",
     "W304": "The messages have no usable time stamps; the time of arrival in the bag is used.",
-    "W305": "The bag was cut or not closed; what could be read was salvaged.",
+    "W305": "The bag was cut or not closed; what could be read was recovered.",
     "W308": "Measured velocity and the change of position agree only roughly; the derived velocity is better.",
     "W311": "Samples with the same time stamp as their predecessor were dropped.",
     "W312": "The log has gaps; the motion is cut there, not bridged.",

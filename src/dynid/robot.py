@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 #: The 11 parameters of a link in the order of the paper's Table 5; the link number is appended.
 LINK_PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im")
-#: Friction columns a joint may have (Paper Eq. 7) and the prefix of their parameter names.
+#: Friction columns that a joint may have (Paper Eq. 7) and the prefix of their parameter names.
 FRICTION_PARAMETERS = {"viscous": "fv", "coulomb": "fc", "offset": "fo"}
 
 
@@ -121,7 +121,7 @@ class Cylinders:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed before measuring: cylinders, or one body a link (None where unknown)."""
+    """What is known before measuring: uniform cylinders, or one body per link."""
 
     cylinders: Cylinders | None = None
     links: tuple[Body, ...] = ()
@@ -177,7 +177,7 @@ class TorqueSource:
         source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
         gain: N m per A of each joint; None where unknown.
         relative: whether only the ratios of the gains are known; torques are then counted as amperes.
-        noise: standard deviation of each joint's torque [N m or N]; None where nobody has measured it.
+        noise: standard deviation of each joint's torque [N m or N]; None where it is not known.
     """
 
     source: str = "joint_sensor"
@@ -259,7 +259,7 @@ class Robot:
         links: numbers of the links to identify, 1-based; the others keep the prior's values.
         path: file it was read from, None when made in code.
         known: bounds on masses and centres of mass.
-        controller: what follows the commanded motion, None where nobody knows.
+        controller: what follows the commanded motion, None where it is not known.
         findings: what was noticed while reading.
     """
 

@@ -234,7 +234,7 @@ def decoded(raw: bytes, kind: str) -> tuple[tuple[str, ...], int, Any, Any, Any]
 def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Columns:
     width = len(names) or 7
     arrays = [np.array([entry[i] for entry in entries], dtype=float).reshape(len(entries), -1) for i in (2, 3, 4)]
-    # Why: a field shorter than the names cannot be told apart by joint; NaN lets the checks name the samples.
+    # Why: a field shorter than the names cannot be assigned to joints; NaN lets the checks name the samples.
     arrays = [a if a.shape[1] in (0, width) else np.full((len(a), width), np.nan) for a in arrays]
     times = np.array([entry[:2] for entry in entries], dtype=np.int64)
     return {"arrival": times[:, 0], "stamp": times[:, 1], **dict(zip(FIELDS, arrays, strict=True))}

@@ -1,7 +1,8 @@
 """What a person writes down about a motion: PLAN.yaml, and waypoints as CSV.
 
 PLAN.yaml holds options of ``dynid trajectory`` by their long names, waypoints, and what stands around the arm.
-Waypoints are in DH angles; a CSV has one row a waypoint, one column a joint, optionally a header and a column ``t``.
+Waypoints are in DH angles; a CSV has one row per waypoint, one column per joint, and may have a header with a column
+``t``.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from dynid.units import ANGLE
 Floats = NDArray[np.float64]
 #: What is said beside a file of waypoints that cannot be used.
 _LAYOUT = {
-    "why": "a motion goes through one pose a row, one column a joint",
-    "fix": "one row a waypoint, positions in rad or m in the order of the joints, or a heading with their names and t",
+    "why": "a motion goes through one pose per row, with one column per joint",
+    "fix": "write one row per waypoint: positions [rad or m] in the order of the joints, or a heading with their names",
 }
-#: Positions beyond two turns each way are no angles in radians that an arm would be asked for.
+#: Positions beyond two turns in each direction are no angles in radians that an arm would be asked for.
 TURNS = 4 * np.pi
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -125,8 +126,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
         raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
-    turning = [joint.revolute for joint in robot.joints]
-    far = np.abs(rows) * turning
+    far = np.abs(rows) * [joint.revolute for joint in robot.joints]
     if far.size and far.max() > TURNS:
         row, j = np.unravel_index(far.argmax(), far.shape)
         raise PositionInDegrees(

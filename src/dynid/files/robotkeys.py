@@ -51,7 +51,7 @@ class Context:
     Attributes:
         angle_unit: unit of plain numbers that are angles.
         joints: joints of the arm, () while they are read.
-        revolute: whether the joint at hand turns.
+        revolute: whether the joint at hand is revolute.
         findings: what was noticed; reading appends to it.
     """
 
@@ -476,7 +476,7 @@ CONTROLLER = (
     Key("kd", per_joint(not_negative(NUMBER), shared=True), REQUIRED, "Damping.", "N m s/rad or N s/m"),
 )
 
-#: Why the joints are read apart: all other keys depend on how many there are and on which of them turn.
+#: Why the joints are read apart: all other keys depend on their number and on which of them are revolute.
 ROBOT = (
     Key("name", NAME, REQUIRED, "Name for people; the folder of the results has the name of the file."),
     Key("convention", choice("standard", "modified"), REQUIRED, "Which DH convention: distal or proximal frames."),

@@ -1,6 +1,6 @@
 """Text logs: the paper's folder of position.txt, velocity.txt, torque.txt, and CSV with one column a quantity.
 
-Reads text, writes nothing. One row a sample, one column a joint; white space or commas; an optional line of names.
+Reads text, writes nothing. One row per sample, one column per joint; white space or commas; an optional line of names.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     Raises:
         LogNotFound: position.txt or torque.txt is not there.
         LogLayout: rows or columns do not agree.
-        WrongUsage: nothing tells the time.
+        WrongUsage: no file has the time, and no rate is given.
     """
     for name in ("position.txt", "torque.txt"):
         if not (path / name).is_file():

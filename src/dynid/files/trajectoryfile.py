@@ -64,7 +64,7 @@ class StoredTrajectory:
         alpha: speed factor that the samples already contain.
         basis: family of motions, as ``dynid.trajectory.basis.basis_from`` reads it.
         coefficients: of the family, at full speed, (k, n).
-        review: who accepted it; None when nobody has.
+        review: who accepted it; None when it was not accepted.
         facts: further JSON-able facts: limits used, prediction, distances, options, hashes of inputs.
         selected: samples chosen as measurement points (Paper Eqs. 15-16); None for all.
         source: the file it was read from; None for one that was just planned.

@@ -53,7 +53,7 @@ class UrdfJoint:
 
     @property
     def moves(self) -> bool:
-        """Whether it is a turning or sliding joint."""
+        """Whether it is a revolute or prismatic joint."""
         return self.type in MOVING
 
     def transform(self, q: float) -> Floats:

@@ -1,4 +1,4 @@
-"""From a raw log to a clean one in DH quantities, with every check on the way.
+"""From a raw log to a clean one in DH quantities, with every check in its order.
 
 Reads a ``Log`` as it came from disk or from arrays; gives back a ``Log`` that is ``checked``, with names and columns of
 the robot, findings, and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and filtering come later, in ``condition``.
@@ -58,7 +58,7 @@ def prepare(
 
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
-        is known to spoil is moved to ``extra["qd_reported"]``.
+        is known to distort is moved to ``extra["qd_reported"]``.
 
     Raises:
         DynidError: the first serious fault, by code E303 to E401 of the catalogue.
@@ -93,7 +93,7 @@ def prepare(
 def _usable_velocity(log: Log, robot: Robot) -> Log:
     """Drop a velocity that was never measured: all zero while positions change, or not a number throughout.
 
-    Why: a velocity that the driver spoils anyway must not fail the log because it is not a number in places.
+    Why: a velocity that the driver distorts anyway must not fail the log because it is not a number in places.
     """
     if log.qd is None:
         return log
@@ -105,7 +105,7 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
 
 
 def _trusted_velocity(log: Log, robot: Robot) -> Log:
-    """Put aside a velocity that the driver is known to spoil, and say so."""
+    """Put aside a velocity that the driver is known to distort, and say so."""
     driver = driver_of(robot)
     if log.qd is None or driver.velocity_trusted:
         return log

@@ -87,12 +87,12 @@ def robot_columns(log: Log, robot: Robot) -> Log:
 def in_si(log: Log, robot: Robot) -> Log:
     """Return a log of the robot's columns in SI units (a current stays in A)."""
     unit = units(log, robot)
-    turning = np.array([joint.revolute for joint in robot.joints])
+    revolute = np.array([joint.revolute for joint in robot.joints])
 
     def factor(name: str, table: dict[str, float]) -> Floats:
         # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
         angular = name in ("rad", "deg", "rad/s", "deg/s", "rpm")
-        return np.where(turning == angular, table[name], 1.0)
+        return np.where(revolute == angular, table[name], 1.0)
 
     position = factor(unit["position"], POSITION)
     extra = {key: _mapped(value, position) if key == "q_ref" else value for key, value in log.extra.items()}

@@ -39,7 +39,7 @@ LEAST_REST = 0.25
 GAP_SAMPLES = 5.0
 #: Stamps that stray from an even grid by less than this share of the step are taken as even.
 EVEN = 1e-3
-#: Steps that are added up before they are counted: single ones are too uneven to tell how many sample times they are.
+#: Steps that are added up before they are counted: single ones are too uneven to show how many sample times they are.
 RATE_BLOCK = 20
 #: Samples of a block when a long log is filtered piece by piece.
 BLOCK = 1 << 16
@@ -132,7 +132,11 @@ class Segment:
 
 
 def grid_rate(t: Floats) -> float:
-    """Return the rate of the even grid that samples are put on [Hz]; logs of one recorder get the same."""
+    """Return the rate of the even grid that samples are put on [Hz]; logs of one recorder get the same.
+
+    Args:
+        t: increasing time stamps, (N,) [s].
+    """
     step = np.diff(t)
     usual = float(np.median(step))
     close = step[step < GAP_SAMPLES * usual]
@@ -315,6 +319,14 @@ def _coulomb_sign(
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
     """Interpolate by time stamp with the cubic through the two samples before and the two after (Lagrange).
+
+    Args:
+        t: increasing time stamps, (N,) with N >= 4 [s].
+        x: signals of any unit, (N, C).
+        grid: times inside those of ``t``, (M,) [s].
+
+    Returns:
+        The signals at the times of the grid, (M, C).
 
     Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
     it is read whole or in pieces.

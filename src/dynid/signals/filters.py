@@ -84,7 +84,11 @@ def _pulse_table() -> tuple[Floats, Floats, Floats]:
 
 
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:
-    """Return the kernels that filter, filter and differentiate once, and twice, (3, taps + 4).
+    """Return the kernels that filter, filter and differentiate once, and twice, (3, taps + 4) [1, 1/s, 1/s^2].
+
+    Args:
+        kernel: symmetric low-pass, (taps,).
+        rate: sample rate [Hz].
 
     Source: Paper Eq. 22 with its divisor doubled, here with five points: the error falls with the fourth power of the
         step, so that the filter and not the difference sets the accuracy.
@@ -102,7 +106,7 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
     long at a step of 1 and ten times at 4, and importing scipy.signal takes half a second.
 
     Args:
-        x: signals, (C, L).
+        x: signals of any unit, (C, L).
         kernels: weights, (K, taps) with taps <= L.
         step: samples between outputs.
 

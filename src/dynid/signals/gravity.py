@@ -29,7 +29,7 @@ LEAST_CHANGE = 1.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 LEAST_SHARE_KNOWN = 0.1
 LEAST_SHARE_UNKNOWN = 0.03
-#: A load whose change is, but for this share, also that of friction or inertia tells nothing.
+#: A load whose change is, but for this share, also that of friction or inertia shows nothing.
 DISTINCT = 0.2
 #: Positions are smoothed over this time before they are differentiated [s].
 SMOOTHING = 0.15
@@ -44,10 +44,10 @@ ZERO_SHARE = 0.03
 
 
 def expected_torque(q: Floats, robot: Robot) -> Floats:
-    """Return what holding the arm against gravity takes, roughly, (N, n) [N m or N].
+    """Return roughly the torques that hold the arm against gravity, (N, n) [N m or N].
 
     Args:
-        q: joint positions, (N, n).
+        q: joint positions, (N, n) [rad or m].
         robot: the arm.
     """
     return _carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
@@ -91,7 +91,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
     """Raise when the torques of a log in N m do not change with the pose as the weight of the arm does.
 
     Raises:
-        GravityRemoved: with the driver's way to publish the whole torque.
+        GravityRemoved: its fix says how the driver publishes the whole torque.
     """
     if robot.torque.source == "gravity_free" or log.tau_unit == "A":
         return

@@ -25,15 +25,15 @@ STILL_SPAN = (0.01, 0.001)
 #: Share of the velocity's power that defines the fastest motion.
 POWER_SHARE = 0.99
 #: Swings (from one reversal to the next, summed over joints) below this share of the number of parameters are too few:
-#: each swing gives about four independent numbers (two accelerations, speed, place). One a parameter is comfortable.
+#: each swing gives about four independent numbers (two accelerations, speed, position). One per parameter is plenty.
 SWINGS_PER_PARAMETER = 0.4
 GOOD_SWINGS_PER_PARAMETER = 1.0
-#: Base parameters of the rigid body a joint has on average; a seven-joint arm has 48.
+#: Base parameters of the rigid bodies per joint, on average; a seven-joint arm has 48.
 BASE_PER_JOINT = 7
 
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
-    """Return a threshold for each joint out of one for turning and one for sliding joints, (n,)."""
+    """Return a threshold for each joint out of one for revolute and one for prismatic joints, (n,)."""
     return np.array([pair[0] if joint.revolute else pair[1] for joint in robot.joints])
 
 

@@ -34,7 +34,7 @@ LEAST_SAMPLES = 20
 UNCLEAR = 0.4
 #: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
 STRAIGHTER = 0.5
-#: Stamps that stray by less than this share of a sample time are put right without a word.
+#: Stamps that stray by less than this share of a sample time are corrected without a finding.
 WORTH_SAYING = 0.05
 
 
@@ -180,7 +180,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
     kept = step[~wanted]
     lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
-    # Why: jitter alone lengthens some steps and shortens others; the mean step tells lost samples from late ones.
+    # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
     lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
     share = lost / (lost + len(log))
     gaps = np.flatnonzero((step > GAP_SAMPLES * usual) & ~wanted)
@@ -202,7 +202,7 @@ def check_rate(log: Log, robot: Robot) -> None:
     """Raise when samples arrive too rarely for the motion.
 
     Raises:
-        RateTooLow: with the driver's way to publish faster.
+        RateTooLow: its fix says how the driver publishes faster.
     """
     if not moving(log, robot).any():
         return

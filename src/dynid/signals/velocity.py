@@ -24,7 +24,7 @@ AGREES = (0.8, 1.25)
 #: A wrong column correlates up to 0.73 with a joint of the same motion; a right one above 0.9 unless very noisy.
 WRONG_COLUMN = 0.75
 RIGHT_COLUMN = 0.9
-#: Fewer samples in motion tell nothing.
+#: Fewer samples in motion show nothing.
 LEAST_MOVING = 20
 
 

@@ -69,7 +69,7 @@ def check(
     """Look for mistakes in robot files, logs and results.
 
     Args:
-        paths: the files; what they are is told by their names.
+        paths: the files; their kind is taken from their names.
         robot: the arm of the logs; that of the first robot file among the paths when None.
         options: how logs are read; filter, velocity and delay do not matter here.
 
