@@ -27,12 +27,12 @@ from dynid.log import Log
 from dynid.model import build_model
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "unit" / "identify")]
+sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "unit" / "estimation")]
 from arms import pinocchio_model, random_bodies  # noqa: E402
 from conic import clarabel_optimum  # noqa: E402
 from synthetic_arm import seven_joint_arm  # noqa: E402
 
-from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent, fit_pooled  # noqa: E402
+from dynid.estimation.physical_parameters import DEFAULT_GAMMA, fit_physical, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0
@@ -190,11 +190,11 @@ def consistency():
     regimes = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "300 noisy": (300, 0.2, 10.0)}
     for name, regime in regimes.items():
         R, r = arm.whitened(*regime)
-        found = fit_consistent(R, r, arm.physics)
-        own = median(lambda R=R, r=r: processor(lambda: fit_consistent(R, r, arm.physics)), 15)
-        pooled = median(lambda R=R, r=r: processor(lambda: fit_pooled(R, r, arm.physics)), 15)
-        best, took = clarabel_optimum(R, r, arm.physics, DEFAULT_GAMMA)
-        bounds = -1e-5 * np.log(arm.physics.slack(found.x)).sum()
+        found = fit_physical(R, r, arm.constraints)
+        own = median(lambda R=R, r=r: processor(lambda: fit_physical(R, r, arm.constraints)), 15)
+        pooled = median(lambda R=R, r=r: processor(lambda: fit_pooled(R, r, arm.constraints)), 15)
+        best, took = clarabel_optimum(R, r, arm.constraints, DEFAULT_GAMMA)
+        bounds = -1e-5 * np.log(arm.constraints.slack(found.x)).sum()
         yield (
             f"physical set, {name} samples", f"{1e3 * own:.1f} ms", "20 ms",
             f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(found.objective - bounds - best):.0e} of {best:.0f}",

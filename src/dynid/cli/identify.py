@@ -399,8 +399,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
     counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
     terminal.answer()
-    full = found.physical
-    mass = sum(value for name, value in zip(full.names, full.x, strict=True) if re.fullmatch(r"m\d+", name))
+    mass = sum(link["mass_kg"] for link in found.links())
     terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
     terminal.fact(

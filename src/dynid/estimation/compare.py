@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.result import Identification
-from dynid.estimation.uncertainty import Knowledge
 
 Floats = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ def _beyond(result: Identification, difference: Floats, error: Floats, limit: fl
 
 
 def _determined(result: Identification) -> NDArray[np.bool_]:
-    known = np.array([known != Knowledge.NOT_DETERMINED.value for known in result.knowledge])
+    known = np.array([known != NOT_DETERMINED for known in result.knowledge])
     return known & np.isfinite(result.std_error)
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.estimation.conditioned_log import condition_logs
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
-from dynid.estimation.hac import hac_covariance
 from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
 from dynid.estimation.observation_rows import RowWalk, joint_factors
 from dynid.estimation.stack import Stack, stack_base
@@ -75,7 +75,7 @@ def estimate_delay(stack: Stack) -> Delay:
         )
     )
     found = weighted(*joint_factors(rows))
-    variance = hac_covariance(rows, found.theta, found.noise).covariance[-1, -1]
+    variance = hac_covariance(rows, found.theta, found.noise)[-1, -1]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
-from dynid.estimation.hac import hac_covariance
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.payload import friction
 from dynid.estimation.stack import Stack
@@ -216,7 +216,7 @@ def _variances(problem: _Problem, x: Floats, h: Floats, sigma: Floats, relative:
         )
     columns = axes[:, kept] / length[:, None]
     reduced = [part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)]
-    inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma).covariance
+    inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
     spread = columns[len(x) - count :]
     if relative:
         spread = spread - spread.mean(axis=0)

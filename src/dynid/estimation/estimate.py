@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WrongUsage
-from dynid.estimation.estimators import METHODS, Estimate, choose
-from dynid.estimation.least_squares import joint_rms, relative_error
-from dynid.estimation.physical_parameters import full_set
+from dynid.estimation.covariance import NOT_DETERMINED, judge
+from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.least_squares import Fit, joint_rms, relative_error
+from dynid.estimation.physical_parameters import physical_parameters
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
-from dynid.estimation.uncertainty import Knowledge, judge
 from dynid.model.base_model import BaseModel
 from dynid.model.mass_matrix import random_poses, sign_alarm
 from dynid.model.prior import prior_base_parameters
@@ -132,15 +132,16 @@ def estimate(
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = replace(METHODS[name](stack, prior, controller_of(base)), why=why)
     findings = _excitation_findings(stack, plain, drop_weak)
-    physical = full_set(base, plain)
+    physical = physical_parameters(base, plain)
+    possible = base.reduction.K @ physical.x
     held = {} if holdout is None else _held_out(base, holdout, name, prior)
     if feasible is None:
         feasible, choice = _physical_wins(base, method, held)
     else:
         choice = "as asked"
     if feasible:
-        _require_change(prior, plain.theta, physical.theta)
-    theta = physical.theta if feasible else plain.theta
+        _require_change(prior, plain.theta, possible)
+    theta = possible if feasible else plain.theta
     factors, rows = stack.whole
     rms = joint_rms(factors, rows, theta)
     size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
@@ -185,7 +186,7 @@ def estimate(
         findings=(
             *findings,
             *_sensor_findings(base),
-            *_physics_findings(base, plain, joint_rms(factors, rows, physical.theta), knowledge, feasible),
+            *_physics_findings(base, plain, joint_rms(factors, rows, possible), knowledge, feasible),
         ),
         cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
         delay=stack.logs[0].delay if stack.logs else 0.0,
@@ -201,7 +202,7 @@ def estimate(
     )
 
 
-def _certainty(plain: Estimate, theta: Floats, rows: NDArray[np.int64]) -> tuple[Floats, tuple[str, ...]]:
+def _certainty(plain: Fit, theta: Floats, rows: NDArray[np.int64]) -> tuple[Floats, tuple[str, ...]]:
     """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite.
 
     A prior may be wrong, so as far as it has pulled a parameter away from the plain estimate, as far it may err: the
@@ -212,11 +213,11 @@ def _certainty(plain: Estimate, theta: Floats, rows: NDArray[np.int64]) -> tuple
     std_error[open_] = np.inf
     effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, rows.sum()))
     judged = judge(theta, std_error, effect)
-    words = (Knowledge.NOT_DETERMINED if o else k for k, o in zip(judged, open_, strict=True))
-    return std_error, tuple(word.value for word in words)
+    words = (NOT_DETERMINED if o else word for word, o in zip(judged, open_, strict=True))
+    return std_error, tuple(words)
 
 
-def _excitation_findings(stack: Stack, plain: Estimate, drop_weak: bool) -> tuple[Finding, ...]:
+def _excitation_findings(stack: Stack, plain: Fit, drop_weak: bool) -> tuple[Finding, ...]:
     rank, size = plain.solution.rank, len(plain.theta)
     if rank < size:
         open_ = np.abs(plain.solution.weak).max(axis=1)
@@ -284,7 +285,7 @@ def _physical_wins(base: BaseModel, method: str, held: dict[str, tuple[Floats, f
 
 
 def _physics_findings(
-    base: BaseModel, plain: Estimate, rms: Floats, knowledge: tuple[str, ...], feasible: bool
+    base: BaseModel, plain: Fit, rms: Floats, knowledge: tuple[str, ...], feasible: bool
 ) -> list[Finding]:
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little."""
     found = []
@@ -321,7 +322,7 @@ def _held_out(base: BaseModel, holdout: HoldOut, method: str, prior: Floats) -> 
     """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
     fitted = METHODS[method](holdout.train, prior, controller_of(base))
     factors, rows = holdout.test.whole
-    sets = {"plain": fitted.theta, "physical": full_set(base, fitted).theta}
+    sets = {"plain": fitted.theta, "physical": base.reduction.K @ physical_parameters(base, fitted).x}
     return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}
 
 

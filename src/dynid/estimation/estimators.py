@@ -1,136 +1,111 @@
-"""The estimators behind ``dynid identify --method``: rows of logs in, parameters with honest errors out."""
+"""The estimators behind ``dynid identify --method``: rows of logs in, parameters with error bars out.
+
+``Fit`` is what each of them returns: base parameters with a covariance that allows for coloured residuals.
+
+Source: Gautier 1997 (weighted least squares per joint); Huber 1981; Janot, Vandanjon, Gautier 2014, "A generic
+instrumental variable approach for industrial robot identification" (IDIM-IV); Gautier, Janot, Vandanjon 2013, "A new
+closed-loop output error method for parameter identification of robot dynamics" (DIDIM).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
 from dynid.estimation.closed_loop import simulated
-from dynid.estimation.didim import direct
-from dynid.estimation.hac import hac_covariance
-from dynid.estimation.idim_iv import simulated_instruments
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.instrumental import instrumental
-from dynid.estimation.least_squares import Solution, joint_rms, merge, ordinary, ridge, solve, weighted
-from dynid.estimation.observation_rows import ObservationRows
+from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, weighted
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
 from dynid.estimation.robust import huber, look_for_spikes
 from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
+Estimator = Callable[[Stack, Floats, Controller | None], Fit]
 
-#: A prior base parameter is believed to this share of itself by ``ridge``, and never better than this share of the
-#: largest of its kind: published inertias of one arm differ by as much between sources.
-RIDGE_BELIEF, RIDGE_FLOOR = 0.5, 0.05
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Base parameters from one estimator.
-
-    Attributes:
-        method: its name.
-        theta: base parameters, (p,).
-        noise: standard deviation of each joint's residual, (n,) [N m].
-        rms: root mean square of each joint's residual, (n,) [N m].
-        covariance: of theta, allowing for coloured residuals, (p, p).
-        whitened: triangular factor of all rows divided by their noise, (p + 1, p + 1).
-        solution: rank and condition numbers of the whitened rows.
-        why: one sentence on the choice, for people.
-    """
-
-    method: str
-    theta: Floats
-    noise: Floats
-    rms: Floats
-    covariance: Floats
-    whitened: Floats
-    solution: Solution
-    why: str = ""
+#: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
+#: largest of its kind: published inertias of one arm differ by as much from each other.
+RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
+#: Simulations at most; parameters that move by less than this many standard errors have settled.
+IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
+DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
 
 
-Estimator = Callable[[Stack, Floats, Controller | None], Estimate]
-
-
-def ols(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
+def ols(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
     """Ordinary least squares, the paper's choice (Eq. 24)."""
-    fit = ordinary(*stack.whole)
-    return _estimate("ols", stack, fit.theta, fit.noise)
+    return _with_covariance(stack, ordinary(*stack.whole), stack)
 
 
-def wls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
+def wls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
     fit = weighted(stack.reversals.factors(factors) if stack.reversals else factors, counts)
-    return _estimate("wls", stack, fit.theta, fit.noise, rows=_whitened(stack))
+    return _with_covariance(stack, fit, _whitened(stack))
 
 
-def irls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
+def irls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
     rows = _whitened(stack)
-    fit = huber(rows, weighted(*stack.whole).theta)
-    return _estimate("irls", stack, fit.theta, fit.noise, robust=True, rows=rows)
+    return _with_covariance(stack, huber(rows, weighted(*stack.whole)), rows, robust=True)
 
 
-def iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
+def iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
     """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
     if not stack.commanded:
         raise WrongUsage(
             "--method iv needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
-    fit = instrumental(_whitened(stack), robust=True)
-    return _estimate("iv", stack, fit.theta, fit.noise, covariance=fit.covariance)
+    return instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
 
 
-def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
-    """Instrumental variables from the arm simulated under its controller."""
+def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+    """Instrumental variables from the arm simulated under its controller.
+
+    The simulated motion follows the measured one more closely than the command does, where friction or gravity make the
+    arm lag, and it knows as little of the encoders' noise. Wrong gains weaken the instruments and bias nothing.
+    """
     simulate, effects = _simulation(stack, controller, "idim-iv"), stack.reversals
+    fit = instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
+    for _ in range(IDIM_ROUNDS):
+        again = simulate(fit.theta)
+        before, fit = fit.theta, instrumental(effects.whitened(again) if effects else again, fit, robust=True)
+        if _settled(fit, before, IDIM_SETTLED):
+            break
+    return replace(fit, method="idim-iv")
 
-    def alike(theta: Floats) -> Iterable[ObservationRows]:
-        again = simulate(theta)
-        return effects.whitened(again) if effects else again
 
-    fit = simulated_instruments(alike, instrumental(_whitened(stack), robust=True))
-    return _estimate("idim-iv", stack, fit.theta, fit.noise, covariance=fit.covariance)
+def didim(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+    """Direct and inverse model: the torques of the arm simulated under its controller are fitted to the measured ones.
 
-
-def didim(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
-    """Direct and inverse model: the torques of the simulated arm are fitted to the measured ones."""
+    Measured positions take no part, so their noise cannot bias anything; wrong gains can. The simulated motion hardly
+    depends on the parameters, because the controller holds it to the command: each round is a linear fit.
+    """
     simulate = _simulation(stack, controller, "didim")
-    fit = direct(simulate, instrumental(_whitened(stack), robust=True).theta)
-    return _estimate("didim", stack, fit.theta, fit.noise, covariance=fit.covariance)
+    fit = instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
+    for _ in range(DIDIM_ROUNDS):
+        rows, before = _of_simulation(simulate(fit.theta)), fit.theta
+        found = weighted(*joint_factors(rows))
+        robust = look_for_spikes(rows, found.theta).found
+        if robust:
+            found = huber(rows, found)
+        covariance = hac_covariance(rows, found.theta, found.noise, robust=robust)
+        fit = replace(fit, theta=found.theta, noise=found.noise, covariance=covariance)
+        if _settled(fit, before, DIDIM_SETTLED):
+            break
+    return replace(fit, method="didim")
 
 
-def _whitened(stack: Stack) -> Iterable[ObservationRows]:
-    """Return the rows with no more trust in what happens at reversals than it deserves; of an update, as they are."""
-    return stack.reversals.whitened(stack) if stack.reversals else stack
-
-
-def _simulation(stack: Stack, controller: Controller | None, method: str) -> Callable[[Floats], Stack]:
-    """Return what simulates the logs with given parameters."""
-    if controller is None:
-        raise WrongUsage(
-            f"--method {method} needs the gains of the arm's position controller, and all links identified",
-            fix="`controller: {kp: [...], kd: [...]}` in the robot file, or --method iv",
-        )
-    if not stack.commanded:
-        raise WrongUsage(
-            f"--method {method} needs the commanded motion, and the log has none (q_ref)",
-            fix="use --method wls, or a log recorded by dynid record",
-        )
-    return lambda theta: simulated(stack, theta, controller)
-
-
-def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None) -> Estimate:
+def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
-    spread = np.maximum(RIDGE_BELIEF * np.abs(known), RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
-    fit = ridge(*stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
-    return _estimate("ridge", stack, fit.theta, fit.noise, covariance=fit.covariance)
+    spread = np.maximum(RIDGE_SPREAD * np.abs(known), RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
+    return ridge(*stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
 
 
 #: The estimators by name. Each takes the stacked logs, the prior's base parameters (p,), NaN where it says nothing,
@@ -163,31 +138,55 @@ def choose(stack: Stack) -> tuple[str, str]:
     return "wls", "no commanded motion in the log and no spikes in the residual"
 
 
-def _estimate(
-    method: str,
-    stack: Stack,
-    theta: Floats,
-    noise: Floats,
-    *,
-    rows: Iterable[ObservationRows] | None = None,
-    robust: bool = False,
-    covariance: Floats | None = None,
-) -> Estimate:
+def _with_covariance(stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *, robust: bool = False) -> Fit:
+    """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
-    whitened = merge(factors, 1.0 / noise)
-    solution = solve(whitened)
-    if covariance is None and solution.rank < len(theta):
-        covariance = solution.inverse
-    if covariance is None and stack.earlier is not None:
-        covariance = _with_earlier(stack, stack.earlier, theta, noise, solution.inverse)
-    if covariance is None:
-        covariance = hac_covariance(stack if rows is None else rows, theta, noise, robust=robust).covariance
-    return Estimate(method, theta, noise, joint_rms(factors, counts, theta), covariance, whitened, solution)
+    fit = replace(fit, factors=factors, counts=counts)
+    if fit.solution.rank < len(fit.theta):
+        covariance = fit.solution.inverse
+    elif stack.earlier is not None:
+        covariance = _with_earlier(stack, stack.earlier, fit)
+    else:
+        covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust)
+    return replace(fit, covariance=covariance)
 
 
-def _with_earlier(stack: Stack, earlier: Earlier, theta: Floats, noise: Floats, bread: Floats) -> Floats:
+def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     """Return the covariance of an updated estimate: the scores of old and new logs vary independently."""
+    bread = fit.solution.inverse
     old = merge(earlier.factors, 1.0 / earlier.noise)[:-1, :-1]
-    pulled = bread @ old.T @ old
-    new = hac_covariance(stack, theta, noise, bread=bread).covariance
-    return np.asarray(pulled @ earlier.covariance @ pulled.T + new)
+    sensitivity = bread @ old.T @ old
+    new = hac_covariance(stack, fit.theta, fit.noise, bread=bread)
+    return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)
+
+
+def _whitened(stack: Stack) -> Iterable[ObservationRows]:
+    """Return the rows with no more trust in what happens at reversals than it deserves; of an update, as they are."""
+    return stack.reversals.whitened(stack) if stack.reversals else stack
+
+
+def _simulation(stack: Stack, controller: Controller | None, method: str) -> Callable[[Floats], Stack]:
+    """Return what simulates the logs with given parameters."""
+    if controller is None:
+        raise WrongUsage(
+            f"--method {method} needs the gains of the arm's position controller, and all links identified",
+            fix="`controller: {kp: [...], kd: [...]}` in the robot file, or --method iv",
+        )
+    if not stack.commanded:
+        raise WrongUsage(
+            f"--method {method} needs the commanded motion, and the log has none (q_ref)",
+            fix="use --method wls, or a log recorded by dynid record",
+        )
+    return lambda theta: simulated(stack, theta, controller)
+
+
+def _of_simulation(rows: Iterable[ObservationRows]) -> RowWalk:
+    """Return the rows with the regressor itself on the simulated motion."""
+    return RowWalk(
+        lambda: (replace(each, entries=each.command, command=None) for each in rows if each.command is not None)
+    )
+
+
+def _settled(fit: Fit, before: Floats, errors: float) -> bool:
+    """Return whether the parameters moved by less than so many standard errors."""
+    return bool(np.all(np.abs(fit.theta - before) <= errors * np.sqrt(np.diagonal(fit.covariance))))

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
+from dynid.estimation.covariance import HARMLESS, ROUGHLY, WELL
 from dynid.estimation.estimators import wls
 from dynid.estimation.stack import Stack
-from dynid.estimation.uncertainty import HARMLESS, ROUGHLY, WELL
 from dynid.model.base_model import BaseModel
 from dynid.signals.filters import decimate
 

@@ -11,13 +11,14 @@ Source: Janot, Vandanjon, Gautier 2014, "A generic instrumental variable approac
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
-from dynid.estimation.hac import hac_covariance
+from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.least_squares import Fit
 from dynid.estimation.observation_rows import ObservationRows, robust_noise, root_mean_square
 from dynid.estimation.robust import huber_weight
 
@@ -27,66 +28,50 @@ Floats = NDArray[np.float64]
 WORST_CONDITION = 1e12
 
 
-@dataclass(frozen=True)
-class InstrumentalFit:
-    """An instrumental-variable estimate with honest errors.
-
-    Attributes:
-        theta: parameters, (p,).
-        covariance: HAC covariance, (p, p).
-        noise: standard deviation of each joint's residual, (n,) [N m].
-        lags: memory of the residuals that the covariance allows for, in samples.
-        condition_number_scaled: of Z^T S W with normalised rows and columns; about the square of that of W.
-    """
-
-    theta: Floats
-    covariance: Floats
-    noise: Floats
-    lags: int
-    condition_number_scaled: float
-
-
 def instrumental(
-    segments: Iterable[ObservationRows], lags: int | None = None, *, robust: bool = False, max_rounds: int = 50
-) -> InstrumentalFit:
-    """Estimate with the instruments that come with the segments.
+    rows: Iterable[ObservationRows],
+    plain: Fit,
+    lags: int | None = None,
+    *,
+    robust: bool = False,
+    max_rounds: int = 50,
+) -> Fit:
+    """Estimate with the instruments that come with the rows.
 
     Args:
-        segments: conditioned rows with instruments, filtered and decimated in the same way; walked once a round.
+        rows: observation rows with instruments; walked twice per round.
+        plain: plain fit of the same rows, whose factors the result keeps.
         lags: memory of the residuals in samples, for example 0.1 s of them; None to find it from the scores.
         robust: give spikes little weight (Huber).
         max_rounds: limit of the iteration for noise and weights.
 
     Returns:
-        The estimate.
+        The estimate; its covariance allows for coloured residuals.
 
     Raises:
         RankDeficient: the instruments do not move with the regressor.
     """
-    n = next(iter(segments)).tau.shape[1]
-    noise, theta, weigh = np.ones(n), np.zeros(0), False
+    noise, theta, weigh = np.ones(len(plain.noise)), np.zeros(0), False
     for _ in range(max_rounds):
-        bread, right, condition = _normal_equations(segments, noise, theta if weigh else None)
+        bread, right = _normal_equations(rows, noise, theta if weigh else None)
         before, theta = noise, bread @ right
-        noise = (robust_noise if robust else root_mean_square)(segments, theta)
+        noise = (robust_noise if robust else root_mean_square)(rows, theta)
         if weigh == robust and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
         weigh = robust
-    honest = hac_covariance(segments, theta, noise, lags, robust=robust)
-    return InstrumentalFit(theta, honest.covariance, noise, honest.lags, condition)
+    covariance = hac_covariance(rows, theta, noise, lags, robust=robust)
+    return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance)
 
 
-def _normal_equations(
-    segments: Iterable[ObservationRows], noise: Floats, theta: Floats | None
-) -> tuple[Floats, Floats, float]:
-    """Return (Z^T S W)^-1, Z^T S tau and the scaled condition number; Huber weights where theta is given."""
+def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:
+    """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
     left: Floats | float = 0.0
     right: Floats | float = 0.0
-    for segment in segments:
-        Z = _weighted_instruments(segment, noise, theta)
+    for part in rows:
+        Z = _weighted_instruments(part, noise, theta)
         p = Z.shape[2]
-        left = left + Z.reshape(-1, p).T @ segment.W.reshape(-1, p)
-        right = right + Z.reshape(-1, p).T @ segment.tau.ravel()
+        left = left + Z.reshape(-1, p).T @ part.W.reshape(-1, p)
+        right = right + Z.reshape(-1, p).T @ part.tau.ravel()
     left = np.asarray(left)
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
     scaled = scale[:, None] * left * scale
@@ -96,12 +81,12 @@ def _normal_equations(
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",
         )
-    return scale[:, None] * np.linalg.inv(scaled) * scale, np.asarray(right), condition
+    return scale[:, None] * np.linalg.inv(scaled) * scale, np.asarray(right)
 
 
-def _weighted_instruments(segment: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
-    assert segment.Z is not None
-    weight = segment.mask / noise**2
+def _weighted_instruments(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
+    assert rows.Z is not None
+    weight = rows.mask / noise**2
     if theta is not None:
-        weight = weight * huber_weight(segment.residual(theta), noise)
-    return segment.Z * weight[:, :, None]
+        weight = weight * huber_weight(rows.residual(theta), noise)
+    return rows.Z * weight[:, :, None]

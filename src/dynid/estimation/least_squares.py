@@ -9,7 +9,8 @@ Source: Demmel et al. 2012, "Communication-optimal parallel and sequential QR" (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,75 +118,95 @@ def solve(R: Floats) -> Solution:
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters fitted to the factors of all joints.
+    """Base parameters from one estimator; p parameters, n joints.
 
     Attributes:
-        theta: parameters, (p,).
-        noise: standard deviation of each joint's residual, (n,) [N m].
-        rms: root mean square of each joint's residual, (n,) [N m].
-        whitened: factor of all rows divided by their noise, (p + 1, p + 1); 1/2 chi^2 is its natural cost.
-        covariance: textbook covariance, honest for white residuals only, (p, p).
-        solution: rank and condition numbers of the whitened rows.
+        method: name of the estimator.
+        theta: base parameters, (p,).
+        noise: standard deviation of each joint's residual that the rows were divided by, (n,) [N m or N].
+        covariance: of theta, (p, p).
+        factors: one triangular factor of [W tau] per joint, (n, p + 1, p + 1).
+        counts: number of rows of each joint, (n,).
+        why: one sentence on the choice of the estimator.
     """
 
+    method: str
     theta: Floats
     noise: Floats
-    rms: Floats
-    whitened: Floats
     covariance: Floats
-    solution: Solution
+    factors: Floats
+    counts: Ints
+    why: str = ""
+
+    @cached_property
+    def whitened(self) -> Floats:
+        """Factor of all rows divided by their noise, (p + 1, p + 1); 1/2 chi-square is its natural cost."""
+        return merge(self.factors, 1.0 / self.noise)
+
+    @cached_property
+    def solution(self) -> Solution:
+        """Rank and condition numbers of the whitened rows."""
+        return solve(self.whitened)
+
+    @cached_property
+    def rms(self) -> Floats:
+        """Root mean square of each joint's residual, (n,) [N m or N]."""
+        return joint_rms(self.factors, self.counts, self.theta)
 
 
-def ordinary(factors: Floats, rows: Ints) -> Fit:
-    """Fit by ordinary least squares: every N m of every joint counts the same (the paper's choice).
+def ordinary(factors: Floats, counts: Ints) -> Fit:
+    """Fit by ordinary least squares: every N m of every joint counts the same (Paper Eq. 24).
 
     Args:
-        factors: one factor a joint, (n, p + 1, p + 1).
-        rows: number of rows of each joint, (n,).
+        factors: one factor per joint, (n, p + 1, p + 1).
+        counts: number of rows of each joint, (n,).
 
     Returns:
-        The fit; the noise is the same for all joints.
+        The fit; the noise is the same for all joints, and the covariance is that of white residuals.
     """
-    solution = solve(merge(factors))
-    noise = (solution.residual / _freedom(rows.sum(), solution.rank)) ** 0.5
-    return _fit(factors, rows, np.full(len(rows), max(noise, _floor(factors, rows).min())))
+    plain = solve(merge(factors))
+    noise = (plain.residual / _freedom(counts.sum(), plain.rank)) ** 0.5
+    same = np.full(len(counts), max(noise, _floor(factors, counts).min()))
+    solution = solve(merge(factors, 1.0 / same))
+    return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
 
 
-def weighted(factors: Floats, rows: Ints, prior: Floats | None = None, max_rounds: int = 50) -> Fit:
+def weighted(factors: Floats, counts: Ints, prior: Floats | None = None, max_rounds: int = 50) -> Fit:
     """Fit with each joint divided by its own noise, found from the residuals and iterated.
 
     Args:
-        factors: one factor a joint, (n, p + 1, p + 1).
-        rows: number of rows of each joint, (n,).
+        factors: one factor per joint, (n, p + 1, p + 1).
+        counts: number of rows of each joint, (n,).
         prior: factor of prior rows in units of their standard deviation, (p + 1, p + 1); see ``prior_rows``.
         max_rounds: limit of the iteration.
 
     Returns:
-        The fit.
+        The fit; its covariance is that of white residuals and includes the prior.
     """
-    fit = ordinary(factors, rows)
-    noise = _joint_noise(factors, rows, fit)
+    first = ordinary(factors, counts)
+    noise = _joint_noise(factors, counts, first.theta, first.noise, first.covariance)
     for _ in range(max_rounds):
-        fit = _fit(factors, rows, noise, prior)
-        before, noise = noise, _joint_noise(factors, rows, fit)
+        found = _solved(factors, noise, prior)
+        before, noise = noise, _joint_noise(factors, counts, found.theta, noise, found.inverse)
         if np.all(np.abs(noise - before) <= 1e-4 * before):
             break
-    return _fit(factors, rows, noise, prior)
+    found = _solved(factors, noise, prior)
+    return Fit("wls", found.theta, noise, found.inverse, factors, counts)
 
 
-def ridge(factors: Floats, rows: Ints, prior: Floats, prior_covariance: Floats) -> Fit:
+def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats) -> Fit:
     """Fit near prior base parameters: the weighted pseudo-inverse with prior data of the paper.
 
     Args:
-        factors: one factor a joint, (n, p + 1, p + 1).
-        rows: number of rows of each joint, (n,).
-        prior: base parameters believed before measuring, (p,).
-        prior_covariance: how well they are believed, (p, p).
+        factors: one factor per joint, (n, p + 1, p + 1).
+        counts: number of rows of each joint, (n,).
+        prior: prior base parameters, (p,).
+        prior_covariance: how well they are known, (p, p).
 
     Returns:
         The fit, weighted by joint; its covariance includes the prior.
     """
-    return weighted(factors, rows, prior_rows(prior, prior_covariance))
+    return replace(weighted(factors, counts, prior_rows(prior, prior_covariance)), method="ridge")
 
 
 def prior_rows(prior: Floats, covariance: Floats) -> Floats:
@@ -194,10 +215,10 @@ def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     return triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
 
 
-def joint_rms(factors: Floats, rows: Ints, theta: Floats) -> Floats:
-    """Return the root mean square of each joint's residual for any parameters, (n,) [N m]."""
+def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
+    """Return the root mean square of each joint's residual for any parameters, (n,) [N m or N]."""
     residual = factors @ np.append(theta, -1.0)
-    return np.asarray(np.sqrt(np.sum(residual**2, axis=-1) / np.maximum(rows, 1)))
+    return np.asarray(np.sqrt(np.sum(residual**2, axis=-1) / np.maximum(counts, 1)))
 
 
 def relative_error(factors: Floats, theta: Floats) -> float:
@@ -206,26 +227,23 @@ def relative_error(factors: Floats, theta: Floats) -> float:
     return float(100.0 * np.linalg.norm(residual) / np.linalg.norm(factors[..., -1]))
 
 
-def _fit(factors: Floats, rows: Ints, noise: Floats, prior: Floats | None = None) -> Fit:
+def _solved(factors: Floats, noise: Floats, prior: Floats | None) -> Solution:
     whitened = merge(factors, 1.0 / noise)
-    if prior is not None:
-        whitened = merge(np.stack([whitened, prior]))
-    solution = solve(whitened)
-    return Fit(solution.theta, noise, joint_rms(factors, rows, solution.theta), whitened, solution.inverse, solution)
+    return solve(whitened if prior is None else merge(np.stack([whitened, prior])))
 
 
-def _joint_noise(factors: Floats, rows: Ints, fit: Fit) -> Floats:
+def _joint_noise(factors: Floats, counts: Ints, theta: Floats, noise: Floats, covariance: Floats) -> Floats:
     """Return residual rms per joint, corrected for the parameters that each joint's own rows have spent."""
-    scaled = factors[:, :, :-1] / fit.noise[:, None, None]
-    spent = np.einsum("jab,bc,jac->j", scaled, fit.covariance, scaled, optimize=True)
-    rms = joint_rms(factors, rows, fit.theta)
-    noise = rms * np.sqrt(rows / np.array([_freedom(N, used) for N, used in zip(rows, spent, strict=True)]))
-    return np.asarray(np.maximum(noise, _floor(factors, rows)))
+    scaled = factors[:, :, :-1] / noise[:, None, None]
+    spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
+    rms = joint_rms(factors, counts, theta)
+    freedom = np.array([_freedom(N, used) for N, used in zip(counts, spent, strict=True)])
+    return np.asarray(np.maximum(rms * np.sqrt(counts / freedom), _floor(factors, counts)))
 
 
-def _floor(factors: Floats, rows: Ints) -> Floats:
+def _floor(factors: Floats, counts: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
-    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(rows, 1))
+    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(counts, 1))
     return np.asarray(np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30)))
 
 

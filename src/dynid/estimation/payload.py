@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
-from dynid.estimation.consistent import DEFAULT_GAMMA, fit_consistent
 from dynid.estimation.least_squares import merge
-from dynid.estimation.physical_constraints import basis, make_physics, pseudo_inertia
+from dynid.estimation.physical_constraints import basis, make_constraints, pseudo_inertia
+from dynid.estimation.physical_parameters import DEFAULT_GAMMA, fit_physical
 from dynid.estimation.result import Identification
 from dynid.model.parameters import BODY_PARAMETERS, numbered
 from dynid.model.prior import body_of
@@ -166,17 +166,17 @@ def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floa
     root = (np.sqrt(np.maximum(values, 0.0)) * axes).T * scale
     R, r = root @ K, root @ change
     parameters = [numbered(kind, 1, "") for kind in BODY_PARAMETERS]
-    physics = make_physics(parameters, _ball(np.linalg.lstsq(R, r, rcond=None)[0]).parameters())
+    constraints = make_constraints(parameters, _ball(np.linalg.lstsq(R, r, rcond=None)[0]).parameters())
     freedom = max(1, int(np.sum(values > UNKNOWN * values.max())) - len(parameters))
-    misfit = 2 * fit_consistent(R, r, physics).cost / freedom
+    misfit = 2 * fit_physical(R, r, constraints).cost / freedom
     wide = math.sqrt(max(1.0, misfit))
-    x = fit_consistent(R / wide, r / wide, physics).x
+    x = fit_physical(R / wide, r / wide, constraints).x
     inverse = np.linalg.inv(pseudo_inertia(x))
     prior = DEFAULT_GAMMA * np.einsum("ab,kbc,cd,lda->kl", inverse, basis(), inverse, basis())
     bread = np.linalg.inv(R.T @ R / wide**2 + prior)
-    pull = K.T @ information / wide**2
+    gain = K.T @ information / wide**2
     # Why widened once more: what no body explains is no noise, and the covariance does not know of it.
-    posterior = bread @ (wide**2 * pull @ covariance @ pull.T + prior) @ bread
+    posterior = bread @ (wide**2 * gain @ covariance @ gain.T + prior) @ bread
     J = _shown_by(x)
     return Payload(body_of(x), np.sqrt(np.diagonal(J @ posterior @ J.T)), misfit)
 

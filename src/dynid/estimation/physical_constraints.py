@@ -1,7 +1,7 @@
 """What makes a parameter vector physical: pseudo-inertias, bounds on masses and centres of mass, signs.
 
-Reads the table of parameters; writes ``Physics``, the constraint set that
-``dynid.estimation.consistent`` works with.
+Reads the table of parameters; writes ``PhysicalConstraints``, the set that ``dynid.estimation.physical_parameters``
+works with.
 
 Source: Wensing, Kim, Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
 identification" (the pseudo-inertia); Lee, Wensing, Park 2020, "Geometric robot dynamic identification" (its metric).
@@ -73,19 +73,19 @@ def is_consistent(bodies: Floats) -> bool:
 
 
 @dataclass(frozen=True)
-class Physics:
+class PhysicalConstraints:
     """The set of physical parameter vectors and the prior inside it.
 
     Attributes:
         parameters: what each column stands for, (c).
         bodies: columns of the ten parameters of each link, (L, 10).
-        prior: what is believed before measuring, (c,); zero where nothing is.
+        prior: what is known before measuring, (c,); zero where nothing is.
         G: rows of the bounds G x >= h, (k, c).
         h: right side of the bounds, (k,).
         labels: one sentence for each bound, (k).
         pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
         ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
-        spread: standard deviation of parameters that are believed to be near zero, (c,); infinite elsewhere.
+        spread: standard deviation of parameters whose prior is zero, (c,); infinite elsewhere.
     """
 
     parameters: tuple[Parameter, ...]
@@ -117,7 +117,7 @@ class Physics:
         return is_consistent(x[self.bodies]) and bool(np.all(self.slack(x) >= 0.0))
 
 
-def make_physics(
+def make_constraints(
     parameters: Sequence[Parameter],
     prior: Floats,
     *,
@@ -126,7 +126,7 @@ def make_physics(
     com_box: Mapping[int, tuple[Floats, Floats]] | None = None,
     nonnegative: Sequence[str] = NONNEGATIVE,
     ratings: Mapping[str, float] | None = None,
-) -> Physics:
+) -> PhysicalConstraints:
     """Collect what is known about the arm besides the measurement.
 
     Args:
@@ -166,7 +166,7 @@ def make_physics(
     proportion = np.array([(ratings or {}).get(name, 1.0) for name in rated])
     nowhere = np.full(len(parameters), np.inf)
     links = np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10)
-    return Physics(tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere)
+    return PhysicalConstraints(tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere)
 
 
 def _between(

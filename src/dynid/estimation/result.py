@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact, WrongUsage
 from dynid.estimation.conditioned_log import known_torque
-from dynid.estimation.physical_parameters import FullSet
+from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion
+from dynid.model.parameters import body_columns
+from dynid.model.prior import body_of
 from dynid.model.program import Program
 from dynid.model.reduce import Reduction
 from dynid.model.reference import model_torques
@@ -42,7 +44,7 @@ SCALARS = (
     "method", "why", "knowledge", "joints", "relative_error_percent", "heldout_relative_error_percent", "heldout",
     "rank", "condition_number", "condition_number_scaled", "samples", "in_force", "choice", "heldout_by_set",
 )  # fmt: skip
-FULL_ARRAYS = ("x", "std_error", "data_share", "theta")
+FULL_ARRAYS = ("x", "std_error", "data_share")
 IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
 
 
@@ -90,7 +92,7 @@ class Identification:
         condition_number: of W with columns as they are.
         condition_number_scaled: of W with columns of unit length.
         samples: instants in the stack.
-        physical: the physically possible full set nearest to data and prior.
+        physical: the physically possible parameters of the whole model nearest to data and prior.
         in_force: whether ``theta`` is that of the ``"physical"`` set or the ``"plain"`` estimate.
         choice: why.
         factors: one triangular factor of [W tau] per joint, to which other logs can be added, (n, p + 1, p + 1).
@@ -125,7 +127,7 @@ class Identification:
     condition_number: float
     condition_number_scaled: float
     samples: int
-    physical: FullSet
+    physical: PhysicalParameters
     in_force: str
     choice: str
     factors: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
@@ -230,6 +232,24 @@ class Identification:
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
         return Table(rows)
+
+    def links(self) -> list[dict[str, Any]]:
+        """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
+        x, names, origin = self.physical.x, self.physical.names, self.physical.origin
+        found = []
+        for link, columns in body_columns(self.base.model.parameters).items():
+            body = body_of(x[columns])
+            inertia = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True))
+            found.append(
+                {
+                    "link": link,
+                    "mass_kg": body.mass,
+                    "com_m": list(body.com),
+                    "inertia_com_kg_m2": inertia,
+                    "origin": {names[k]: origin[names[k]] for k in columns},
+                }
+            )
+        return found
 
     # ---------------------------------------------------------------- model
     def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
@@ -390,7 +410,7 @@ def load(path: Path) -> Identification:
             robot=robot if h["robot_path"] else replace(robot, path=None),
             reduction=reduction_from(h["reduction"], a),
             **{**facts, "knowledge": tuple(facts["knowledge"])},
-            physical=FullSet(**full),
+            physical=PhysicalParameters(**full),
             cutoff=float(h["cutoff_hz"]),
             delay=float(h.get("delay_applied_s") or 0.0),
             log_sha256=tuple(h["log_sha256"]),

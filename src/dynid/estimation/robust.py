@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import Solution, merge, solve
+from dynid.estimation.least_squares import Fit, merge, solve
 from dynid.estimation.observation_rows import ObservationRows, joint_factors, robust_noise
 
 Floats = NDArray[np.float64]
@@ -40,85 +40,57 @@ class Spikes:
         return bool(np.any((self.share > SPIKE_SHARE) & (self.kurtosis > KURTOSIS)))
 
 
-@dataclass(frozen=True)
-class RobustFit:
-    """A fit in which spikes have little weight.
-
-    Attributes:
-        theta: parameters, (p,).
-        noise: robust standard deviation of each joint, (n,) [N m].
-        down_weighted: share of samples of each joint that lost weight, (n,).
-        solution: rank and condition numbers of the weighted rows.
-        rounds: number of reweightings.
-    """
-
-    theta: Floats
-    noise: Floats
-    down_weighted: Floats
-    solution: Solution
-    rounds: int
-
-
-def look_for_spikes(segments: Iterable[ObservationRows], theta: Floats) -> Spikes:
+def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
     """Look at the residuals of a first fit.
 
     Args:
-        segments: conditioned rows.
+        rows: observation rows.
         theta: parameters of the first fit, (p,).
 
     Returns:
         What they look like.
     """
-    noise, rows = robust_noise(segments, theta), 0
+    noise, count = robust_noise(rows, theta), 0
     moments, beyond = np.zeros((5, len(noise))), np.zeros(len(noise))
-    for segment in segments:
-        scaled = segment.residual(theta) / noise
+    for part in rows:
+        scaled = part.residual(theta) / noise
         moments += [np.sum(scaled**k, axis=0) for k in range(5)]
         beyond += np.sum(np.abs(scaled) > SPIKE, axis=0)
-        rows = rows + segment.mask.sum(axis=0)
-    one, two, three, four = moments[1:] / np.maximum(rows, 1)
+        count = count + part.mask.sum(axis=0)
+    one, two, three, four = moments[1:] / np.maximum(count, 1)
     variance = np.maximum(two - one**2, np.finfo(float).tiny)
     fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
-    return Spikes(beyond / np.maximum(rows, 1), fourth / variance**2)
+    return Spikes(beyond / np.maximum(count, 1), fourth / variance**2)
 
 
-def huber(segments: Iterable[ObservationRows], start: Floats, max_rounds: int = 50) -> RobustFit:
-    """Fit with weights min(1, 1.345 sigma / |residual|), iterated.
+def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> Fit:
+    """Fit with weights min(1, 1.345 sigma / |residual|), iterated (Huber 1981).
 
     Args:
-        segments: conditioned rows; walked once a round.
-        start: parameters of a plain fit, (p,).
+        rows: observation rows; walked twice per round.
+        start: plain fit of the same rows.
         max_rounds: limit of the iteration.
 
     Returns:
-        The fit.
+        The fit, with the robust standard deviation of each joint; its covariance is that of white residuals.
     """
-    theta, rounds = np.array(start, dtype=float), 0
+    theta, rounds = np.array(start.theta, dtype=float), 0
     while True:
-        noise = robust_noise(segments, theta)
-        factors, _ = joint_factors(_weighted(segments, theta, noise))
+        noise = robust_noise(rows, theta)
+        factors, _ = joint_factors(_weighted(rows, theta, noise))
         solution = solve(merge(factors, 1.0 / noise))
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
         moved = np.abs(change) / np.maximum(np.sqrt(np.diagonal(solution.inverse)), 1e-300)
         if moved.max() < 1e-3 or rounds == max_rounds:
-            return RobustFit(theta, noise, _share_beyond(segments, theta, noise), solution, rounds)
+            return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
 
 
-def _weighted(segments: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
-    for segment in segments:
-        root = np.sqrt(huber_weight(segment.residual(theta), noise))
-        yield segment.with_arrays(segment.W * root[:, :, None], segment.tau * root)
-
-
-def _share_beyond(segments: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Floats:
-    beyond: Floats | float = 0.0
-    rows: Floats | float = 0.0
-    for segment in segments:
-        beyond = beyond + np.sum(np.abs(segment.residual(theta)) > HUBER * noise, axis=0)
-        rows = rows + segment.mask.sum(axis=0)
-    return np.asarray(beyond / np.maximum(rows, 1))
+def _weighted(rows: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
+    for part in rows:
+        root = np.sqrt(huber_weight(part.residual(theta), noise))
+        yield part.with_arrays(part.W * root[:, :, None], part.tau * root)
 
 
 def huber_weight(residual: Floats, noise: Floats) -> Floats:
-    """Return min(1, 1.345 sigma / |residual|), (N, n)."""
+    """Return min(1, 1.345 sigma / |residual|), (M, n), for residuals (M, n) and noise (n,) in the same unit."""
     return np.minimum(1.0, HUBER / np.maximum(np.abs(residual / noise), 1e-12))

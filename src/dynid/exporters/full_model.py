@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.physical_constraints import smallest_eigenvalues
-from dynid.estimation.physical_parameters import FROM_DATA, FullSet
+from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.model.base_model import BaseModel
 from dynid.model.prior import body_of, prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
@@ -74,7 +74,7 @@ def smallest_eigenvalue(body: Body) -> float:
     return float(smallest_eigenvalues(body.parameters()))
 
 
-def full_model(base: BaseModel, physical: FullSet, theta: Floats) -> FullModel:
+def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> FullModel:
     """Return all parameters behind base parameters; links that were not identified keep the prior's bodies.
 
     Args:
@@ -85,7 +85,7 @@ def full_model(base: BaseModel, physical: FullSet, theta: Floats) -> FullModel:
     robot, names = base.robot, physical.names
     size = np.array([_SIZE.get(parameter.kind, 1.0) for parameter in base.model.parameters])
     K = base.reduction.K * size
-    gamma = physical.x + size * np.linalg.lstsq(K, theta - physical.theta, rcond=1e-12)[0]
+    gamma = physical.x + size * np.linalg.lstsq(K, theta - base.reduction.K @ physical.x, rcond=1e-12)[0]
     values = dict(zip(names, gamma.tolist(), strict=True))
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
@@ -95,8 +95,5 @@ def full_model(base: BaseModel, physical: FullSet, theta: Floats) -> FullModel:
         bodies=tuple(bodies),
         rotor_inertia=tuple(values.get(f"Im{i + 1}", 0.0) for i in range(robot.n)),
         friction={name: values[name] for name in names[len(base.model.link_columns) :]},
-        origin={
-            name: "data" if share >= FROM_DATA else "prior"
-            for name, share in zip(names, physical.data_share.tolist(), strict=True)
-        },
+        origin=physical.origin,
     )

@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dynid.estimation.conditioned_log import arm_motion
-from dynid.estimation.consistent import fit_pooled
-from dynid.estimation.physical_parameters import physics_of
+from dynid.estimation.physical_parameters import constraints_of, fit_pooled
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.gap.whitened_regression import WhitenedRegression
@@ -70,7 +69,7 @@ def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floa
         covariance: of them, (p, p).
     """
     R, K = information_root(covariance), base.reduction.K
-    return np.asarray(K @ fit_pooled(R @ K, R @ theta, physics_of(base))[0].x)
+    return np.asarray(K @ fit_pooled(R @ K, R @ theta, constraints_of(base))[0].x)
 
 
 def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:

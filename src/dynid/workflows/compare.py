@@ -411,7 +411,7 @@ def compare_methods(
     from dynid.estimation.compare import biased, differing
     from dynid.estimation.estimate import estimate, last_share
     from dynid.estimation.estimators import METHODS, choose
-    from dynid.estimation.physical_parameters import reproduced
+    from dynid.estimation.physical_parameters import is_possible
 
     seen = observe(robot, logs, options, base=base, progress=progress)
     stack, base, header = seen.stack, seen.base, seen.header()
@@ -432,7 +432,7 @@ def compare_methods(
             name,
             result,
             seconds,
-            reproduced(base, result.plain, result.covariance) if result.rank == len(result.names) else None,
+            is_possible(base, result.plain, result.covariance) if result.rank == len(result.names) else None,
             tuple(differing(result, found[chosen][0])),
         )
         for name, (result, seconds) in found.items()

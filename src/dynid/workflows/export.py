@@ -232,7 +232,7 @@ def identified_arm(
     found, which = result, options.parameters
     if which == "auto":
         which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else found.in_force
-    theta = found.physical.theta if which == "physical" else found.plain
+    theta = result.reduction.K @ found.physical.x if which == "physical" else found.plain
     if not np.isfinite(theta).all() or not np.isfinite(found.physical.x).all():
         raise NotAnArtifact(f"{result.path} is damaged: a parameter is not a finite number", where=str(result.path))
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)

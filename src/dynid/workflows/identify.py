@@ -222,7 +222,7 @@ def answer_of(found: Identification) -> dict[str, Any]:
         "physically_consistent": found.in_force == "physical",
         "in_force": found.in_force,
         "heldout_relative_error_percent_by_set": found.heldout_by_set,
-        "links": found.physical.links(),
+        "links": found.links(),
         "findings": [asdict(f) for f in found.findings],
     }
 

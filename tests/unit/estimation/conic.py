@@ -6,30 +6,34 @@ import pytest
 from dynid.estimation.physical_constraints import basis
 
 
-def clarabel_optimum(R, r, physics, gamma, scale=1e-2):
+def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):
     """Return the smallest 1/2 |R x - r|^2 + gamma * sum(-logdet P + tr(P0^-1 P)) within the bounds, and its seconds."""
     clarabel = pytest.importorskip("clarabel")
     sparse = pytest.importorskip("scipy.sparse")
-    c, links = R.shape[1], len(physics.bodies)
+    c, links = R.shape[1], len(constraints.bodies)
     size = c + (14 * links if gamma else 0)  # x, then for each link a triangle of ten and four logarithms
     quadratic, q = np.zeros((size, size)), np.zeros(size)
     centre = np.linalg.lstsq(R, r, rcond=1e-10)[0]  # why: solver tolerances are relative to the objective
     residual = R @ centre - r
     quadratic[:c, :c], q[:c] = R.T @ R, R.T @ residual
-    inverse = np.linalg.inv(physics.prior_pseudo_inertia)
+    inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
     rows, b, cones, constant = [], [], [], 0.5 * residual @ residual
-    keep = np.zeros((len(physics.h), size))
-    keep[:, :c] = -physics.G
-    rows.append(keep), b.append(physics.G @ centre - physics.h), cones.append(clarabel.NonnegativeConeT(len(physics.h)))
-    for link, columns in enumerate(physics.bodies):
+    keep = np.zeros((len(constraints.h), size))
+    keep[:, :c] = -constraints.G
+    (
+        rows.append(keep),
+        b.append(constraints.G @ centre - constraints.h),
+        cones.append(clarabel.NonnegativeConeT(len(constraints.h))),
+    )
+    for link, columns in enumerate(constraints.bodies):
         first = c + 14 * link
         order = 8 if gamma else 4
         matrices = np.zeros((size, order, order))
         matrices[columns, :4, :4] = basis()
         if gamma:
-            pull = gamma * np.einsum("ab,kba->k", inverse[link], basis())
-            q[columns] += pull
-            constant += pull @ centre[columns]
+            slope = gamma * np.einsum("ab,kba->k", inverse[link], basis())
+            q[columns] += slope
+            constant += slope @ centre[columns]
             triangle = [(i, j) for j in range(4) for i in range(j, 4)]
             for k, (i, j) in enumerate(triangle):
                 matrices[first + k, i, 4 + j] += 1

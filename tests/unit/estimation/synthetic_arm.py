@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from dynid.estimation.physical_constraints import Physics, body_parameters, make_physics, pseudo_inertia
+from dynid.estimation.physical_constraints import PhysicalConstraints, body_parameters, make_constraints, pseudo_inertia
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
 
@@ -43,7 +43,7 @@ class Arm:
 
     truth: np.ndarray
     prior: np.ndarray
-    physics: Physics
+    constraints: PhysicalConstraints
 
     def regressor(self, q, qd, qdd):
         return regressor(q, qd, qdd)
@@ -115,7 +115,7 @@ def seven_joint_arm() -> Arm:
         prior[11 * i : 11 * i + 10] = cylinder(MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i])
     truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
-    return Arm(truth, prior, make_physics(PARAMETERS, prior))
+    return Arm(truth, prior, make_constraints(PARAMETERS, prior))
 
 
 def arm_with_measured_friction() -> Arm:

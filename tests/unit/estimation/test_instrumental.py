@@ -12,6 +12,10 @@ TRUTH = np.array([2.0, -1.0])
 NOISE = np.array([0.2, 1.0])
 
 
+def instruments(rows, **options):
+    return instrumental(rows, weighted(*joint_factors(rows)), **options)
+
+
 def recording(seed=0, error=0.5, samples=2000, spikes=0.0, shift=0):
     """Regressor with unit power measured with noise; instruments are the noise-free one, scaled and shifted."""
     rng = np.random.default_rng(seed)
@@ -26,20 +30,20 @@ def recording(seed=0, error=0.5, samples=2000, spikes=0.0, shift=0):
 def test_least_squares_shrinks_by_the_textbook_factor_and_instruments_do_not():
     segments = [recording(seed) for seed in range(20)]
     shrunk = np.mean([weighted(*joint_factors([s])).theta for s in segments], axis=0)
-    fair = np.mean([instrumental([s]).theta for s in segments], axis=0)
+    fair = np.mean([instruments([s]).theta for s in segments], axis=0)
     assert np.allclose(shrunk / TRUTH, 1 / (1 + 0.5**2), atol=0.03)
     assert np.allclose(fair / TRUTH, 1.0, atol=0.02)
 
 
 def test_instruments_need_not_be_aligned():
-    fair = np.mean([instrumental([recording(seed, shift=8)]).theta for seed in range(20)], axis=0)
+    fair = np.mean([instruments([recording(seed, shift=8)]).theta for seed in range(20)], axis=0)
     assert np.allclose(fair / TRUTH, 1.0, atol=0.03)
 
 
-def test_honest_errors_cover():
+def test_robust_errors_cover():
     inside = []
     for seed in range(150):
-        fit = instrumental([recording(seed, samples=800)])
+        fit = instruments([recording(seed, samples=800)])
         inside.append(np.abs(fit.theta - TRUTH) <= 1.96 * np.sqrt(np.diagonal(fit.covariance)))
     assert 0.90 <= np.mean(inside) <= 0.99
 
@@ -48,7 +52,7 @@ def test_with_the_regressor_as_instrument_it_is_weighted_least_squares():
     segment = recording()
     same = dense_rows(segment.W, segment.tau, Z=segment.W)
     fit = weighted(*joint_factors([segment]))
-    assert np.allclose(instrumental([same]).theta, fit.theta, rtol=1e-3)
+    assert np.allclose(instruments([same]).theta, fit.theta, rtol=1e-3)
 
 
 def test_pieces_that_follow_each_other_count_as_one():
@@ -57,7 +61,7 @@ def test_pieces_that_follow_each_other_count_as_one():
         dense_rows(whole.W[k : k + 500], whole.tau[k : k + 500], whole.Z[k : k + 500], follows=k > 0)
         for k in range(0, 2000, 500)
     ]
-    one, many = instrumental([whole], lags=20), instrumental(pieces, lags=20)
+    one, many = instruments([whole], lags=20), instruments(pieces, lags=20)
     assert np.allclose(one.theta, many.theta)
     assert np.allclose(one.covariance, many.covariance)
 
@@ -66,7 +70,7 @@ def test_robust_instruments_stand_spikes():
     errors = []
     for seed in range(10):
         segment = recording(seed, error=0.1, spikes=0.02)
-        errors.append([np.linalg.norm(instrumental([segment], robust=r).theta - TRUTH) for r in (False, True)])
+        errors.append([np.linalg.norm(instruments([segment], robust=r).theta - TRUTH) for r in (False, True)])
     plain, robust = np.median(errors, axis=0)
     assert robust < 0.5 * plain
 
@@ -76,4 +80,4 @@ def test_a_command_that_is_not_followed_is_refused():
     Z = segment.Z.copy()
     Z[:, :, 1] = 0.0
     with pytest.raises(RankDeficient, match="commanded"):
-        instrumental([dense_rows(segment.W, segment.tau, Z)])
+        instruments([dense_rows(segment.W, segment.tau, Z)])

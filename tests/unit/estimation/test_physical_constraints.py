@@ -6,7 +6,7 @@ import pytest
 from dynid.estimation.physical_constraints import (
     body_parameters,
     is_consistent,
-    make_physics,
+    make_constraints,
     pseudo_inertia,
     smallest_eigenvalues,
 )
@@ -41,10 +41,10 @@ def test_bounds_hold_inside_and_break_outside():
     names = [parameter.name for parameter in parameters]
     x = np.concatenate([Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]])
     box = {1: (np.array([0, -1, -1]), np.array([0.2, 1, 1]))}
-    physics = make_physics(parameters, x, total_mass=(1, 3), com_box=box)
-    assert physics.holds(x)
+    constraints = make_constraints(parameters, x, total_mass=(1, 3), com_box=box)
+    assert constraints.holds(x)
     for change in ({"m1": 2.0}, {"mcx1": 0.5}, {"fv1": -2.0}, {"Im1": -0.2}, {"mcx1": -0.3}):
         broken = x.copy()
         for name, value in change.items():
             broken[names.index(name)] += value
-        assert not physics.holds(broken), change
+        assert not constraints.holds(broken), change

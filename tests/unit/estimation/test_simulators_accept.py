@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from synthetic_arm import OFFSET, TWIST
 
-from dynid.estimation.consistent import fit_consistent, nearest_consistent
+from dynid.estimation.physical_parameters import fit_physical, fit_pooled
 
 mujoco = pytest.importorskip("mujoco")
 
-FITS = {"entropic": fit_consistent, "nearest": nearest_consistent}
+FITS = {"entropic": fit_physical, "pooled": lambda *given: fit_pooled(*given)[0]}
 
 
 def bodies_of(x):
@@ -67,7 +67,7 @@ def states():
 
 @pytest.mark.parametrize("fit", FITS)
 def test_mujoco_gives_the_same_torques(arm, poor, states, fit):
-    x = FITS[fit](*poor, arm.physics).x
+    x = FITS[fit](*poor, arm.constraints).x
     model = mujoco.MjModel.from_xml_string(mjcf(x))
     scratch, tau = mujoco.MjData(model), []
     for q, qd, qdd in zip(*states, strict=True):
@@ -83,7 +83,7 @@ def test_mujoco_gives_the_same_torques(arm, poor, states, fit):
 @pytest.mark.parametrize("fit", FITS)
 def test_pybullet_gives_the_same_torques_without_complaint(arm, poor, states, tmp_path, capfd, fit):
     bullet = pytest.importorskip("pybullet")
-    x = FITS[fit](*poor, arm.physics).x
+    x = FITS[fit](*poor, arm.constraints).x
     file = tmp_path / "arm.urdf"
     file.write_text(urdf(x))
     client = bullet.connect(bullet.DIRECT)

@@ -11,7 +11,7 @@ from dynid.estimation.conditioned_log import ConditionedLog, without_known
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
 from dynid.estimation.observation_rows import rows_of
-from dynid.estimation.physical_parameters import full_set
+from dynid.estimation.physical_parameters import physical_parameters
 from dynid.estimation.result import load
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
@@ -209,10 +209,10 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
 def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
     found = stacked(base, simulated(base))
-    believed = prior_base_parameters(base.model, base.reduction)
-    start = np.where(np.isfinite(believed), believed, 0.0)
-    unmoved = replace(full_set(base, wls(found, believed)), theta=start)
-    monkeypatch.setattr("dynid.estimation.estimate.full_set", lambda *given: unmoved)
+    prior = prior_base_parameters(base.model, base.reduction)
+    fit = physical_parameters(base, wls(found, prior))
+    unmoved = replace(fit, x=np.linalg.lstsq(base.reduction.K, np.nan_to_num(prior), rcond=None)[0])
+    monkeypatch.setattr("dynid.estimation.estimate.physical_parameters", lambda *given: unmoved)
     with pytest.raises(NothingChanged, match="nothing changed: the physical set equals the prior in"):
         estimate(found, base, method="wls", holdout=None, feasible=True)
     assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"

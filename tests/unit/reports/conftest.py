@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding
-from dynid.estimation.physical_parameters import FullSet
+from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, JointQuality
 from dynid.files.robotfile import load_robot
@@ -36,7 +36,9 @@ def evidence(tmp_path_factory):
         link, row = divmod(int(column), 11)
         x[k] = prior_parameters(robot)[10 * link + row] if row < 10 else 0.05
     theta = reduction.K @ x
-    physical = FullSet(reduction.names, x, np.full(c, 0.1), np.linspace(0, 1, c), theta, 1.0, ())
+    physical = PhysicalParameters(
+        reduction.names, x, np.full(c, 0.1), np.linspace(0, 1, c), (), cost=1.0, objective=2.0, gap=1e-6, steps=9
+    )
     error = np.where(np.arange(p) == 0, np.inf, 0.01)
     rng = np.random.default_rng(0)
     seen, unseen = (motion(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))

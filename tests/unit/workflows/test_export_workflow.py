@@ -70,7 +70,7 @@ def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wante
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_parameter_that_is_no_number_is_a_damaged_result(result, tmp_path, value):
-    physical = replace(result.physical, theta=np.full_like(result.theta, value))
+    physical = replace(result.physical, x=np.full_like(result.physical.x, value))
     with pytest.raises(NotAnArtifact, match="not a finite number"):
         export(replace(result, physical=physical), tmp_path / "arm.urdf")
 

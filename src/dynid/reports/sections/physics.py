@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 def physics(evidence: Evidence) -> dict[str, Any]:
     """Return a picture of the bodies and one row per link."""
-    links = evidence.found.physical.links()
+    links = evidence.found.links()
     rows = [
         {
             "link": link["link"],

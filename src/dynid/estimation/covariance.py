@@ -1,0 +1,255 @@
+"""Error bars that hold: covariance of estimates whose residuals are coloured and correlated between joints (HAC).
+
+Textbook errors assume white residuals; those of a robot are coloured by friction and filters, and textbook 95 %
+intervals then cover 47 to 69 %. Here the spread of the scores (the gradient that each instant's residual contributes)
+is summed over the lags that their memory asks for. In a log of seconds even that is too small, by a factor that is
+found by simulation on the log's own rows.
+
+Source: Newey, West 1987; Andrews 1991 (lag length); Bell, McCaffrey 2002 (correction under a working model, Student's t
+with Satterthwaite's degrees of freedom).
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.observation_rows import ObservationRows, joined, runs
+from dynid.estimation.robust import HUBER
+from dynid.signals.filters import pulse, pulse_width
+
+Floats = NDArray[np.float64]
+
+#: Instants whose sums over lags are made together.
+PIECE = 8192
+#: Instants beyond which a log is not short, and instants times draws that are worked on.
+SHORT, WORK = 4096, 16384
+#: Fewest and most draws: the longer the log, the less a draw differs from the next.
+FEWEST, MOST = 8, 48
+#: Two degrees of freedom have no variance; nothing is said about fewer.
+LEAST_FREEDOM = 2.5
+#: Relative standard error up to which a parameter is known well, and up to which roughly.
+WELL, ROUGHLY = 0.10, 0.30
+#: The word for a parameter that the log says nothing about.
+NOT_DETERMINED = "not determined"
+#: Change of torque, in standard deviations of a single sample, that nobody would notice.
+HARMLESS = 0.05
+
+
+def hac_covariance(
+    rows: Iterable[ObservationRows],
+    theta: Floats,
+    noise: Floats,
+    lags: int | None = None,
+    *,
+    robust: bool = False,
+    bread: Floats | None = None,
+) -> Floats:
+    """Return the covariance of an estimate, allowing for coloured residuals, (p, p) in squared units of theta.
+
+    Args:
+        rows: observation rows; instruments are used where they come with them.
+        theta: the estimate, (p,).
+        noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
+        lags: memory of the residuals in samples; None to find it from the scores.
+        robust: whether the estimate had Huber weights.
+        bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
+    """
+    sensitivity: Floats | float = 0.0
+    # Why arrays that grow in place: of a long log, pieces and joined scores would not fit into memory together.
+    growing: list[array[float]] = []
+    short: list[ObservationRows] = []
+    instants = 0
+    for part in rows:
+        residual = part.residual(theta)
+        Z = part.W if part.Z is None else part.Z
+        inside = part.mask & (np.abs(residual) <= HUBER * noise) if robust else part.mask
+        left = (Z * (inside / noise**2)[:, :, None]).reshape(-1, len(theta))
+        sensitivity = sensitivity + left.T @ part.W.reshape(-1, len(theta))
+        if not (part.follows and growing):
+            growing.append(array("d"))
+        bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
+        growing[-1].frombytes(_scores(Z, bounded, noise).tobytes())
+        instants += len(residual)
+        short = [*short, replace(part, usable=inside)] if instants <= SHORT else []
+    series = [np.frombuffer(each).reshape(-1, len(theta)) for each in growing]
+    lags = automatic_lags(series) if lags is None else lags
+    scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
+    if bread is None:
+        bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
+    covariance = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
+    if instants <= SHORT:
+        factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags)
+        covariance = covariance * np.outer(factor, factor)
+    return covariance
+
+
+def _scores(Z: Floats, residual: Floats, noise: Floats) -> Floats:
+    """Return the score of each instant, (M, p): Z^T S residual, summed over joints, whose residuals are correlated.
+
+    Args:
+        Z: rows of the regressor, or instruments, (M, n, p).
+        residual: torque residuals, (M, n) [N m or N].
+        noise: standard deviation of each joint, (n,) [N m or N].
+    """
+    return np.asarray((Z.swapaxes(1, 2) @ (residual / noise**2)[:, :, None])[:, :, 0])
+
+
+def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
+    """Return the Bartlett-weighted sum of autocovariances of score series (Newey-West), times their length, (p, p).
+
+    Why moving sums: the mean outer product of sums over lags + 1 samples is the same thing for one pass over the data.
+
+    Args:
+        series: one score series for each run without gaps, (M_k, p); lags never reach across runs.
+        lags: last lag with a weight, in samples.
+    """
+    total: Floats | float = 0.0
+    for one in series:
+        width = min(lags + 1, len(one))
+        # Why in pieces: the sums of a long log would need as much memory again as its scores.
+        for first in range(0, len(one) + width - 1, PIECE):
+            last = min(first + PIECE, len(one) + width - 1)
+            inside = one[max(0, first - width + 1) : last]
+            ends = (max(0, width - 1 - first), max(0, last - len(one)))
+            sums = _moving_sums(inside, width, ends)
+            total = total + sums.T @ sums / width
+    return np.asarray(total)
+
+
+def _moving_sums(series: Floats, width: int, ends: tuple[int, int] | None = None) -> Floats:
+    """Return the sums over all windows of a series, (M, p); it counts as zero beyond its ends.
+
+    Args:
+        series: (M, p).
+        width: samples in a window.
+        ends: how far windows reach beyond either end; None for all that touch the series.
+    """
+    running = np.cumsum(np.pad(series, (ends or (width - 1, width - 1), (0, 0))), axis=0)
+    sums: Floats = running[width - 1 :].copy()
+    sums[1:] -= running[:-width]
+    return sums
+
+
+def automatic_lags(series: Sequence[Floats]) -> int:
+    """Return the lag length that suits the memory of the scores, in samples (Andrews 1991, AR(1) plug-in, Bartlett).
+
+    Args:
+        series: score series of runs without gaps, (M_k, p).
+    """
+    length = sum(len(one) for one in series)
+    power = np.sum([np.einsum("kp,kp->p", one[:-1], one[:-1]) for one in series], axis=0)
+    together = np.sum([np.einsum("kp,kp->p", one[:-1], one[1:]) for one in series], axis=0)
+    rho = together / np.where(power > 0.0, power, 1.0)
+    rho = np.clip(rho, -0.97, 0.97)  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
+    innovation = 1.0 - rho**2  # columns scaled to unit variance
+    top = np.sum(4 * rho**2 * innovation**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))
+    bottom = np.sum(innovation**2 / (1 - rho) ** 4)
+    bandwidth = 1.1447 * (top / bottom * length) ** (1 / 3)
+    return int(min(np.ceil(bandwidth), max(1, length // 4)))
+
+
+# ---------------------------------------------------------------- short logs
+def short_log_factor(segments: Sequence[ObservationRows], bread: Floats, noise: Floats, lags: int) -> Floats:
+    """Return the factor on each standard error after which 1.96 of them are a 95 % interval, (p,).
+
+    A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. In 10 s of a
+    seven-joint arm little is left of those, and a variance that is estimated from few slow waves is itself uncertain.
+    For noise that passed the filter of the rows both effects are known: such noise is drawn, fitted and judged like the
+    residuals, and what comes out is compared with the true variance of its errors.
+
+    Args:
+        segments: rows of each run without gaps; ``usable`` says which weigh in the estimate.
+        bread: sensitivity of the estimate to the scores, (p, p).
+        noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
+        lags: memory that the covariance allows for, in samples.
+    """
+    instants = sum(len(rows.tau) for rows in segments)
+    draws = int(np.clip(WORK // max(instants, 1), FEWEST, MOST))
+    rng = np.random.default_rng(0)
+    influences = [_influence(rows, bread, noise) for rows in segments]
+    kernels = [_kernel(rows) for rows in segments]
+    drawn = [
+        _filtered(rng, (draws, len(noise), len(rows.tau)), kernel) * rows.mask[:, :, None]
+        for rows, kernel in zip(segments, kernels, strict=True)
+    ]
+    error = np.sum([np.tensordot(one, e, ((0, 2), (0, 1))) for one, e in zip(influences, drawn, strict=True)], axis=0)
+    true, judged = np.zeros(len(bread)), np.zeros((len(bread), draws))
+    for rows, influence, kernel, e in zip(segments, influences, kernels, drawn, strict=True):
+        true += _variance(influence, kernel)
+        left = (e - rows.W @ error / noise[:, None]) * rows.mask[:, :, None]
+        width = min(lags + 1, len(left))
+        sums = _moving_sums((influence @ left).reshape(len(left), -1), width)
+        judged += np.einsum("tk,tk->k", sums, sums).reshape(-1, draws) / width
+    return _factor(true, judged)
+
+
+def _factor(true: Floats, judged: Floats) -> Floats:
+    from scipy import special
+
+    mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
+    freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
+    quantile = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
+    return np.asarray(np.sqrt(true / mean) * quantile)
+
+
+def _influence(rows: ObservationRows, bread: Floats, noise: Floats) -> Floats:
+    """Return what a residual of one standard deviation does to the parameters, (M, p, n)."""
+    Z = rows.W if rows.Z is None else rows.Z
+    return np.asarray(bread @ (Z * (rows.mask / noise)[:, :, None]).swapaxes(1, 2))
+
+
+def _kernel(rows: ObservationRows) -> Floats:
+    """Return what made the noise in the rows as coloured as it is, (K,), of unit length."""
+    if rows.cutoff == 0.0 or len(rows.t) < 2:
+        return np.ones(1)
+    step = float(np.median(np.diff(rows.t)))
+    half = int(pulse_width(rows.cutoff) / step)
+    kernel = pulse(step * np.arange(-half, half + 1.0), rows.cutoff)
+    return np.asarray(kernel / np.linalg.norm(kernel))
+
+
+def _filtered(rng: np.random.Generator, shape: tuple[int, int, int], kernel: Floats) -> Floats:
+    """Return coloured noise for draws, joints and instants, (M, n, draws)."""
+    white = rng.standard_normal((*shape[:2], shape[2] + len(kernel) - 1))
+    windows = np.lib.stride_tricks.sliding_window_view(white, len(kernel), axis=2)
+    return np.ascontiguousarray((windows @ kernel).transpose(2, 1, 0))
+
+
+def _variance(influence: Floats, kernel: Floats) -> Floats:
+    """Return the variance that coloured noise gives the parameters, (p,)."""
+    M, p, n = influence.shape
+    spread = np.zeros((M + len(kernel) - 1, p, n))
+    for k, size in enumerate(kernel):
+        spread[k : k + M] += size * influence
+    return np.asarray(np.einsum("tpj,tpj->p", spread, spread))
+
+
+# ---------------------------------------------------------------- words
+def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
+    """Say how well each parameter is known.
+
+    A parameter may be well known although its relative error is large: a product of inertia that is zero is known
+    when all values that the interval allows would change the torques by less than their noise.
+
+    Args:
+        theta: parameters, (p,).
+        std_error: standard errors that allow for coloured residuals, (p,); infinite where the rank is short.
+        effect: root mean square of each whitened column of the regressor, (p,): noise a unit of theta.
+
+    Returns:
+        ``"well"``, ``"roughly"`` or ``"not determined"`` for each parameter.
+    """
+    relative = std_error / np.where(theta != 0.0, np.abs(theta), np.finfo(float).tiny)
+    harmless = (std_error * effect <= HARMLESS) & (effect > 0.0)
+    judgement = []
+    for error, small in zip(relative, harmless, strict=True):
+        if error <= WELL or small:
+            judgement.append("well")
+        else:
+            judgement.append("roughly" if error <= ROUGHLY else NOT_DETERMINED)
+    return tuple(judgement)

@@ -1,0 +1,125 @@
+"""Error bars against hand formulas and against the spread over many simulated recordings."""
+
+import numpy as np
+import pytest
+
+from dynid.estimation.covariance import (
+    automatic_lags,
+    hac_covariance,
+    judge,
+    long_run_variance,
+    short_log_factor,
+)
+from dynid.estimation.least_squares import weighted
+from dynid.estimation.observation_rows import dense_rows, joint_factors
+from dynid.signals.filters import pulse, pulse_width
+
+TRUTH = np.array([2.0, -1.0, 0.5, 0.0])
+CUTOFF, RATE = 5.0, 20.0
+
+
+def ar1(rng, shape, rho):
+    """Unit-variance AR(1) noise along the first axis."""
+    e = rng.standard_normal(shape)
+    e[1:] *= (1 - rho**2) ** 0.5
+    for t in range(1, shape[0]):
+        e[t] += rho * e[t - 1]
+    return e
+
+
+def recording(seed, rho, samples=1000, joints=2):
+    """Slowly varying regressors with AR(1) torque noise, partly common to the joints."""
+    rng = np.random.default_rng(seed)
+    W = ar1(rng, (samples, joints * 4), 0.95).reshape(samples, joints, 4)
+    noise = ar1(rng, (samples, joints), rho) @ np.array([[1.0, 0.5], [0.0, 0.5]])
+    return dense_rows(W, W @ TRUTH + noise)
+
+
+def fitted(segment):
+    fit = weighted(*joint_factors([segment]))
+    return fit, hac_covariance([segment], fit.theta, fit.noise)
+
+
+@pytest.fixture(scope="module")
+def many():
+    return [fitted(recording(seed, 0.8)) for seed in range(150)]
+
+
+def coverage(thetas, errors):
+    return float(np.mean(np.abs(np.array(thetas) - TRUTH) <= 1.96 * np.array(errors)))
+
+
+def test_moving_sums_are_newey_west():
+    rng = np.random.default_rng(0)
+    series, lags = [rng.standard_normal((40, 3)), rng.standard_normal((25, 3))], 6
+    expected = np.zeros((3, 3))
+    for s in series:
+        expected += s.T @ s
+        for lag in range(1, lags + 1):
+            gamma = s[lag:].T @ s[:-lag]
+            expected += (1 - lag / (lags + 1)) * (gamma + gamma.T)
+    assert np.allclose(long_run_variance(series, lags), expected)
+
+
+def test_robust_intervals_cover_where_textbook_ones_do_not(many):
+    thetas = [fit.theta for fit, _ in many]
+    textbook = coverage(thetas, [np.sqrt(np.diagonal(fit.covariance)) for fit, _ in many])
+    robust = coverage(thetas, [np.sqrt(np.diagonal(hac)) for _, hac in many])
+    assert textbook < 0.70
+    assert 0.90 <= robust <= 0.99
+
+
+def test_white_residuals_keep_the_textbook_width():
+    both = [fitted(recording(seed, 0.0)) for seed in range(60)]
+    robust = coverage([f.theta for f, _ in both], [np.sqrt(np.diagonal(h)) for _, h in both])
+    assert 0.90 <= robust <= 0.99
+
+
+def test_lags_grow_with_the_memory_of_the_scores():
+    rng = np.random.default_rng(4)
+    lags = [automatic_lags([ar1(rng, (2000, 3), rho)]) for rho in (0.0, 0.5, 0.9)]
+    assert lags[0] <= 3 < lags[1] < lags[2] < 100
+
+
+def slow_log(seed, instants=120, columns=24):
+    """Many slow columns, and noise that has passed the filter of the rows."""
+    t = np.arange(instants) / RATE
+    w = 2 * np.pi * 0.1 * np.arange(1, columns // 2 + 1)
+    W = np.hstack([np.sin(np.outer(t, w)), np.cos(np.outer(t, w))])[:, None]
+    half = int(pulse_width(CUTOFF) * RATE)
+    kernel = pulse(np.arange(-half, half + 1.0) / RATE, CUTOFF)
+    noise = np.convolve(np.random.default_rng(seed).standard_normal(instants + 2 * half), kernel, "valid")
+    theta = np.linspace(-1, 1, columns)
+    return theta, dense_rows(W, W @ theta + 0.1 * noise[:, None], t=t, cutoff=CUTOFF)
+
+
+def test_intervals_of_a_short_log_cover_what_they_say():
+    inside = []
+    for seed in range(100):
+        theta, rows = slow_log(seed)
+        fit = weighted(*joint_factors([rows]))
+        covariance = hac_covariance([rows], fit.theta, fit.noise)
+        inside.append(np.abs(fit.theta - theta) <= 1.96 * np.sqrt(np.diagonal(covariance)))
+    assert 0.92 <= np.mean(inside) <= 0.98
+
+
+@pytest.mark.parametrize(("instants", "columns", "bounds"), [(4000, 2, (0.95, 1.15)), (120, 24, (1.2, 4.0))])
+def test_a_long_log_needs_no_widening_and_a_short_one_does(instants, columns, bounds):
+    rows = slow_log(0, instants, columns)[1]
+    factors, counts = joint_factors([rows])
+    fit = weighted(factors, counts)
+    factor = short_log_factor([rows], fit.covariance, fit.noise, lags=6)
+    assert bounds[0] < np.median(factor) < bounds[1]
+
+
+def test_judgement_separates_unknown_from_known_to_be_zero():
+    theta = np.array([1.0, 1.0, 1.0, 1e-6, 0.0])
+    error = np.array([0.05, 0.2, 0.5, 1e-4, 1.0])
+    effect = np.array([10.0, 10.0, 10.0, 10.0, 0.0])
+    assert judge(theta, error, effect) == (
+        "well",
+        "roughly",
+        "not determined",
+        "well",
+        "not determined",
+    )
