@@ -1,17 +1,32 @@
 """The program ``dynid``, also ``python -m dynid``."""
 
 import os
-import sys
+import signal
+
+
+def _stop(number: int, frame: object) -> None:
+    """End at once: nothing was opened or written yet."""
+    try:
+        os.write(2, b"interrupted\n")
+    finally:
+        os._exit(130)
+
+
+def _stoppable() -> None:
+    """Let Ctrl-C and SIGTERM end the program as quietly during its own start-up as later."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # Why: a shell that starts a program in the background, or nohup, wants it to ignore them.
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
+
+
+_stoppable()
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C during its own start-up ends it as quietly as later."""
-    try:
-        from dynid.cli.main import main as run
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        sys.stderr.flush()
-        os._exit(130)  # Why: see failure.leave
+    """Run the command line."""
+    from dynid.cli.main import main as run
+
     run()
 
 

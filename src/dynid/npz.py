@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import CannotWrite
+from dynid.scratch import prefix, sweep
 
 #: Name of the array that holds the header.
 HEADER = "header"
@@ -47,7 +48,8 @@ def written_whole(path: Path) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        sweep(path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{prefix()}", dir=path.parent)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
     temporary = Path(name)

@@ -86,14 +86,17 @@ def silence_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except OSError:
-            os.dup2(nowhere, stream.fileno())
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                os.dup2(nowhere, stream.fileno())
+                stream.flush()
 
 
 def leave(status: int) -> NoReturn:
     """Flush the streams and end the program with a status, whatever signal still arrives."""
     with suppress(ValueError):  # not the main thread: the caller handles signals
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
     silence_streams()
     if status == ExitStatus.INTERRUPTED:
         # Why: Python remembers an interruption that went through exec(), which makes dataclasses and named tuples, and
@@ -212,5 +215,5 @@ def _crash_file(text: str) -> Path | None:
 def _say(line: str) -> None:
     try:
         click.echo(line, err=True, color=True)
-    except BrokenPipeError:
+    except OSError:  # the reader has left, or the disk is full
         silence_streams()

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -178,7 +178,7 @@ def run(args: Sequence[str]) -> int:
     """Run one command line and return its exit status; nothing escapes as a traceback."""
     words = [*args[1:], "--help"] if args[:1] == ["help"] else list(args)
     told = failure.Told(words)
-    with _terminated_like_interrupted():
+    with _interruptible():
         try:
             status = _invoke(words, told)
             sys.stdout.flush()
@@ -218,22 +218,25 @@ def _flushed(status: int) -> int:
 
 
 @contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the program the way Ctrl-C does: files closed and temporary ones removed."""
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM unwind the program: files closed, temporary ones removed, children ended."""
 
     def stop(number: int, frame: object) -> NoReturn:
         raise KeyboardInterrupt
 
-    previous: Callable[..., Any] | int | None = None
+    previous: dict[int, Any] = {}
     try:
-        previous = signal.signal(signal.SIGTERM, stop)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                previous[number] = signal.signal(number, stop)
     except ValueError:  # not the main thread: the caller handles signals
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for each, handler in previous.items():
+            signal.signal(each, handler)
 
 
 def _complete() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import random_states
 from dynid.robot import Robot
+from dynid.scratch import scratch_folder
 from dynid.text import file_name
 
 #: Number of random states that a written file is compared on.
@@ -158,7 +158,7 @@ class Format:
         """
         q, qd, qdd = random_states(arm.robot, STATES, seed)
         found = []
-        with tempfile.TemporaryDirectory() as folder:
+        with scratch_folder() as folder:
             path = Path(folder) / f"arm{self.suffix}"
             path.write_text(text, encoding="utf-8")
             try:

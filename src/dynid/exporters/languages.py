@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.exporters.code import Language, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.scratch import scratch_folder
 from dynid.text import identifier
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
         qd: velocities, (N, n) [rad/s or m/s].
         qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
     """
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         shutil.copy(path, Path(folder) / f"{name}.m")
         np.savetxt(Path(folder) / "states.txt", np.hstack([q, qd, qdd]))
         n = q.shape[1]

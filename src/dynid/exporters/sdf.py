@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
 from dynid.model.prior import tensor_of
 from dynid.robot import Body, Joint, roll_pitch_yaw
+from dynid.scratch import scratch_folder
 from dynid.text import xml, xml_comment
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
         mass = model.find("link/inertial/mass")
         assert mass is not None
         mass.text = "0"
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         moments = {
             str(link.get("name")): [
                 float(str(link.findtext(f"inertial/inertia/{key}"))) for key in ("ixx", "iyy", "izz")

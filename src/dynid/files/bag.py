@@ -5,7 +5,6 @@ Reads record by record (``bag_records``), writes with rosbags; what is damaged c
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
 from dynid.files.bag_records import MAGIC, BrokenBag, Connection, read_index, scan
 from dynid.files.messages import BrokenMessage, Collector
 from dynid.log import Log
+from dynid.scratch import scratch_folder
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
     q, qd, tau = (np.ascontiguousarray(part) for part in (log.q, speeds, log.tau))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        with scratch_folder(path.parent) as folder:
             temporary = Path(folder) / path.name
             writer = Writer(temporary)
             writer.set_compression(Writer.CompressionFormat.BZ2)

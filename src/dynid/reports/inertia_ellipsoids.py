@@ -5,10 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
 import subprocess
-import sys
-import tempfile
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,9 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import children
 from dynid.model.kinematics import link_frames
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot, roll_pitch_yaw
+from dynid.scratch import scratch_folder
 from dynid.sim.urdf import urdf_text
 from dynid.text import html
 
@@ -64,16 +63,14 @@ def ellipsoid_drawing(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: s
         return None
     # Why: the picture shows links by number, and PyBullet ends its process on some names.
     robot = replace(robot, joints=tuple(replace(joint, name=f"joint_{k}") for k, joint in enumerate(robot.joints)))
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         job = Path(folder) / "job.json"
         (Path(folder) / "arm.urdf").write_text(urdf_text(robot), encoding="utf-8")
         job.write_text(json.dumps(_job(robot, q, bodies)), encoding="utf-8")
-        here = str(Path(__file__).parents[2])
-        path = os.pathsep.join([here, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
         child = subprocess.run(
-            [sys.executable, "-m", "dynid.sim.inertia_ellipsoids", str(job)],
+            children.command("dynid.sim.inertia_ellipsoids", str(job)),
             stdin=subprocess.DEVNULL, capture_output=True,
-            env={**os.environ, "PYTHONPATH": path}, timeout=PATIENCE, check=False,
+            env=children.environment(), timeout=PATIENCE, check=False,
         )  # fmt: skip
         if child.returncode:
             raise RuntimeError(f"drawing the arm ended with status {child.returncode}:\n{child.stderr[-2000:]!r}")

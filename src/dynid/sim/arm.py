@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
 from dynid.robot import Body, Limits, Robot, rotation_rpy
+from dynid.scratch import scratch_folder
 from dynid.sim.urdf import write_urdf
 
 Floats = NDArray[np.float64]
@@ -106,7 +106,7 @@ class SimulatedArm:
         bullet, client = self._bullet, self._client
         # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        with tempfile.TemporaryDirectory() as folder:
+        with scratch_folder() as folder:
             path = Path(folder) / "arm.urdf"
             write_urdf(_without_stops(self.robot), bodies, path)
             body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)

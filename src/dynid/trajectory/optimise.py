@@ -22,6 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import children
 from dynid.errors import WrongUsage
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
@@ -198,9 +199,10 @@ def _modest_children() -> Iterator[None]:
     Matrices are small, and threads would fight for the cores. Ctrl-C reaches every process of the terminal; a child
     that is still importing would answer it with a traceback.
     """
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    wanted = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    wanted |= children.variables()
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
     main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
@@ -217,6 +219,7 @@ def _modest_children() -> Iterator[None]:
 
 def _work(problem: PlanProblem, search: PlanOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
     """Search from the starts of every ``step``-th lane and report the best so far of each."""
+    children.end_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     objective = ExcitationObjective(problem)
     if search.replay is not None:

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,10 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import children
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.robot import Robot
+from dynid.scratch import scratch_folder
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
 from dynid.trajectory.clearance import Scene, Spheres
@@ -104,7 +105,7 @@ def measure_poses(
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
             child = subprocess.run(
-                _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment(),
+                _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment(),
                 timeout=PATIENCE, check=False,
             )  # fmt: skip
         answer = job.with_suffix(".answer")
@@ -128,7 +129,7 @@ def urdf_of(robot: Robot, own: Path | None) -> Iterator[Path]:
     if own is not None:
         yield own
         return
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         path = Path(folder) / f"{robot.slug}.urdf"
         write_urdf(robot, None, path)
         yield path
@@ -185,7 +186,7 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
         raise NoDisplay("no display: PyBullet cannot open its window")
     with _job(*_poses(trajectory), robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
         child = subprocess.Popen(
-            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=_environment()
+            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment()
         )
         try:
             _await(child, job)
@@ -239,7 +240,7 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: 
         "window": drawing is None,
         "maps": _maps(robot),
     }
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         job = Path(folder) / "job.json"
         job.write_text(json.dumps(facts), encoding="utf-8")
         frames = link_frames(robot, random[:COMPARED], world=True)
@@ -293,13 +294,7 @@ def _maps(robot: Robot) -> list[list[list[float]]]:
 
 
 def _command(job: Path) -> list[str]:
-    return [sys.executable, "-m", "dynid.trajectory.bullet", str(job)]
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of the child, which must find the same dynid."""
-    here = str(Path(__file__).parents[2])
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([here, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
+    return children.command("dynid.trajectory.bullet", str(job))
 
 
 def _failure(status: int, log: str, urdf: Path) -> Exception:

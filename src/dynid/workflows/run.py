@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -19,7 +18,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from dynid import limits
+from dynid import children, limits
 from dynid.errors import DynidError, ExitStatus, WrongUsage
 from dynid.files.batchfile import Job, folder_name, read_batch
 from dynid.npz import parse_json
@@ -298,7 +297,7 @@ class Runner:
         folder.mkdir(parents=True, exist_ok=True)
         name, *rest = words
         common = ["--json", "--no-input", "--force", "--seed", str(self.seed), *self._limits]
-        own = [sys.executable, "-m", "dynid", name, *common, *rest]
+        own = children.command("dynid", name, *common, *rest)
         threads = {f"{name}_NUM_THREADS": str(self.threads) for name in ("OMP", "OPENBLAS", "MKL")}
         with self._lock:
             if self._stopped:
@@ -309,7 +308,7 @@ class Runner:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
-                env=os.environ | threads,
+                env=children.environment() | threads,
             )
             self._running.add(process)
         answer, said = process.communicate()
