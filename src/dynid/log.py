@@ -6,7 +6,6 @@ A ``Log`` straight from a file or from arrays is raw: the columns, their order a
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
 from dynid.npz import write_npz
+from dynid.text import html, visible
 from dynid.units import FACTORS
 from dynid.version import __version__
 
@@ -158,10 +158,10 @@ class Log:
 
     def __repr__(self) -> str:
         """Return name, size, joints and findings, one line each."""
-        return "\n".join(f"{label:<10} {text}" for label, text in self._facts().items())
+        return "\n".join(visible(f"{label:<10} {text}") for label, text in self._facts().items())
 
     def _repr_html_(self) -> str:
-        rows = (f"<tr><th>{label}</th><td>{html.escape(text)}</td></tr>" for label, text in self._facts().items())
+        rows = (f"<tr><th>{label}</th><td>{html(text)}</td></tr>" for label, text in self._facts().items())
         return f"<table>{''.join(rows)}</table>"
 
     def to_dataframe(self) -> DataFrame:
@@ -173,7 +173,7 @@ class Log:
         try:
             import pandas as pd
         except ImportError as error:
-            raise PackageMissing("pandas is not installed", fix="pip install pandas") from error
+            raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from error
         names = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
         kinds = {"q": self.q, **({"qd": self.qd} if self.qd is not None else {}), "tau": self.tau}
         columns = [f"{kind}_{name}" for kind in kinds for name in names]

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
-from dynid.files.artifact import sha256
 from dynid.log import SCHEMA, Log
 from dynid.npz import HEADER, parse_json, read_npz
 from dynid.version import __version__
@@ -46,7 +45,6 @@ def read_npz_log(path: Path) -> Log:
         names=names,
         qd=arrays.get("qd"),
         source=path,
-        sha256=sha256(path),
         topic=str(header.get("topic", "")),
         tau_unit="" if "effort" not in units else "A" if units["effort"] in ("A", "mA") else "Nm",
         units=units,

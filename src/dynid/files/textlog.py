@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
-from dynid.files.artifact import sha256
 from dynid.log import Log
 
 Floats = NDArray[np.float64]
@@ -71,7 +70,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     for table in tables.values():
         _check_rows(table, len(t))
     arrays = {key: _in_order(table, names, position.values.shape[1]) for key, table in tables.items()}
-    return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path, sha256=sha256(path))
+    return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
 
 
 def read_csv(path: Path, rate: float | None = None) -> Log:
@@ -105,7 +104,6 @@ def read_csv(path: Path, rate: float | None = None) -> Log:
         names,
         np.column_stack([columns[f"qd_{name}"] for name in names]) if measured else None,
         source=path,
-        sha256=sha256(path),
         tau_unit="A" if torque == "i" else "",
     )
 

@@ -1,0 +1,115 @@
+"""Checks of files return what was found, for programs that call them; the machine is diagnosed without imports."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from two_link_logs import log
+
+from dynid import LogOptions
+from dynid.errors import ExitStatus, NotAnArtifact, NotFinite, WrongRobotFile, WrongUsage
+from dynid.files.batchfile import Job
+from dynid.workflows.check import check, check_robot, kind_of
+from dynid.workflows.doctor import REQUIRED, Check, Diagnosis, doctor, version_of
+from dynid.workflows.logs import checked_log
+from dynid.workflows.run import BatchResult, JobResult, RunOptions, run
+
+
+def test_a_robot_file_is_described_with_the_tool_at_zero(arm):
+    found = check_robot(arm)
+    assert found.kind == "robot"
+    assert found.facts["tool_at_zero_m"] == pytest.approx([0.7, 0, 0])
+    assert "2 revolute joints" in repr(found)
+
+
+def test_the_robot_file_among_the_paths_serves_the_logs(arm, tmp_path):
+    log(1).save(tmp_path / "log.npz")
+    first, second = check([arm.path, tmp_path / "log.npz"])
+    assert (first.kind, second.kind) == ("robot", "log")
+    assert second.facts["samples"] == len(log(1))
+    assert second.raw is not None
+    assert second.log is not None
+    assert (second.raw.checked, second.log.checked) == (False, True)
+    np.testing.assert_array_equal(second.log.q, log(1).q)
+
+
+def test_a_log_without_a_robot_is_wrong_usage(tmp_path):
+    log(1).save(tmp_path / "log.npz")
+    with pytest.raises(WrongUsage, match="no robot is given"):
+        check([tmp_path / "log.npz"])
+
+
+def test_a_damaged_result_is_named(tmp_path):
+    (tmp_path / "parameters.npz").write_bytes(b"PK nothing")
+    assert kind_of(str(tmp_path / "parameters.npz")) == "result"
+    with pytest.raises(NotAnArtifact, match=r"parameters\.npz"):
+        check([tmp_path / "parameters.npz"])
+
+
+@pytest.mark.parametrize("exclude", ["1-2,3.0-4", ["1-2", "3-4"], ((1.0, 2.0), (3.0, 4.0))])
+def test_intervals_are_excluded_alike_however_they_are_written(arm, exclude):
+    tau = log(1).tau.copy()
+    tau[(log(1).t > 1.5) & (log(1).t < 1.6) | (log(1).t > 3.5) & (log(1).t < 3.6)] = np.nan
+    broken = replace(log(1), tau=tau)
+    with pytest.raises(NotFinite):
+        checked_log(broken, arm)
+    clean = checked_log(broken, arm, LogOptions(exclude=exclude))
+    assert np.isfinite(clean.tau).all()
+    assert not np.any((clean.t > 1.01) & (clean.t < 1.99) | (clean.t > 3.01) & (clean.t < 3.99))
+
+
+@pytest.mark.parametrize("exclude", ["5-3", "now", "3.2", "1-nan"])
+def test_what_is_no_interval_is_refused(exclude):
+    with pytest.raises(WrongUsage, match=f"--exclude {exclude} is not an interval of time"):
+        LogOptions(exclude=exclude)
+
+
+# ---------------------------------------------------------------- doctor
+def test_the_machine_is_looked_at_without_importing_what_is_looked_for():
+    found = doctor()
+    assert {"Python", *REQUIRED} <= set(found.works)
+    assert found.usable
+    assert "pybullet" not in sys.modules or version_of("pybullet") is not None
+
+
+def test_a_required_package_that_is_missing_makes_dynid_unusable():
+    fine, optional = Check("numpy", True, "2.0"), Check("display", False, "none", "preview window")
+    assert Diagnosis((fine, optional)).usable
+    assert not Diagnosis((replace(fine, ok=False), optional)).usable
+    assert version_of("no-such-package") is None
+
+
+# ---------------------------------------------------------------- batches
+def outcome(status, error=None):
+    job = Job(f"job {status}", "arm", ())
+    answers = {"identify": [{"relative_error_percent": error}]} if error is not None else {}
+    return JobResult(job, folder=None, status=status, answers=answers)
+
+
+def test_a_batch_ends_as_its_worst_job_that_failed():
+    passed, limit, failed = outcome(0, 1.5), outcome(1), outcome(int(ExitStatus.DATA))
+    assert BatchResult((passed,)).status == ExitStatus.DONE
+    assert BatchResult((passed, limit)).status == ExitStatus.LIMIT_NOT_MET
+    batch = BatchResult((passed, limit, failed))
+    assert batch.status == ExitStatus.DATA
+    assert (batch.passed, len(batch.beyond_limit), len(batch.failed)) == (1, 1, 1)
+    assert [row["outcome"] for row in batch.table()] == ["passed", "beyond a limit", "failed"]
+    assert batch.table()[0]["unexplained %"] == 1.5
+
+
+def test_jobs_and_options_that_do_not_exist_stop_the_batch_before_it_runs(tmp_path):
+    (tmp_path / "batch.yaml").write_text("jobs: [{name: one, robot: arm, logs: log.bag, options: {cutof: 8}}]")
+    with pytest.raises(WrongUsage, match="no job 'two'"):
+        run(tmp_path / "batch.yaml", RunOptions(only=("two",)), out=tmp_path)
+    with pytest.raises(WrongUsage, match="no option 'cutof'; did you mean 'cutoff'"):
+        run(tmp_path / "batch.yaml", out=tmp_path, known_options=["cutoff", "delay"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["batch.yaml"]
+
+
+def test_a_batch_file_without_logs_is_wrong(tmp_path):
+    (tmp_path / "batch.yaml").write_text("jobs: [{robot: arm}]")
+    with pytest.raises(WrongRobotFile, match="lacks the key 'logs'"):
+        run(tmp_path / "batch.yaml", out=tmp_path)
