@@ -44,8 +44,9 @@ _TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]')
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[IO[bytes]]:
+def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
+    path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         sweep(path.parent)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding
+from dynid.errors import Finding, WrongUsage
 
 Floats = NDArray[np.float64]
 
@@ -292,6 +292,19 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Joint names, base to tip."""
         return tuple(joint.name for joint in self.joints)
+
+    def joint_name(self, joint: int | str) -> str:
+        """Return the name of a joint given by its number from 1 or by its name.
+
+        Raises:
+            WrongUsage: there is no such joint.
+        """
+        names = self.joint_names
+        if joint in names:
+            return str(joint)
+        if not isinstance(joint, int) or not 1 <= joint <= self.n:
+            raise WrongUsage(f"there is no joint '{joint}'", fix=f"a number from 1 to {self.n}, or a name")
+        return names[joint - 1]
 
     @property
     def log_names(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,13 @@ def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
         raw_q, t = segment.raw_q[part], segment.t[part]
         raw_qdd = np.gradient(np.gradient(raw_q, t, axis=0), t, axis=0) if len(t) > 1 else np.zeros_like(raw_q)
         yield (*filtered, raw_q[centres], segment.raw_qd[part][centres], raw_qdd[centres])
+
+
+def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
+    """Return motions one after the other, a second apart, as one."""
+    starts = np.cumsum([0.0, *(float(np.ptp(motion.t)) + 1.0 for motion in motions[:-1])])
+    parts = [replace(m, t=m.t - m.t[0] + start) for m, start in zip(motions, starts, strict=True)]
+    return EstimatedMotion(**{f.name: np.concatenate([getattr(m, f.name) for m in parts]) for f in fields(parts[0])})
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:

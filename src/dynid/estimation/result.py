@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,11 +30,15 @@ from dynid.table import Table
 from dynid.text import visible
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
     from dynid.estimation.stack import Stack
 
 Floats = NDArray[np.float64]
+
+#: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
+Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
 
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
@@ -105,6 +109,7 @@ class Identification:
         path: its file; empty when it was not read from one.
         rigid: program of the rigid-body columns; None to derive it when it is needed.
         stack: the rows that it was made from; None when it was read from a file.
+        draw: draws torques on these logs, None for a result that was read.
     """
 
     robot: Robot
@@ -140,6 +145,7 @@ class Identification:
     path: Path = Path()
     rigid: Program | None = None
     stack: Stack | None = None
+    draw: Drawing | None = field(default=None, repr=False, compare=False)
 
     @property
     def label(self) -> str:
@@ -156,6 +162,33 @@ class Identification:
         """Model and base parameters."""
         model = build_model(self.robot) if self.rigid is None else Model(self.robot, self.rigid)
         return BaseModel(model, self.reduction)
+
+    # ---------------------------------------------------------------- figures
+    def plot_torque(self) -> Figure:
+        """Return a figure of measured and estimated torque and their difference on the fitted logs, joint by joint.
+
+        Raises:
+            WrongUsage: the result was read from a file, which keeps no rows.
+        """
+        return self._figure(self.robot.joint_names, residual_only=False)
+
+    def plot_residual(self, joint: int | str) -> Figure:
+        """Return a figure of what the model leaves of the torque of one joint on the fitted logs.
+
+        Args:
+            joint: number from 1, or name.
+
+        Raises:
+            WrongUsage: there is no such joint, or the result was read from a file, which keeps no rows.
+        """
+        return self._figure((self.robot.joint_name(joint),), residual_only=True)
+
+    def _figure(self, joints: tuple[str, ...], *, residual_only: bool) -> Figure:
+        if self.draw is None:
+            raise WrongUsage(
+                f"{self.label} keeps no rows to draw", fix="dynid.validate(result, log).plot_torque()", where=self.label
+            )
+        return self.draw(self, joints, residual_only)
 
     # ---------------------------------------------------------------- parameters
     @property

@@ -54,6 +54,21 @@ QUANTITIES = (
 )
 
 
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of a size [inch] that a notebook draws by itself, without a window or pyplot."""
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            stream = BytesIO()
+            self.savefig(stream, format="png", dpi=100)
+            return stream.getvalue()
+
+    return NotebookFigure(figsize=(width, height), layout="constrained")
+
+
 # ---------------------------------------------------------------- motion
 def motion_figure(
     motion: EstimatedMotion,
@@ -74,12 +89,10 @@ def motion_figure(
         joints: names of the joints that are drawn, all without.
         residual_only: draw what is left of the measured values alone, so that it fills the panel.
     """
-    from matplotlib.figure import Figure as NewFigure
-
     numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
     columns = 1 if len(numbers) <= 3 else 2
     lines = -(-len(numbers) // columns)
-    figure = NewFigure(figsize=(5.2 * columns + 0.6, 1.75 * lines + 1.0), layout="constrained")
+    figure = new_figure(5.2 * columns + 0.6, 1.75 * lines + 1.0)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True)
     measured, estimated = getattr(motion, f"{quantity.key}_measured"), getattr(motion, f"{quantity.key}_estimated")
     for place in range(lines * columns):
@@ -133,9 +146,7 @@ def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float
 
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw the range of positions and speeds of each joint beside its limits."""
-    from matplotlib.figure import Figure as NewFigure
-
-    figure = NewFigure(figsize=(6.4, 0.8 + 0.34 * robot.n), layout="constrained")
+    figure = new_figure(6.4, 0.8 + 0.34 * robot.n)
     axes = figure.subplots(1, 2, sharey=True)
     rows = np.arange(robot.n)
     for axis, values, what in ((axes[0], motion.q_estimated, "position"), (axes[1], motion.qd_estimated, "velocity")):
@@ -156,8 +167,6 @@ def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
 
 def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw mean and spread of the residual torque over velocity, position, load and time, one row per joint."""
-    from matplotlib.figure import Figure as NewFigure
-
     residual = motion.tau_measured - motion.tau_estimated
     against = (
         ("velocity", motion.qd_estimated),
@@ -165,7 +174,7 @@ def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
         ("load", motion.tau_estimated),
         ("time [s]", np.broadcast_to(motion.t[:, None], residual.shape)),
     )
-    figure = NewFigure(figsize=(7.2, 0.5 + 1.0 * robot.n), layout="constrained")
+    figure = new_figure(7.2, 0.5 + 1.0 * robot.n)
     axes = figure.subplots(robot.n, 4, squeeze=False, sharey="row")
     for j, joint in enumerate(robot.joints):
         usable = motion.usable[:, j]
@@ -197,9 +206,7 @@ def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
 # ---------------------------------------------------------------- parameters
 def spectrum_figure(singular_values: Floats) -> Figure:
     """Draw the singular values of a stack with normalised columns, (p,), over the largest."""
-    from matplotlib.figure import Figure as NewFigure
-
-    figure = NewFigure(figsize=(6.4, 2.4), layout="constrained")
+    figure = new_figure(6.4, 2.4)
     axis = figure.subplots()
     numbers = np.arange(1, len(singular_values) + 1)
     axis.semilogy(numbers, singular_values / singular_values[0], "o-", ms=3, lw=0.8, color=ESTIMATED)
@@ -212,12 +219,10 @@ def spectrum_figure(singular_values: Floats) -> Figure:
 
 def error_figure(found: Identification) -> Figure:
     """Draw the standard error of each base parameter in percent of its value."""
-    from matplotlib.figure import Figure as NewFigure
-
     finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
     share = np.full(len(found.theta), np.nan)
     share[finite] = 100 * found.std_error[finite] / np.abs(found.theta[finite])
-    figure = NewFigure(figsize=(6.4, 2.6), layout="constrained")
+    figure = new_figure(6.4, 2.6)
     axis = figure.subplots()
     place = np.arange(len(share))
     axis.bar(place, np.clip(share, 0.05, 300), width=0.8, color=ESTIMATED)

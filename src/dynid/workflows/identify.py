@@ -17,6 +17,8 @@ from dynid.workflows.parameters import Observations, observe, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from dynid.estimation.estimate import HoldOut
     from dynid.estimation.payload import Payload
     from dynid.estimation.result import Identification
@@ -121,8 +123,31 @@ def identify(
     progress.stage("excited", f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)")
     progress.findings(found.findings)
     return replace(
-        found, header=header, log_sha256=tuple(header["log_sha256"]), cutoff=seen.cutoff, delay=seen.applied_delay
+        found,
+        header=header,
+        log_sha256=tuple(header["log_sha256"]),
+        cutoff=seen.cutoff,
+        delay=seen.applied_delay,
+        draw=torque_figure,
     )
+
+
+def torque_figure(result: Identification, joints: tuple[str, ...], residual_only: bool) -> Figure:
+    """Return a figure of torques on the logs that a new result was made from, which follow each other.
+
+    Args:
+        result: what ``identify`` returned.
+        joints: names of the joints that are drawn.
+        residual_only: draw only what the model leaves.
+    """
+    from dynid.estimation import prediction
+    from dynid.reports import figures
+
+    stack = result.stack
+    assert stack is not None, "only new results have a drawing"
+    motions = [prediction.predict(log, stack.rows_of_log(k), result.theta) for k, log in enumerate(stack.logs)]
+    title = f"{result.robot.name}, fitted logs"
+    return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
 
 
 def signals_as(options: IdentifyOptions, earlier: Identification) -> IdentifyOptions:

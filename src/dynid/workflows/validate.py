@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import SameRecording, WrongUsage
+from dynid.errors import SameRecording
 from dynid.log import Log
 from dynid.options import option
 from dynid.progress import SILENT, Progress
@@ -98,10 +98,7 @@ class Validation:
         Raises:
             WrongUsage: there is no such joint.
         """
-        names = self.robot.joint_names
-        if joint not in names and joint not in range(1, len(names) + 1):
-            raise WrongUsage(f"there is no joint '{joint}'", fix=f"a number from 1 to {len(names)}, or a name")
-        return self._figure((joint if isinstance(joint, str) else names[joint - 1],), residual_only=True)
+        return self._figure((self.robot.joint_name(joint),), residual_only=True)
 
     def _figure(self, joints: tuple[str, ...], *, residual_only: bool = False) -> Figure:
         from dynid.reports.figures import torque_figure
