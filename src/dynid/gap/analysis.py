@@ -54,7 +54,7 @@ class GapAnalysis:
 
 
 def analyse_gap(
-    sources: Sequence[ConditionedLog],
+    logs: Sequence[ConditionedLog],
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
@@ -66,7 +66,7 @@ def analyse_gap(
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
     Args:
-        sources: conditioned logs, all with the same filter.
+        logs: conditioned logs, all with the same filter.
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
@@ -74,10 +74,10 @@ def analyse_gap(
         simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
-    sources = on_one_clock(sources)
+    logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
-    problem = make_problem(sources, base, kept, earlier)
-    search = search_effects(sources, base, kept, options, progress, first=problem, earlier=earlier)
+    problem = make_problem(logs, base, kept, earlier)
+    search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
     search, effects, withdrawn, improvement, regression = proved(problem, search)
     verdict = judge(search, effects, improvement, base.robot.joint_names, withdrawn)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
@@ -86,7 +86,7 @@ def analyse_gap(
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
-    logs = tuple(sources)
+    logs = tuple(logs)
     return GapAnalysis(
         logs, problem, search, tuple(effects), tuple(joints), improvement, simulation, verdict, invisible
     )
@@ -133,10 +133,10 @@ def simulation_errors(
     return None if before is None or after is None else (before.rms, after.rms)
 
 
-def on_one_clock(sources: Sequence[ConditionedLog]) -> list[ConditionedLog]:
+def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
-    begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in sources]
-    ends = [s.segments[-1].t[-1] for s in sources]
+    begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in logs]
+    ends = [s.segments[-1].t[-1] for s in logs]
     if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
-        return list(sources)
-    return [replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in sources]
+        return list(logs)
+    return [replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in logs]

@@ -57,19 +57,19 @@ def specs_of(fitted: Sequence[FittedEffect], robot: Robot) -> list[EffectSpec]:
 
 
 def identify_again(
-    sources: Sequence[ConditionedLog], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
+    logs: Sequence[ConditionedLog], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
 ) -> Identification:
     """Identify the arm with effects on the training rows alone; the held-out rows judge it.
 
     Args:
-        sources: conditioned logs, as read without the effects.
+        logs: conditioned logs, as read without the effects.
         problem: which rows are held out.
         base: model without the effects.
         specs: the effects.
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
-    late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in sources]
+    late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
     first = model_torques(base.model, base.reduction, problem.theta)
     made = settled(only([with_effects(s, added.model, first) for s in late], problem, problem.train), added)
     train = stack_base(made, added)
@@ -78,16 +78,16 @@ def identify_again(
     return estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
 
 
-def only(sources: Sequence[ConditionedLog], problem: GapProblem, chosen: Sequence[Mask]) -> list[ConditionedLog]:
+def only(logs: Sequence[ConditionedLog], problem: GapProblem, chosen: Sequence[Mask]) -> list[ConditionedLog]:
     """Return logs of which only the chosen rows count, one mask per segment."""
     spans = {
-        (s.log, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])
+        (s.number, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])
         for s, rows in zip(problem.segments, chosen, strict=True)
         if rows.any()
     }
     return [
-        replace(source, segments=[_within(x, spans.get((k, float(x.elapsed[0])))) for x in source.segments])
-        for k, source in enumerate(sources)
+        replace(log, segments=[_within(x, spans.get((k, float(x.elapsed[0])))) for x in log.segments])
+        for k, log in enumerate(logs)
     ]
 
 

@@ -46,10 +46,10 @@ def simulate_held_out(
         return None
     p = base.reduction.rank
     theta = nearest_possible(base, regression.fit.theta[:p], regression.fit.inverse[:p, :p])
-    segment = rows.source.segments[0]
+    segment = rows.log.segments[0]
     first, last = rows.t[problem.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
-    motion = arm_motion(segment, rows.source.filter, base.model, model_torques(base.model, base.reduction, theta))
+    motion = arm_motion(segment, rows.log.filter, base.model, model_torques(base.model, base.reduction, theta))
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
     extra = own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
     tau = segment.tau[part] - extra[part]

@@ -78,7 +78,7 @@ def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegio
         key: np.concatenate([getattr(s, key)[:, joint] for s in regression.segments])[rows.index]
         for key in ("q", "qd", "tau")
     }
-    t = np.concatenate([s.t + 1e6 * s.log for s in regression.segments])[rows.index]
+    t = np.concatenate([s.t + 1e6 * s.number for s in regression.segments])[rows.index]
     reversing = np.concatenate([near_reversal(s.qd[:, joint], s.rate) for s in regression.segments])[rows.index]
     speed = np.abs(signals["qd"])
     parts: list[tuple[str, str, NDArray[np.bool_]]] = []

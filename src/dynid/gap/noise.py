@@ -35,7 +35,7 @@ class NoiseModel:
     """The noise of every joint after the parallel filter.
 
     Attributes:
-        ar: coefficients of the autoregressive model, (n, ORDER).
+        ar: coefficients of the autoregressive model of order k, (n, k).
         sigma: standard deviation of what it does not predict, (n,) [N m].
         floor: rms of the noise itself, (n,) [N m].
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
@@ -54,6 +54,17 @@ class NoiseModel:
     wander: Floats
     misfit: tuple[int, ...]
     count: Floats
+
+    @classmethod
+    def white(cls, sigma: Floats) -> NoiseModel:
+        """Return noise that is not whitened, of given standard deviations, (n,)."""
+        nothing = np.zeros(len(sigma))
+        return cls(np.zeros((len(sigma), 0)), sigma, sigma, 0.0, nothing, nothing, (), np.ones(len(sigma)))
+
+    @property
+    def order(self) -> int:
+        """Rows at the beginning of each segment that whitening takes."""
+        return int(self.ar.shape[1])
 
     @property
     def unrepeatable(self) -> list[int]:
@@ -125,7 +136,7 @@ def measure_noise(
     if seconds >= SHORTEST_REPEAT:
         return _from_repeats(parts, segments[0].rate, seconds)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True) if rows.any()]
-    return _from_spectrum(segments[0].source.filter, parts)
+    return _from_spectrum(segments[0].log.filter, parts)
 
 
 def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair) -> tuple[Floats, Mask]:
@@ -281,8 +292,9 @@ def yule_walker(covariance: Floats) -> Floats:
 
 
 def whitened(x: Floats, ar: Floats) -> Floats:
-    """Return what the autoregressive model does not predict, along the last axis, (..., M) -> (..., M - ORDER)."""
-    out = x[..., ORDER:].copy()
+    """Return what an autoregressive model, (k,), does not predict, along the last axis, (..., M) -> (..., M - k)."""
+    order = len(ar)
+    out = x[..., order:].copy()
     for lag, weight in enumerate(ar, start=1):
-        out -= weight * x[..., ORDER - lag : x.shape[-1] - lag]
+        out -= weight * x[..., order - lag : x.shape[-1] - lag]
     return out

@@ -13,7 +13,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
-from dynid.gap.whitened_regression import WEAK, WhitenedRegression, whitened_regression
+from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
@@ -112,9 +112,19 @@ class GapProblem:
             nuisance: whether shapes of reversals are left unjudged.
         """
         reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
-        segments = cut(with_reference(self.segments, reference), self.train)
-        columns = [nuisance_columns(s, nuisance) for s in segments]
-        return whitened_regression(segments, self.noise, columns, None if self.kept is None else self.kept.prior_rows)
+        segments = with_reference(self.segments, reference)
+        return _baseline(segments, self.train, self.kept, self.noise, [nuisance_columns(s, nuisance) for s in segments])
+
+
+def _baseline(
+    segments: Sequence[SegmentRows],
+    train: Sequence[Mask],
+    kept: KeptModel | None,
+    noise: NoiseModel,
+    nuisance: Sequence[Sequence[Floats]],
+) -> WhitenedRegression:
+    prior = None if kept is None else kept.prior_rows
+    return whitened_regression(cut(segments, train), noise, nuisance, prior)
 
 
 def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats]:
@@ -131,19 +141,19 @@ def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats
 
 
 def make_problem(
-    sources: Sequence[ConditionedLog], base: BaseModel, kept: KeptModel | None, earlier: Sequence[ConditionedLog] = ()
+    logs: Sequence[ConditionedLog], base: BaseModel, kept: KeptModel | None, earlier: Sequence[ConditionedLog] = ()
 ) -> GapProblem:
     """Arrange a search over conditioned logs.
 
     Args:
-        sources: conditioned logs, all with the same filter.
+        logs: conditioned logs, all with the same filter.
         base: model and base parameters.
         kept: the model that is kept, None to refit it.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
-    start = first_guess(sources, base) if kept is None else kept.theta
+    start = first_guess(logs, base) if kept is None else kept.theta
     reference = model_torques(base.model, base.reduction, start)
-    segments, matched = segments_of(sources, base, reference), 0.0
+    segments, matched = segments_of(logs, base, reference), 0.0
     if kept is not None and earlier:
         compared = subtract_matched_motion(segments, segments_of(earlier, base, reference), kept.theta)
         if compared is not None:
@@ -166,11 +176,11 @@ def make_problem(
     return with_noise(found, noise, residuals)
 
 
-def first_guess(sources: Sequence[ConditionedLog], base: BaseModel) -> Floats:
+def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
         return np.zeros(base.reduction.rank)
-    return fitted(settled([with_effects(s, base.model) for s in sources], base), base)
+    return fitted(settled([with_effects(s, base.model) for s in logs], base), base)
 
 
 def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:
@@ -207,16 +217,16 @@ def split(
     motion = list(range(len(segments)))
     for pair in repeats:
         motion[pair.second] = min(motion[pair.second], motion[pair.first])
-    logs = {s.log: motion[k] for k, s in reversed(list(enumerate(segments)))}
+    logs = {s.number: motion[k] for k, s in reversed(list(enumerate(segments)))}
     kinds = list(dict.fromkeys(logs[log] for log in sorted(logs)))
     if len(kinds) >= 3:
-        out = [logs[s.log] == kinds[-1] for s in segments]
+        out = [logs[s.number] == kinds[-1] for s in segments]
         masks = [np.full(len(s), value) for s, value in zip(segments, out, strict=True)]
-        names = {s.source.name for s, value in zip(segments, out, strict=True) if value}
+        names = {s.log.name for s, value in zip(segments, out, strict=True) if value}
         return [~m for m in masks], masks, ", ".join(sorted(names))
-    border = {log: _border([s for s in segments if s.log == log], share) for log in logs}
-    train = [s.t < border[s.log] - BETWEEN for s in segments]
-    held = [s.t >= border[s.log] for s in segments]
+    border = {log: _border([s for s in segments if s.number == log], share) for log in logs}
+    train = [s.t < border[s.number] - BETWEEN for s in segments]
+    held = [s.t >= border[s.number] for s in segments]
     return train, held, f"last {100 * share:.0f} % of each log's motion"
 
 
@@ -240,49 +250,9 @@ def unwhitened_fit(
     Returns:
         Base parameters, (p,), and residuals of all rows, one (M, n) per segment.
     """
-    n, p = segments[0].W.shape[1:]
     columns = [nuisance_columns(s, nuisance) for s in segments]
-    joints = [_joint_rows(segments, columns, train, j) for j in range(n)]
-    weights, extra = np.ones(n), len(columns[0][0])
-    theta, gamma = np.zeros(p), np.zeros((n, extra))
-    for _ in range(2):
-        gram = np.asarray(sum(w * A.T @ A for w, (A, _) in zip(weights, joints, strict=True)))
-        right = np.asarray(sum(w * A.T @ y for w, (A, y) in zip(weights, joints, strict=True)))
-        if kept is not None:
-            rows = kept.prior_rows
-            gram[:p, :p] += rows[:, :-1].T @ rows[:, :-1]
-            right[:p] += rows[:, :-1].T @ rows[:, -1]
-        solution = solve_gram(gram, right)
-        theta, gamma = solution[:p], solution[p:].reshape(n, extra)
-        weights = np.array(
-            [1 / max(float(np.mean((y - A @ solution) ** 2)), 1e-18) if len(y) else 1.0 for A, y in joints]
-        )
-    residuals = [
-        s.tau - s.W @ theta - np.stack([gamma[j] @ c[j] for j in range(n)], axis=1)
-        for s, c in zip(segments, columns, strict=True)
-    ]
-    return theta, residuals
-
-
-def _joint_rows(
-    segments: Sequence[SegmentRows], columns: Sequence[Sequence[Floats]], train: Sequence[Mask], joint: int
-) -> tuple[Floats, Floats]:
-    """Return baseline columns, (M_j, p + c), and torques, (M_j,), of one joint's rows that count."""
-    parts, torques = [], []
-    for s, c, rows in zip(segments, columns, train, strict=True):
-        use = s.use[:, joint] & rows
-        extra = len(c[joint])
-        wide = np.zeros((int(use.sum()), extra * s.motion.n))
-        wide[:, extra * joint : extra * (joint + 1)] = c[joint][:, use].T
-        parts.append(np.hstack([s.W[use, joint], wide]))
-        torques.append(s.tau[use, joint])
-    return np.concatenate(parts), np.concatenate(torques)
-
-
-def solve_gram(gram: Floats, right: Floats) -> Floats:
-    """Solve normal equations in normalised columns, weak directions left at zero."""
-    size = np.sqrt(np.diag(gram))
-    size = np.where(size > 0, size, 1.0)
-    values, V = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > WEAK * values[-1]
-    return np.asarray(V[:, kept] @ ((V[:, kept].T @ (right / size)) / values[kept]) / size)
+    n, p = segments[0].W.shape[1:]
+    regression = _baseline(segments, train, kept, NoiseModel.white(np.ones(n)), columns)
+    sigma = [np.sqrt(max(float(np.mean(e**2)), 1e-18)) if len(e) else 1.0 for e in regression.fit.e]
+    regression = _baseline(segments, train, kept, NoiseModel.white(np.array(sigma)), columns)
+    return regression.fit.theta[:p], torque_residuals(regression, segments, columns)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.noise import ORDER
 from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
@@ -178,7 +177,7 @@ def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> 
         parts, blocks = [], []
         for s, torque, time in zip(held, torques, times, strict=True):
             use = s.use[:, j].copy()
-            use[:ORDER] = False
+            use[: problem.noise.order] = False
             parts.append((s.tau[:, j] - s.W[:, j] @ theta - torque[j])[use])
             blocks.append(time[use])
         found.append((np.concatenate(parts), np.concatenate(blocks)))

@@ -14,7 +14,7 @@ from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_colu
 from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
 from dynid.gap.significance import SignificanceTest, candidates_at, score_candidate
 from dynid.gap.stepwise_selection import Key, SelectionOptions, StepwiseSelection, wanted_effects
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
@@ -57,7 +57,7 @@ class EffectSearch:
 
 
 def search_effects(
-    sources: Sequence[ConditionedLog],
+    logs: Sequence[ConditionedLog],
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
@@ -69,7 +69,7 @@ def search_effects(
     """Search logs for what the model lacks.
 
     Args:
-        sources: conditioned logs, all with the same filter.
+        logs: conditioned logs, all with the same filter.
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
@@ -79,7 +79,7 @@ def search_effects(
             already, and is no evidence for a change.
     """
     delay, delay_test = 0.0, None
-    first = problem = first or make_problem(sources, base, kept, earlier)
+    first = problem = first or make_problem(logs, base, kept, earlier)
     before: dict[Key, float] = {}
     if earlier and not problem.matched:
         then = make_problem(earlier, base, kept)
@@ -90,7 +90,7 @@ def search_effects(
         if late is not None:
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late
-            shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in sources]
+            shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
             problem = make_problem(shifted, base, kept, earlier)
             continue
         floor = problem.noise.floor
@@ -140,12 +140,7 @@ def with_noise_beside(
     """
     if not problem.matched and not (problem.noise.repeats and selected):
         return problem
-    residuals = []
-    for s, scaled in zip(problem.segments, regression.segments, strict=True):
-        columns = nuisance_columns(s)
-        p = s.W.shape[2]
-        extra = regression.fit.theta[p : regression.size].reshape(s.motion.n, -1)
-        model = s.W @ regression.fit.theta[:p] + np.stack([c @ x for c, x in zip(extra, columns, strict=True)], axis=1)
-        torque = s.filtered(effect_torque(scaled.motion, selected, regression.amplitudes))
-        residuals.append(s.tau - model - torque.T)
+    residuals = torque_residuals(regression, problem.segments, [nuisance_columns(s) for s in problem.segments])
+    for k, s in enumerate(regression.segments):
+        residuals[k] -= s.filtered(effect_torque(s.motion, selected, regression.amplitudes)).T
     return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.conditioned_log import ConditionedLog, arm_motion, with_effects
-from dynid.estimation.observation_rows import rows_of
+from dynid.estimation.observation_rows import ObservationRows, joined, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
+from dynid.signals.conditioning import Filter
 from dynid.signals.filters import decimate
 
 Mask = NDArray[np.bool_]
@@ -29,65 +30,78 @@ class SegmentRows:
     """The observation rows of one segment of a log, beside the motion that candidate columns are made from.
 
     Attributes:
-        source: the conditioned log, this segment alone.
-        motion: its motion, at the rate that columns are evaluated at.
-        log: number of the log.
-        t: time of the rows, since the log began, (M,) [s].
-        W: base regressor, (M, n, p).
-        tau: measured torques, (M, n).
-        q: positions, (M, n).
-        qd: velocities, (M, n).
+        rows: of the base regressor, M instants.
+        log: the conditioned log, this segment alone.
+        number: of the log.
+        motion: of the segment, at the rate that columns are evaluated at, N samples.
+        q: positions of the rows, (M, n) [rad or m].
+        qd: velocities of the rows, (M, n) [rad/s or m/s].
         use: rows that count: not clipped, not at rest, (M, n).
     """
 
-    source: ConditionedLog
+    rows: ObservationRows
+    log: ConditionedLog
+    number: int
     motion: ArmMotion
-    log: int
-    t: Floats
-    W: Floats
-    tau: Floats
     q: Floats
     qd: Floats
     use: Mask
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return len(self.t)
+        return len(self.q)
+
+    @property
+    def W(self) -> Floats:
+        """Base regressor, (M, n, p)."""
+        return self.rows.W
+
+    @property
+    def tau(self) -> Floats:
+        """Torques, (M, n) [N m or N]."""
+        return self.rows.tau
+
+    @property
+    def t(self) -> Floats:
+        """Time of the rows on the clock of the motion, (M,) [s]."""
+        segment = self.log.segments[0]
+        return np.asarray(self.rows.t - segment.t[0] + segment.elapsed[0])
 
     @property
     def rate(self) -> float:
         """Rate of the rows [Hz]."""
-        return self.source.filter.kept_rate
+        return self.log.filter.kept_rate
 
     def filtered(self, signals: Floats) -> Floats:
         """Return signals of the motion under the parallel filter, (C, N) -> (C, M)."""
-        kernel, step = self.source.filter.second_kernel, self.source.filter.second_step
-        kept: Floats = decimate(np.ascontiguousarray(signals), kernel, step)[0]
-        return kept
+        return parallel_filtered(signals, self.log.filter)
 
 
-def segments_of(sources: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
+def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
+    """Return signals under the filter of the torques, (C, N) -> (C, M)."""
+    kept: Floats = decimate(np.ascontiguousarray(signals), chosen.second_kernel, chosen.second_step)[0]
+    return kept
+
+
+def segments_of(logs: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
     """Return the rows of conditioned logs, segment by segment.
 
     Args:
-        sources: conditioned logs.
+        logs: conditioned logs.
         base: model and base parameters.
         reference: the current model, which effects scale with.
     """
     observer = base.model.observer(base.reduction.base)
     found = []
-    for number, source in enumerate(with_effects(s, base.model, reference) for s in sources):
-        for segment in source.segments:
-            alone = replace(source, segments=[segment])
-            rows = list(rows_of(alone, observer))
-            if not rows:
-                continue
-            motion = arm_motion(segment, source.filter, base.model, reference)
-            W, tau = np.concatenate([r.W for r in rows]), np.concatenate([r.tau for r in rows])
-            t = np.concatenate([r.t for r in rows]) - segment.t[0] + segment.elapsed[0]
-            empty = SegmentRows(alone, motion, number, t, W, tau, tau, tau, np.concatenate([r.mask for r in rows]))
-            q, qd = empty.filtered(motion.q.T).T, empty.filtered(motion.qd.T).T
-            found.append(replace(empty, q=q, qd=qd, use=empty.use & moving(qd, empty.rate)))
+    for number, log in enumerate(with_effects(each, base.model, reference) for each in logs):
+        for segment in log.segments:
+            alone = replace(log, segments=[segment])
+            parts = list(rows_of(alone, observer))
+            if parts:
+                rows, motion = joined(parts), arm_motion(segment, log.filter, base.model, reference)
+                q, qd = (parallel_filtered(x.T, log.filter).T for x in (motion.q, motion.qd))
+                use = rows.mask & moving(qd, log.filter.kept_rate)
+                found.append(SegmentRows(rows, alone, number, motion, q, qd, use))
     return found
 
 

@@ -108,7 +108,7 @@ def refusal(
     test = one.selected.test
     j, size = test.joint, test.visible_rms
     if one.name == "torque_delay":
-        rate = search.problem.segments[0].source.filter.rate
+        rate = search.problem.segments[0].log.filter.rate
         return SMALL_DELAY if abs(search.delay) < SAMPLING / rate else ""
     if j in unrepeatable(search) and size < 1:
         return "the disturbance of this joint does not repeat"

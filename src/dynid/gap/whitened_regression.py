@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.noise import ORDER, NoiseModel, whitened
+from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
 from dynid.model.effects.interface import Floats
 
@@ -94,7 +94,9 @@ class WhitenedRegression:
     def whiten(self, joint: int, parts: Sequence[Floats]) -> Floats:
         """Return filtered columns of one joint, one (..., M_s) per segment, as whitened rows, (..., M_j)."""
         ar, sigma = self.noise.ar[joint], self.noise.sigma[joint] * self.noise.count[joint] ** 0.5
-        kept = [whitened(x, ar)[..., s.use[ORDER:, joint]] for x, s in zip(parts, self.segments, strict=True)]
+        kept = [
+            whitened(x, ar)[..., s.use[self.noise.order :, joint]] for x, s in zip(parts, self.segments, strict=True)
+        ]
         rows: Floats = np.concatenate(kept, axis=-1) / sigma
         return rows
 
@@ -178,9 +180,9 @@ def whitened_regression(
         A[:, :p] = base.T
         A[:, p + j * count : p + (j + 1) * count] = extra.T
         y = empty.whiten(j, [s.tau[:, j] for s in segments])
-        chosen = [np.flatnonzero(s.use[ORDER:, j]) + ORDER for s in segments]
+        chosen = [np.flatnonzero(s.use[noise.order :, j]) + noise.order for s in segments]
         block = [one[rows] for one, rows in zip(blocks, chosen, strict=True)]
-        log = [np.full(len(rows), s.log) for s, rows in zip(segments, chosen, strict=True)]
+        log = [np.full(len(rows), s.number) for s, rows in zip(segments, chosen, strict=True)]
         index = [rows + start for rows, start in zip(chosen, edges[:-1], strict=True)]
         joints.append(WhitenedRows(j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, index))))
     wide = None
@@ -188,3 +190,22 @@ def whitened_regression(
         wide = np.zeros((len(prior), p + n * count + 1))
         wide[:, :p], wide[:, -1] = prior[:, :-1], prior[:, -1]
     return replace(empty, joints=tuple(joints), prior=wide)
+
+
+def torque_residuals(
+    regression: WhitenedRegression, segments: Sequence[SegmentRows], nuisance: Sequence[Sequence[Floats]]
+) -> list[Floats]:
+    """Return what the baseline of a regression leaves of all rows, whether they were fitted or not, one (M, n) each.
+
+    Args:
+        regression: the fitted regression.
+        segments: all rows.
+        nuisance: for each segment and joint, columns that are not judged, (c / n, M).
+    """
+    n, p = segments[0].W.shape[1:]
+    theta = regression.fit.theta[:p]
+    gamma = regression.fit.theta[p : regression.size].reshape(n, -1)
+    return [
+        s.tau - s.W @ theta - np.stack([x @ c for x, c in zip(gamma, columns, strict=True)], axis=1)
+        for s, columns in zip(segments, nuisance, strict=True)
+    ]

@@ -34,7 +34,7 @@ CASES = {
     "when fast": lambda s, j: np.abs(s.qd[:, j]) > np.quantile(np.abs(s.qd[:, j]), 2 / 3),
     "when moving backward": lambda s, j: s.qd[:, j] < 0,
     "at high load": lambda s, j: np.abs(s.tau[:, j]) > np.quantile(np.abs(s.tau[:, j]), 2 / 3),
-    "late in the recording": lambda s, j: np.full(len(s.t), s.log >= 3),
+    "late in the recording": lambda s, j: np.full(len(s.t), s.number >= 3),
     "at reversals": lambda s, j: near_reversal(s.qd[:, j], s.rate),
 }
 

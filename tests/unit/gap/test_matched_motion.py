@@ -1,24 +1,26 @@
 """Recordings of the same motion, compared with each other: what was missing before cancels, what changed is left."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from dynid.estimation.observation_rows import ObservationRows, dense_rows
 from dynid.gap.matched_motion import subtract_matched_motion
 
 RATE = 40.0
 
 
 @dataclass(frozen=True)
-class Rows:
-    """A stretch with just what the comparison needs."""
+class Segment:
+    """A segment with just what the comparison needs."""
 
+    rows: ObservationRows
     q: np.ndarray
-    tau: np.ndarray
-    W: np.ndarray
-    use: np.ndarray = field(default=None)
+    use: np.ndarray
     rate: float = RATE
+    tau = property(lambda self: self.rows.tau)
+    W = property(lambda self: self.rows.W)
 
     def __len__(self):
         return len(self.q)
@@ -34,7 +36,7 @@ def recording(start, seconds=30.0, change=0.0, pace=1.0, seed=0):
     q = motion(pace * t)
     noise = 0.01 * np.random.default_rng(seed).normal(size=q.shape)
     tau = 2.0 * np.cos(q) + 0.5 * np.sin(4 * q) + change * q + noise
-    return Rows(q, tau, np.cos(q)[:, :, None], np.ones(q.shape, dtype=bool))
+    return Segment(dense_rows(np.cos(q)[:, :, None], tau), q, np.ones(q.shape, dtype=bool))
 
 
 def test_what_was_missing_before_cancels_and_the_change_is_left():

@@ -28,7 +28,7 @@ def coloured(rng, count):
 
 
 class Rows:
-    """A stretch with just what the noise needs."""
+    """A segment with just what the noise needs."""
 
     def __init__(self, q):
         self.q, self.qd, self.rate = q, np.gradient(q, 1 / RATE, axis=0), RATE
@@ -129,7 +129,7 @@ def test_noise_without_repeats_is_no_larger_than_what_is_left():
 
     t = np.arange(4000) / RATE
     rows = Rows(motion(t))
-    rows.source = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
+    rows.log = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
     residual = np.cumsum(np.random.default_rng(7).normal(size=(4000, 2)), axis=0)
     noise = measure_noise([rows], [residual], [], [np.ones(4000, dtype=bool)])
     assert np.all(noise.floor <= np.sqrt(np.mean(residual**2, axis=0)))
@@ -140,7 +140,7 @@ def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
 
     rng = np.random.default_rng(8)
     rows = Rows(motion(np.arange(4000) / RATE))
-    rows.source = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
+    rows.log = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
     residual = rng.normal(size=(4000, 2))
     train = np.arange(4000) < 3000
     quiet = measure_noise([rows], [residual], [], [train])

@@ -25,14 +25,14 @@ def test_directions_that_the_earlier_log_left_open_are_not_held():
     np.testing.assert_allclose(rows[:, :-1] @ np.array([1.0, -1.0]), 0.0, atol=1e-9)
 
 
-def stretch(log, seconds, moving):
+def segment(log, seconds, moving):
     t = np.arange(round(seconds * RATE)) / RATE
     use = np.repeat((t < moving)[:, None], 2, axis=1)
-    return SimpleNamespace(log=log, t=t, use=use, source=SimpleNamespace(name=f"log {log}"), __len__=lambda: len(t))
+    return SimpleNamespace(number=log, t=t, use=use, log=SimpleNamespace(name=f"log {log}"))
 
 
 def test_what_is_held_out_is_motion_not_the_rest_at_the_end():
-    one = stretch(0, 30.0, 20.0)
+    one = segment(0, 30.0, 20.0)
     train, held, _ = split([one], [], 0.2)
     moved = held[0] & one.use.any(axis=1)
     assert moved.sum() == pytest.approx(0.2 * 20.0 * RATE, abs=2)

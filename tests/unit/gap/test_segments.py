@@ -23,8 +23,8 @@ def test_rows_hold_the_law_of_the_arm(clean, twolinks):
 
 def test_positions_and_velocities_are_of_the_time_of_the_rows(clean):
     for s in clean.segments:
-        t, q, qd, _ = twolink.motion(1 if s.log < 2 else 2, 15.0)
-        now = s.t - 20.0 * s.log
+        t, q, qd, _ = twolink.motion(1 if s.number < 2 else 2, 15.0)
+        now = s.t - 20.0 * s.number
         for j in range(2):
             np.testing.assert_allclose(s.q[:, j], np.interp(now, t, q[:, j]), atol=0.01)
             np.testing.assert_allclose(s.qd[:, j], np.interp(now, t, qd[:, j]), atol=0.02)

@@ -25,7 +25,7 @@ def search(
     """A search on three joints whose gap is on joint b, and closed."""
     filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
     noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
-    problem = SimpleNamespace(noise=noise, matched=matched, segments=[SimpleNamespace(source=filter_)])
+    problem = SimpleNamespace(noise=noise, matched=matched, segments=[SimpleNamespace(log=filter_)])
     between = after if between is None else between
     return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
                            between_reversals=np.array(between), delay=delay)  # fmt: skip
