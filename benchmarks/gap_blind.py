@@ -145,7 +145,7 @@ def run(set_name, k, seed=0):
         "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
-        "equals": [[[name, list(place)] for name, place in f.selected.rivals] for f in seen.verdict.named],
+        "equals": [[[name, list(place)] for name, place in f.rivals] for f in seen.verdict.named],
         "visible": float(size_seen), "joint": joint, "seconds": seconds,
         "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.wander.tolist()],
         "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],

@@ -190,7 +190,7 @@ def one(arm, name, joint, sign, data, cache):
     before = {(f.name, f.joints) for f in bare.verdict.named}
     return {
         "arm": arm, "effect": name, "joint": joint, "size": size, "named": named, "found": [name, place] in named,
-        "among": any((name, tuple(place)) in f.selected.rivals for f in seen.verdict.named),
+        "among": any((name, tuple(place)) in f.rivals for f in seen.verdict.named),
         "others": [n for n in named if n != [name, place] and (n[0], tuple(n[1])) not in before],
         "values": [f.values for f in seen.verdict.named if f.name == name],
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest], "seconds": seconds,
@@ -214,7 +214,7 @@ def as_they_are(data):
         seen = look([read(data / log, robot) for log in logs], base, None)
         ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
         for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:
-            j = f.selected.test.joint
+            j = f.test.joint
             interval = seen.improvement.ratio[j]
             rows.append(
                 [title, seen.verdict.word, f.name, "-".join(str(k + 1) for k in f.joints) or "arm",

@@ -116,7 +116,7 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
     base, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"
-    one = seen.verdict.named[0].selected
+    one = seen.verdict.named[0]
     assert {one.joints, *(joints for _, joints in one.rivals)} == {(2, 1), (2, 3)}
     assert seen.verdict.advice == (
         f"To tell {' and '.join(labels(one, base.robot.joint_names))} apart: move the two joints one after the other."

@@ -65,7 +65,7 @@ def find_hidden(common: Common, effect: str) -> ExitStatus:
     """
     from dynid.cli.gap import run_gap
     from dynid.cli.identify import run_identify
-    from dynid.workflows.demo import ROBOT, hidden_effect, is_right, simulate_hidden
+    from dynid.workflows.demo import ROBOT, hidden_effect, is_right_answer, simulate_hidden
     from dynid.workflows.identify import IdentifyOptions
 
     hidden = hidden_effect(effect, common.seed)
@@ -80,7 +80,7 @@ def find_hidden(common: Common, effect: str) -> ExitStatus:
     terminal.say("--- dynid gap, proved on the third motion", "bold")
     added = replace(common, out=folder / "with_effect")
     answer = run_gap(added, folder / "parameters.npz", logs, apply_="best", new_name=folder / "arm_with_effect.yaml")
-    right = is_right(hidden, answer)
+    right = is_right_answer(hidden, answer)
     terminal.answer()
     where = f", {hidden.size:g} in size, at joint {hidden.joint + 1}" if hidden.size else ""
     terminal.fact("hidden", f"{hidden.name}{where} (seed {common.seed})")

@@ -8,7 +8,7 @@ from dynid.cli.options import Common
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
-    from dynid.gap.self_test import SelfTestCase
+    from dynid.workflows.demo import SelfTestCase
 
 
 def run_self_test(common: Common) -> ExitStatus:

@@ -10,8 +10,9 @@ from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
-from dynid.gap.refit import FittedEffect, HeldOutImprovement, held_out_improvement, refit, with_columns
+from dynid.gap.refit import HeldOutImprovement, held_out_improvement, refit, with_columns
 from dynid.gap.search import EffectSearch, search_effects, without
+from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
 from dynid.gap.whitened_regression import WhitenedRegression
@@ -45,7 +46,7 @@ class GapAnalysis:
     logs: tuple[ConditionedLog, ...]
     problem: GapProblem
     search: EffectSearch
-    effects: tuple[FittedEffect, ...]
+    effects: tuple[SelectedEffect, ...]
     joints: tuple[JointGap, ...]
     improvement: HeldOutImprovement
     simulation: tuple[Floats, Floats] | None
@@ -94,7 +95,7 @@ def analyse_gap(
 
 def proved(
     problem: GapProblem, search: EffectSearch
-) -> tuple[EffectSearch, list[FittedEffect], list[FittedEffect], HeldOutImprovement, WhitenedRegression]:
+) -> tuple[EffectSearch, list[SelectedEffect], list[SelectedEffect], HeldOutImprovement, WhitenedRegression]:
     """Fit what was found and prove it on held-out rows, without what does not shrink the gap there.
 
     What fails is withdrawn and the rest proved again: a wrong effect spoils the prediction that others are judged by.
@@ -102,32 +103,32 @@ def proved(
     Returns:
         Search, effects with numbers and withdrawn ones, the held-out gap, and the refitted regression.
     """
-    withdrawn: list[FittedEffect] = []
+    withdrawn: list[SelectedEffect] = []
     while True:
-        fitted, regression = refit(search)
-        improvement = held_out_improvement(problem, search, fitted)
-        failing = [one for one in fitted if refusal(search, fitted, one, improvement) == NOT_SMALLER]
-        if not failing or len(fitted) == 1:
-            return search, fitted, withdrawn, improvement, regression
-        worst = min(failing, key=lambda one: one.selected.score)
+        effects, regression = refit(search)
+        improvement = held_out_improvement(problem, search, effects)
+        failing = [one for one in effects if refusal(search, effects, one, improvement) == NOT_SMALLER]
+        if not failing or len(effects) == 1:
+            return search, effects, withdrawn, improvement, regression
+        worst = min(failing, key=lambda one: one.score)
         withdrawn.append(worst)
-        search = without(search, worst.selected)
+        search = without(search, worst)
 
 
 def simulation_errors(
-    problem: GapProblem, search: EffectSearch, fitted: Sequence[FittedEffect], regression: WhitenedRegression
+    problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], regression: WhitenedRegression
 ) -> tuple[Floats, Floats] | None:
     """Return the position error of the simulated held-out motion before and after, (n,) each; None if it cannot be run.
 
     Args:
         problem: what was searched, before anything was found.
         search: the search.
-        fitted: what it found.
+        effects: what it found.
         regression: refitted with these effects.
     """
     try:
         before = simulate_held_out(problem, problem.regression(nuisance=False), [])
-        after = simulate_held_out(search.problem, regression, with_columns(fitted)) if fitted else before
+        after = simulate_held_out(search.problem, regression, with_columns(effects)) if effects else before
     except PackageMissing:
         return None
     return None if before is None or after is None else (before.rms, after.rms)

@@ -19,8 +19,8 @@ from dynid.estimation.stack import stack_base
 from dynid.files.artifact import write_text
 from dynid.gap.problem import GapProblem
 from dynid.gap.record import GapEffect
-from dynid.gap.refit import FittedEffect
 from dynid.gap.segments import Mask
+from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
@@ -45,15 +45,17 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     return BaseModel(model, with_added(plain, model))
 
 
-def specs_of(fitted: Sequence[FittedEffect], robot: Robot) -> list[EffectSpec]:
+def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec]:
     """Return the robot file's entries, numbers rounded to what their errors leave."""
-    found = []
-    for one in fitted:
-        spec = one.spec(robot.joint_names)
-        parameters = {name: float(f"{value:.6g}") for name, value in spec.parameters.items()}
-        errors = {name: float(f"{value:.2g}") for name, value in spec.std_error.items()}
-        found.append(replace(spec, parameters=parameters, std_error=errors))
-    return found
+    return [
+        EffectSpec(
+            one.name,
+            tuple(robot.joint_names[j] for j in one.joints or range(robot.n)),
+            {name: float(f"{value:.6g}") for name, value in one.values.items()},
+            {name: float(f"{value:.2g}") for name, value in one.std_errors.items()},
+        )
+        for one in effects
+    ]
 
 
 def identify_again(

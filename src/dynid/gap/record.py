@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.localisation import JointGap
-    from dynid.gap.refit import FittedEffect, HeldOutImprovement
+    from dynid.gap.refit import HeldOutImprovement
+    from dynid.gap.selected_effects import SelectedEffect
     from dynid.model.effects.interface import Floats, Joints
     from dynid.robot import Robot
 
@@ -167,24 +168,24 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
     )
 
 
-def _effect(one: FittedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
+def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
     from dynid.gap.verdict import joints_text, labels
 
-    names, j = robot.joint_names, one.selected.test.joint
+    names, j = robot.joint_names, one.test.joint
     return GapEffect(
         effect=one.name,
         indices=one.joints,
         joints=tuple(names[k] for k in one.joints or range(robot.n)),
         where=joints_text(one.joints, names),
         values=one.values,
-        std_errors=one.errors,
+        std_errors=one.std_errors,
         units=one.units,
-        p_value=one.selected.test.p_value,
+        p_value=one.test.p_value,
         joint=names[j],
         rms_before=float(analysis.improvement.before[j]),
         rms_after=float(analysis.improvement.after[j]),
         unit=robot.joints[j].torque_unit,
-        rivals=tuple(labels(one.selected, names)[1:]),
+        rivals=tuple(labels(one, names)[1:]),
     )
 
 

@@ -16,11 +16,10 @@ from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, effect_torque, stepped, with_selected
-from dynid.gap.significance import significance_test, whitened_columns
+from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Effect, Floats, Joints
-from dynid.robot import EffectSpec
+from dynid.model.effects.interface import Floats
 
 #: Rounds of refining all shapes together, each with a smaller step.
 STEPS = (0.5, 0.25, 0.12, 0.06)
@@ -28,43 +27,6 @@ STEPS = (0.5, 0.25, 0.12, 0.06)
 STEP = 1e-3
 #: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
 DRAWS = 400
-
-
-@dataclass(frozen=True)
-class FittedEffect:
-    """One effect with its numbers.
-
-    Attributes:
-        selected: the selected effect, its shape refined.
-        values: amplitudes and shape parameters by name.
-        errors: standard errors by name.
-        units: units by name.
-    """
-
-    selected: SelectedEffect
-    values: dict[str, float]
-    errors: dict[str, float]
-    units: dict[str, str]
-
-    @property
-    def effect(self) -> Effect:
-        """The effect."""
-        return self.selected.effect
-
-    @property
-    def name(self) -> str:
-        """Its identifier."""
-        return self.selected.effect.name
-
-    @property
-    def joints(self) -> Joints:
-        """Where it sits; () for the whole arm."""
-        return self.selected.joints
-
-    def spec(self, joints: Sequence[str]) -> EffectSpec:
-        """Return the entry of the robot file."""
-        names = tuple(joints[j] for j in self.joints or range(len(joints)))
-        return EffectSpec(self.name, names, dict(self.values), dict(self.errors))
 
 
 @dataclass(frozen=True)
@@ -84,12 +46,12 @@ class HeldOutImprovement:
     floor: Floats
 
 
-def with_columns(fitted: Sequence[FittedEffect]) -> list[SelectedEffect]:
+def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Return the effects that have columns: all but a delay, which is taken out of the logs."""
-    return [one.selected for one in fitted if one.name != "torque_delay"]
+    return [one for one in effects if one.name != "torque_delay"]
 
 
-def refit(search: EffectSearch) -> tuple[list[FittedEffect], WhitenedRegression]:
+def refit(search: EffectSearch) -> tuple[list[SelectedEffect], WhitenedRegression]:
     """Fit selected effects and the model together, without nuisance columns."""
     problem, selected = search.problem, list(search.selected)
     regression = problem.regression(nuisance=False)
@@ -99,13 +61,16 @@ def refit(search: EffectSearch) -> tuple[list[FittedEffect], WhitenedRegression]
     for share in STEPS if any(one.effect.steps for one in selected) else ():
         selected = _refined(regression, selected, share)
     regression = with_selected(regression, selected)
-    fitted = [_numbers(regression, selected, k) for k in range(len(selected))]
+    found = [_with_numbers(regression, selected, k) for k in range(len(selected))]
     if search.delay_test is not None:
-        test = search.delay_test
-        delay = SelectedEffect(CATALOGUE["torque_delay"], (), {}, test, float(test.visible_rms))
-        error = float(np.sqrt(test.covariance[0, 0]))
-        fitted.append(FittedEffect(delay, {"delay": search.delay}, {"delay": error}, {"delay": "s"}))
-    return fitted, regression
+        found.append(_delay(search.delay, search.delay_test))
+    return found, regression
+
+
+def _delay(seconds: float, test: SignificanceTest) -> SelectedEffect:
+    name, error = "torque_delay", float(np.sqrt(test.covariance[0, 0]))
+    size = float(test.visible_rms)
+    return SelectedEffect(CATALOGUE[name], (), {}, test, size, (), {"delay": seconds}, {"delay": error})
 
 
 def _refined(regression: WhitenedRegression, selected: list[SelectedEffect], share: float) -> list[SelectedEffect]:
@@ -123,8 +88,8 @@ def _refined(regression: WhitenedRegression, selected: list[SelectedEffect], sha
     return selected
 
 
-def _numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> FittedEffect:
-    """Return amplitudes and shape of one effect; its slopes join its columns, so that errors know of each other."""
+def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> SelectedEffect:
+    """Return one effect with amplitudes and shape; its slopes join its columns, so that errors know of each other."""
     one = selected[k]
     others = with_selected(regression, [other for other in selected if other is not one])
     base = {j: C[0] for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()}
@@ -139,24 +104,26 @@ def _numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect],
         for j in base:
             columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
     sizes = np.sqrt(np.maximum(np.diag(significance_test(others, columns).covariance), 0.0))
-    return FittedEffect(
-        replace(one, test=replace(significance_test(others, base), amplitudes=beta)),
-        dict(zip(units, beta.tolist(), strict=True)) | dict(one.shape),
-        dict(zip([*units, *one.effect.steps], sizes.tolist(), strict=True)),
-        units | dict(one.effect.shape_units),
+    return replace(
+        one,
+        test=replace(significance_test(others, base), amplitudes=beta),
+        values=dict(zip(units, beta.tolist(), strict=True)) | dict(one.shape),
+        std_errors=dict(zip([*units, *one.effect.steps], sizes.tolist(), strict=True)),
     )
 
 
-def held_out_improvement(first: GapProblem, search: EffectSearch, fitted: Sequence[FittedEffect]) -> HeldOutImprovement:
+def held_out_improvement(
+    first: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect]
+) -> HeldOutImprovement:
     """Return the gap on held-out rows before and after; both models are fitted to the training rows alone.
 
     Args:
         first: the problem before any delay was taken out.
         search: the search.
-        fitted: what it found.
+        effects: what it found.
     """
     before = _held_residuals(first, [])
-    after = _held_residuals(search.problem, with_columns(fitted))
+    after = _held_residuals(search.problem, with_columns(effects))
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)

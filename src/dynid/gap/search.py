@@ -12,8 +12,8 @@ from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
 from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
-from dynid.gap.significance import SignificanceTest, candidates_at, score_candidate
-from dynid.gap.stepwise_selection import Key, SelectionOptions, StepwiseSelection, wanted_effects
+from dynid.gap.significance import Key, SignificanceTest, candidates_at, score_candidate
+from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats

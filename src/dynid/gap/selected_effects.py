@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynid.gap.significance import SignificanceTest, whitened_columns
+from dynid.gap.significance import Key, SignificanceTest, whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 
@@ -23,6 +23,8 @@ class SelectedEffect:
         test: how sure it is.
         score: its gain less its penalty, the other selected effects in place.
         rivals: other effects and joints that explain as much.
+        values: amplitudes and shape parameters by name, once it is refitted.
+        std_errors: their standard errors.
     """
 
     effect: Effect
@@ -30,10 +32,17 @@ class SelectedEffect:
     shape: dict[str, float]
     test: SignificanceTest
     score: float
-    rivals: tuple[tuple[str, Joints], ...] = ()
+    rivals: tuple[Key, ...] = ()
+    values: dict[str, float] = field(default_factory=dict)
+    std_errors: dict[str, float] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[str, Joints]:
+    def name(self) -> str:
+        """Identifier of the effect."""
+        return self.effect.name
+
+    @property
+    def key(self) -> Key:
         """Identifier and joints."""
         return self.effect.name, self.joints
 
@@ -41,6 +50,11 @@ class SelectedEffect:
     def freedom(self) -> int:
         """Number of parameters that are fitted."""
         return len(self.test.amplitudes) + len(self.effect.steps)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of its parameters by name."""
+        return self.effect.amplitudes(self.shape) | dict(self.effect.shape_units)
 
 
 def stepped(value: float, kind: str, size: float, share: float) -> float:

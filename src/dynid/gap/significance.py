@@ -15,6 +15,9 @@ from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegressio
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect, Floats, Joints, Shape
 
+#: Identifier and joints of a candidate.
+Key = tuple[str, Joints]
+
 #: Share of a candidate's power, and of that of its own columns, below which the model absorbs it: these logs cannot
 #: show it.
 ABSORBED = 1e-5
@@ -39,7 +42,7 @@ class EffectCandidate:
     gram: Floats
 
     @property
-    def key(self) -> tuple[str, Joints]:
+    def key(self) -> Key:
         """Identifier and joints."""
         return self.effect.name, self.joints
 

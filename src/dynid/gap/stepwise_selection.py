@@ -12,6 +12,7 @@ from dynid.gap.selected_effects import SelectedEffect, stepped
 from dynid.gap.significance import (
     CandidateScore,
     EffectCandidate,
+    Key,
     SignificanceTest,
     candidate_of,
     candidates_at,
@@ -24,7 +25,6 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Effect, Floats, Joints
 from dynid.progress import Progress
 
-Key = tuple[str, Joints]
 Ranking = list[tuple[CandidateScore, EffectCandidate]]
 
 #: Smallest visible size in units of the noise: below, wrong names are as likely as right ones.

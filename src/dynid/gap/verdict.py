@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap.localisation import NEGLIGIBLE
-from dynid.gap.refit import FittedEffect, HeldOutImprovement
+from dynid.gap.refit import HeldOutImprovement
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
@@ -48,8 +48,8 @@ class GapVerdict:
     """
 
     word: str
-    named: tuple[FittedEffect, ...]
-    closest: tuple[tuple[FittedEffect, str], ...]
+    named: tuple[SelectedEffect, ...]
+    closest: tuple[tuple[SelectedEffect, str], ...]
     remainder: tuple[int, ...]
     alternatives: tuple[tuple[str, ...], ...]
     advice: str
@@ -57,31 +57,27 @@ class GapVerdict:
 
 def judge(
     search: EffectSearch,
-    fitted: Sequence[FittedEffect],
+    effects: Sequence[SelectedEffect],
     improvement: HeldOutImprovement,
     joints: Sequence[str],
-    withdrawn: Sequence[FittedEffect] = (),
+    withdrawn: Sequence[SelectedEffect] = (),
 ) -> GapVerdict:
     """Judge a finished search.
 
     Args:
         search: the search.
-        fitted: what it found, with numbers.
+        effects: what it found, with numbers.
         improvement: the held-out gap before and after.
         joints: joint names.
         withdrawn: what it found too, but did not shrink the held-out gap.
     """
-    reasons = [(one, refusal(search, fitted, one, improvement)) for one in fitted]
+    reasons = [(one, refusal(search, effects, one, improvement)) for one in effects]
     named = tuple(one for one, why in reasons if not why)
     closest = (*((one, why) for one, why in reasons if why), *((one, NOT_SMALLER) for one in withdrawn))
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
     remainder = tuple(np.flatnonzero(above).tolist())
-    groups = tuple(
-        tuple(dict.fromkeys([one.name, *(name for name, _ in one.selected.rivals)]))
-        for one in named
-        if one.selected.rivals
-    )
+    groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
     if groups:
         word = "ambiguous"
     elif named:
@@ -102,10 +98,10 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 
 
 def refusal(
-    search: EffectSearch, fitted: Sequence[FittedEffect], one: FittedEffect, improvement: HeldOutImprovement
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, improvement: HeldOutImprovement
 ) -> str:
     """Return why a selected effect is not called by its name, or nothing."""
-    test = one.selected.test
+    test = one.test
     j, size = test.joint, test.visible_rms
     if one.name == "torque_delay":
         rate = search.problem.segments[0].log.filter.rate
@@ -114,7 +110,7 @@ def refusal(
         return "the disturbance of this joint does not repeat"
     if test.chow_p_value < SAME:
         return "it is not the same in all parts of the logs"
-    others = [(other, other.selected.test) for other in fitted if other is not one]
+    others = [(other, other.test) for other in effects if other is not one]
     family = [
         larger.visible_rms
         for other, larger in others
@@ -125,7 +121,7 @@ def refusal(
     if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == j):
         return "it is small enough to be what a much larger effect leaves"
     n = len(search.before)
-    on_joint = [f for f in fitted if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
+    on_joint = [f for f in effects if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
     left, excess = search.after[j] - 1, search.before[j] - 1
     share = 1 - left / excess if excess > 0 else 1.0
     if share < SHARES[min(len(on_joint), len(SHARES)) - 1] and left > NEGLIGIBLE:
@@ -146,8 +142,8 @@ def joints_text(where: Joints, joints: Sequence[str]) -> str:
 def advice_of(
     word: str,
     search: EffectSearch,
-    named: Sequence[FittedEffect],
-    closest: Sequence[tuple[FittedEffect, str]],
+    named: Sequence[SelectedEffect],
+    closest: Sequence[tuple[SelectedEffect, str]],
     remainder: Sequence[int],
     joints: Sequence[str],
 ) -> str:
@@ -161,9 +157,9 @@ def advice_of(
             f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
         )
     if word == "ambiguous":
-        one = next(f for f in named if f.selected.rivals)
-        first, other = labels(one.selected, joints)[:2]
-        ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.selected.rivals[0][0]].separate])
+        one = next(f for f in named if f.rivals)
+        first, other = labels(one, joints)[:2]
+        ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.rivals[0][0]].separate])
         return f"To tell {first} and {other} apart: {'; '.join(ways)}."
     if word == "named":
         left = f" More is left on {', '.join(joints[j] for j in remainder)}." if remainder else ""

@@ -82,6 +82,7 @@ def test_the_arm_identified_with_the_effect_has_its_size_and_explains_the_held_o
 
 def test_numbers_are_rounded_to_what_their_errors_leave(springy, twolinks):
     (spec,) = specs_of(springy[1].verdict.named, twolinks.base.robot)
+    assert (spec.effect, spec.joints) == ("spring", ("elbow",))
     for name, error in spec.std_error.items():
         assert error == float(f"{error:.2g}")
         assert spec.parameters[name] == float(f"{spec.parameters[name]:.6g}")

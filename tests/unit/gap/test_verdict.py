@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynid.gap.refit import FittedEffect
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import NOT_SMALLER, SMALL_DELAY, judge
 from dynid.model.effects.catalogue import CATALOGUE
@@ -15,8 +14,7 @@ JOINTS = ("a", "b", "c")
 
 def effect(name="spring", joints=(1,), size=2.0, chow=0.5, rivals=(), joint=None):
     test = SimpleNamespace(joint=(joints or (1,))[0] if joint is None else joint, visible_rms=size, chow_p_value=chow)
-    selected = SelectedEffect(CATALOGUE[name], joints, {}, test, 100.0, rivals)
-    return FittedEffect(selected, {}, {}, {})
+    return SelectedEffect(CATALOGUE[name], joints, {}, test, 100.0, rivals)
 
 
 def search(
