@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
+from dynid.table import Table
 
 Floats = NDArray[np.float64]
 
@@ -245,7 +246,7 @@ class EffectSpec:
     std_error: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Robot:
     """One serial arm.
 
@@ -327,6 +328,37 @@ class Robot:
     def coulomb_shape(self) -> Coulomb:
         """Shape of the Coulomb sign: the file's, or smooth within 0.01 rad/s (1 mm/s for a sliding joint)."""
         return self.coulomb or Coulomb("smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints))
+
+    def table(self) -> Table:
+        """Return the DH table with the limits, one row per joint; angles in degrees."""
+
+        def limit(value: float | None, joint: Joint) -> float | None:
+            return value if value is None or not joint.revolute else math.degrees(value)
+
+        rows = [
+            {
+                "joint": joint.name,
+                "type": joint.type,
+                "a [m]": joint.a,
+                "twist [deg]": math.degrees(joint.twist),
+                "d [m]": joint.d,
+                "theta offset [deg]": math.degrees(joint.theta_offset),
+                "from [deg or m]": limit(joint.limits.position and joint.limits.position[0], joint),
+                "to [deg or m]": limit(joint.limits.position and joint.limits.position[1], joint),
+                "speed [deg/s or m/s]": limit(joint.limits.velocity, joint),
+                "torque [N m or N]": joint.limits.torque,
+            }
+            for joint in self.joints
+        ]
+        gravity = ", ".join(f"{g:g}" for g in self.gravity)
+        return Table(rows, f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0")
+
+    def __repr__(self) -> str:
+        """Return the table as text."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
 
     @cached_property
     def model_key(self) -> str:

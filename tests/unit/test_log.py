@@ -113,3 +113,11 @@ def test_a_file_is_hashed_once_until_it_changes(tmp_path, monkeypatch):
         assert sha256(file) == reference(b"one").hexdigest()
     file.write_bytes(b"other")
     assert sha256(file) == reference(b"other").hexdigest()
+
+
+def test_a_robot_shows_its_dh_table_in_degrees():
+    shown = repr(lwr())
+    assert shown.startswith("KUKA LWR4+: standard DH, gravity (0, 0, -9.81) m/s^2 in frame 0")
+    row = next(line.split() for line in shown.splitlines() if line.startswith("lwr_0_joint"))
+    assert row == ["lwr_0_joint", "revolute", "0", "90", "0.3105", "0", "-170", "170", "110", "176"]
+    assert "<td>lwr_6_joint</td>" in lwr()._repr_html_()

@@ -131,12 +131,19 @@ def _samples_between(step: Floats) -> Floats | None:
     number = np.arange(len(step))
     away = np.cumsum(step) / usual
     away -= np.polyval(np.polyfit(number, away, 1), number)
-    blocks = [float(np.median(part)) for part in np.array_split(away, max(4, len(step) // 25))]
-    if max(blocks) - min(blocks) < UNCLEAR:
+    if float(np.ptp(_block_medians(away, max(4, len(step) // 25)))) < UNCLEAR:
         return np.ones(len(step))  # none is lost, however late single ones are
     count = np.round(step / usual)
     unclear = (np.abs(step / usual - count) > UNCLEAR) & (count < GAP_SAMPLES)
     return None if np.any(count < 1) or np.any(unclear) else count
+
+
+def _block_medians(x: Floats, count: int) -> Floats:
+    """Return the medians of so many blocks of nearly equal length, (count,)."""
+    short, longer = divmod(len(x), count)
+    edge = longer * (short + 1)
+    parts = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
+    return np.concatenate([np.median(part, axis=1) for part in parts])
 
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
