@@ -146,12 +146,12 @@ def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll
         stale: silence after which it ends [s].
         poll: called about twenty times a second; True ends it.
     """
-    told = threading.Event()
+    ended = threading.Event()
     outcome = Outcome()
     begin = time.monotonic()
-    with _signals(told.set):
+    with _signals(ended.set):
         try:
-            _hear(recorder, told, seconds, stale, poll)
+            _wait_for_end(recorder, ended, seconds, stale, poll)
         except BaseException as error:  # noqa: BLE001 - files are closed by the caller
             outcome.failure = error
     outcome.seconds = time.monotonic() - begin
@@ -161,12 +161,12 @@ def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll
     return outcome
 
 
-def _hear(
-    recorder: LogRecorder, told: threading.Event, seconds: float | None, stale: float, poll: Callable[[float], bool]
+def _wait_for_end(
+    recorder: LogRecorder, ended: threading.Event, seconds: float | None, stale: float, poll: Callable[[float], bool]
 ) -> None:
     """Wait until told to end, the time is over, or nothing comes any more."""
     begin = time.monotonic()
-    while not told.wait(GLANCE):
+    while not ended.wait(GLANCE):
         now = time.monotonic()
         latest = recorder.listener.latest
         if (seconds is not None and now - begin >= seconds) or poll(now - begin):

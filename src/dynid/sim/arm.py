@@ -142,10 +142,6 @@ class SimulatedArm:
         """Return Bullet's mass matrix without rotors, (n, n) [kg m^2 or kg]."""
         return np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client))
 
-    def required_torque(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the drive torques of a motion with friction and rotors, (n,) [N m or N]."""
-        return self.inverse_dynamics(q, qd, qdd) + self.friction.torque(qd) + self.rotor_inertia * qdd
-
     def step(self, tau: Floats) -> None:
         """Apply drive torques for one step of the physics.
 

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 #: The physics has at least one step between two samples, and a step is no longer than this [s].
 LONGEST_STEP = 1e-3
 #: A late simulation lets other threads read commands after so many steps, for so long [s].
-PIECE, BREATH = 10, 5e-4
+STEPS_AT_ONCE, PAUSE = 10, 5e-4
 #: What can be made to go wrong, and when it is noticed on a real arm.
 FAULTS = {
     "dies": "the driver's process ends",
@@ -169,9 +169,9 @@ class DriverLoop:
             self.largest_delay = max(self.largest_delay, present - self.now)
             while self.now < present:
                 self._step()
-                if self._steps % PIECE == 0 and self.now < present:
+                if self._steps % STEPS_AT_ONCE == 0 and self.now < present:
                     # Why: commands that came while this machine was busy are to be read before time goes on.
-                    time.sleep(BREATH)
+                    time.sleep(PAUSE)
             self._send(present, publish)
             time.sleep(max(0.0, min(begin + self.now + self.arm.dt - time.monotonic(), 1e-3)))
 

@@ -24,11 +24,10 @@ from dynid.sim.track import SimulatedRun, track
 Floats = NDArray[np.float64]
 Law = Callable[[float, Floats, Floats], float]
 
-#: Step of the physics [s], and steps a sample of the log. With steps of 2.5 ms Bullet's own error passes the noise.
+#: Step of the physics [s], and steps per sample of the log. With steps of 2.5 ms Bullet's own error passes the noise.
 STEP, EVERY = 1.25e-3, 4
-#: Laws that are in no catalogue, and what a joint's own torque sensor or clock may do.
+#: Laws that are in no catalogue.
 OUTSIDE = ("knock", "contact")
-SENSOR = ("torque_gain", "torque_delay", "torque_drift")
 
 
 @dataclass(frozen=True)

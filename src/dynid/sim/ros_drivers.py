@@ -91,7 +91,7 @@ class SimulatedDriver(ABC):
         columns = self.columns
         return columns.positions(measured.q), columns.velocities(measured.qd), columns.efforts(measured.tau)
 
-    def heard(self) -> float | None:
+    def command_time(self) -> float | None:
         """Note a command and return the time, or None when the driver is deaf."""
         self.loop.commanded()
         return None if self.loop.faulty("deaf") else time.monotonic()
@@ -141,7 +141,7 @@ class SimulatedKinova(SimulatedDriver):
             publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
 
     def _velocity(self, command: Any) -> None:  # noqa: ANN401
-        now = self.heard()
+        now = self.command_time()
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
         speed = np.radians(values) * self.columns.sign
         self.commands.velocity(time.monotonic(), speed)
@@ -210,7 +210,7 @@ class SimulatedController(SimulatedDriver):
         if not command.points:
             self.follower.hold()
             return
-        now = self.heard()
+        now = self.command_time()
         q, qd, qdd, after = self.points(command)[-1]
         self.commands.point(time.monotonic(), q, qd, qdd)
         if now is not None:
@@ -227,7 +227,7 @@ class SimulatedActionServer(SimulatedController):
         super().__init__(node, loop, topic)
         base = f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory"
         self._goal: Any = None
-        self._told = -1.0
+        self._last_status = -1.0
         # Why: goals come in threads of their own, while the physics looks whether they are reached.
         self._turn = threading.RLock()
         self._statuses = self.publisher(f"{base}/status", action_message(STATUS))
@@ -242,9 +242,9 @@ class SimulatedActionServer(SimulatedController):
         with self._turn:
             if self._goal is not None:
                 self._look()
-            if measured.elapsed - self._told >= 1 / self.STATUS_RATE:
-                self._told = measured.elapsed
-                self._say(ACTIVE)
+            if measured.elapsed - self._last_status >= 1 / self.STATUS_RATE:
+                self._last_status = measured.elapsed
+                self._publish_status(ACTIVE)
 
     def _look(self) -> None:
         """See how the goal stands."""
@@ -257,7 +257,7 @@ class SimulatedActionServer(SimulatedController):
             self._end(SUCCEEDED, "")
 
     def _begin(self, goal: Any) -> None:  # noqa: ANN401
-        now = self.heard()
+        now = self.command_time()
         points = self.points(goal.goal.trajectory)
         begin = time.monotonic()
         for q, qd, qdd, after in points:
@@ -270,7 +270,7 @@ class SimulatedActionServer(SimulatedController):
                 self._end(REJECTED, "the controller is not running")
                 return
             self.follower.play([(q, qd, after) for q, qd, _, after in points])
-            self._say(ACTIVE)
+            self._publish_status(ACTIVE)
 
     def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
         with self._turn:
@@ -282,11 +282,11 @@ class SimulatedActionServer(SimulatedController):
     def _end(self, state: int, text: str) -> None:
         result = action_message(RESULT)()
         result.status.goal_id, result.status.status, result.status.text = self._goal, state, text
-        self._say(state, text)
+        self._publish_status(state, text)
         self._results.publish(result)
         self._goal = None
 
-    def _say(self, state: int, text: str = "") -> None:
+    def _publish_status(self, state: int, text: str = "") -> None:
         found = action_message(STATUS)()
         if self._goal is not None:
             status = action_message("actionlib_msgs/GoalStatus")()

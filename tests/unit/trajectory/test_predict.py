@@ -108,7 +108,7 @@ def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noi
     other = held_out(gen2.model, columns, bounds(gen2.robot))
     found = predict(gen2.model, columns, motion, noise, other)
     with SimulatedArm(gen2.robot) as arm:
-        tau = np.array([arm.required_torque(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
+        tau = np.array([arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
     W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
     solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
     rng = np.random.default_rng(8)
