@@ -61,7 +61,7 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     model = build_model(robot)
     bag = next((recordings / "jaco2_6dof").glob("*.bag"))
     log = load_log(bag, robot, identify=False)
-    (source,), _ = condition_logs([log], model, LogOptions())
+    (source,) = condition_logs([log], model, LogOptions())
     gamma = np.zeros(model.size)
     for k, link in enumerate(table["links_dh"], start=1):
         inertia = tuple(link["inertia_com"][key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
