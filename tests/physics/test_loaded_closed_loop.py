@@ -8,9 +8,9 @@ import pytest
 from follower import follow_motion
 
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.drive_gains import Load, find_gains
+from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
-from dynid.estimation.payload import find_payload, last_link
+from dynid.estimation.payload import find_payload
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
@@ -70,10 +70,8 @@ def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_t
     def in_amperes(log):
         return stacked(base, replace(log, tau=log.tau / GAINS, tau_unit="A"))
 
-    K = base.reduction.K[:, last_link(base.reduction, ROBOT.n)]
-    found = find_gains(
-        in_amperes(logs[0]), np.full(7, np.nan), Load(in_amperes(logs[1]), K[:, 0] * LOAD.mass, K[:, 1:])
-    )
+    load = known_load(base, in_amperes(logs[1]), LOAD.mass)
+    found = find_gains(in_amperes(logs[0]), np.full(7, np.nan), load)
     assert found.gain == pytest.approx(GAINS, rel=0.03)
     empty, loaded = (
         estimate(stacked(base, replace(log, tau=log.tau / GAINS * found.gain)), base, holdout=None) for log in logs

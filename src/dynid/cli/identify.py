@@ -18,7 +18,7 @@ from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
-    from dynid.estimation.payload import Payload
+    from dynid.estimation.payload import IdentifiedPayload
     from dynid.estimation.result import Identification
     from dynid.log import Log
     from dynid.model.base_model import BaseModel
@@ -308,7 +308,7 @@ def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
 
 
-def add_payload(common: Common, folder: Path, payload: Payload, facts: dict[str, Any]) -> None:
+def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]) -> None:
     """Write payload.yaml, print the load, and add it to the JSON answer."""
     import yaml
 

@@ -32,9 +32,9 @@ LONGEST_STEP, STEP_OVER_TIME = 2e-3, 0.4
 TOGETHER = 8192
 #: Corrections at most, and the size of the last one at which they end, in largest commanded speeds times the step.
 ROUNDS, SETTLED = 25, 1e-3
-#: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where Coulomb friction turns.
+#: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where the Coulomb sign changes.
 NEAR = 2e-3
-#: A mass matrix serves this long [s]: the arm turns by less than a degree.
+#: A mass matrix serves this long [s]: the arm moves by less than a degree.
 MASS_SECONDS = 0.01
 
 
@@ -71,10 +71,10 @@ class Followed:
 
 
 def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cutoff: float) -> Followed:
-    """Simulate the closed loop over one stretch, from the measured state at its beginning.
+    """Simulate the closed loop over one segment, from the measured state at its beginning.
 
     Args:
-        segment: a stretch with a command.
+        segment: conditioned motion with a command.
         arm: its inverse dynamics.
         known: further torques at the segment's samples, (N, n) [N m or N].
         controller: gains of the position controller.
@@ -95,7 +95,7 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         resampled(segment.t, x, fine) if finer > 1 else x
         for x in (kp * segment.command[0] + kd * segment.command[1], known, segment.q)
     )
-    problem = _Problem(arm.torque, kp, kd, step, max(1, round(MASS_SECONDS / step)))
+    problem = _ClosedLoop(arm.torque, kp, kd, step, max(1, round(MASS_SECONDS / step)))
     limit = SETTLED * step * float(np.abs(segment.command[1]).max(initial=0.0))
     q, most = guess.copy(), 0
     q[1] = q[0] + step * segment.qd[0] + 0.5 * step**2 * segment.qdd[0]
@@ -156,7 +156,7 @@ def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _ClosedLoop:
     torque: Torque
     kp: Floats
     kd: Floats

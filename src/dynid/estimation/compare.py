@@ -101,8 +101,8 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
         baseline: what is compared with.
         other: what is compared.
 
-    Source: the tests treat both estimates as independent and normal with their honest covariances; Holm 1979 for many
-        tests at once.
+    Source: the tests treat both estimates as independent and normal with covariances that allow for coloured
+        residuals; Holm 1979 for many tests at once.
     """
     # Why the plain estimates: what the physical sets take from their common prior would hide a change.
     difference = other.plain - baseline.plain

@@ -43,7 +43,7 @@ class Delay:
 
     Attributes:
         seconds: positive when the torques are late [s].
-        std_error: honest standard error [s].
+        std_error: standard error that allows for coloured residuals [s].
     """
 
     seconds: float
@@ -81,13 +81,13 @@ def estimate_delay(stack: Stack) -> Delay:
 
 def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
     """Return the time derivative of the fitted torques, one array for each piece of rows."""
-    stretches: list[list[tuple[Floats, Floats]]] = []
+    segments: list[list[tuple[Floats, Floats]]] = []
     for rows in stack:
-        if not (rows.follows and stretches):
-            stretches.append([])
-        stretches[-1].append((rows.t, rows.W @ theta))
+        if not (rows.follows and segments):
+            segments.append([])
+        segments[-1].append((rows.t, rows.W @ theta))
     slopes: list[Floats] = []
-    for pieces in stretches:
+    for pieces in segments:
         t, tau = (np.concatenate(part) for part in zip(*pieces, strict=True))
         slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
         # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.

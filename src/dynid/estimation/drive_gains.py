@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import RankDeficient
+from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.observation_rows import ObservationRows
-from dynid.estimation.payload import friction
+from dynid.estimation.payload import friction, last_link
 from dynid.estimation.stack import Stack
+from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -40,7 +41,7 @@ class Load:
     Attributes:
         stack: the second log.
         body: K_n phi, the change of the base parameters by what is known of the body, (p,).
-        free: change by each of its unknown parameters, (p, k).
+        free: their change by each of its unknown parameters, and by friction, which may have changed since, (p, k).
     """
 
     stack: Stack
@@ -64,7 +65,7 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _GainProblem:
     """Unknowns x: base parameters, friction and free parameters of the loaded log, log h of unknown gains."""
 
     stacks: tuple[Stack, ...]
@@ -106,29 +107,48 @@ def find_gains(stack: Stack, known: Floats, load: Load | None = None) -> Gains:
     unknown = np.flatnonzero(np.isnan(known))
     relative = load is None and len(unknown) == len(known)
     p = len(stack.names)
-    rubbing = np.eye(p)[:, friction(stack.names)]
     if load is None:
-        problem = _Problem((stack,), np.zeros(p), np.zeros((p, 0)), unknown)
+        problem = _GainProblem((stack,), np.zeros(p), np.zeros((p, 0)), unknown)
     else:
-        problem = _Problem((stack, load.stack), load.body, np.hstack([rubbing, load.free]), unknown)
+        problem = _GainProblem((stack, load.stack), load.body, load.free, unknown)
     x, sigma = _solve(problem, _first_guess(problem, known), known)
     h = _inverse_gains(problem, x, known)
-    honest = _variances(problem, x, h, sigma, relative)
+    variance = _variances(problem, x, h, sigma, relative)
     gain, error = 1.0 / h, np.zeros(len(h))
-    error[unknown] = gain[unknown] * np.sqrt(honest)
+    error[unknown] = gain[unknown] * np.sqrt(variance)
     if relative:
         size = float(np.exp(np.mean(np.log(gain))))
         gain, error = gain / size, error / size
     return Gains(gain, error, relative)
 
 
-def _inverse_gains(problem: _Problem, x: Floats, known: Floats) -> Floats:
+def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
+    """Return a log with a load, and what is known about the load: its mass, or else the robot file's tool.
+
+    Args:
+        base: model and base parameters.
+        stack: the log with the load.
+        mass: mass of the load [kg]; its centre and inertia are then found with the gains. None for the tool.
+
+    Raises:
+        WrongUsage: nothing is known about the load.
+    """
+    K, tool = base.reduction.K[:, last_link(base)], base.robot.tool
+    rubbing = np.eye(len(K))[:, friction(base)]
+    if mass is not None:
+        return Load(stack, K[:, 0] * mass, np.hstack([rubbing, K[:, 1:]]))
+    if tool is None:
+        raise WrongUsage("--loaded needs the mass of the load", fix="--load-mass KG, or `tool:` in the robot file")
+    return Load(stack, K @ tool.parameters(), rubbing)
+
+
+def _inverse_gains(problem: _GainProblem, x: Floats, known: Floats) -> Floats:
     h = 1.0 / known
     h[problem.unknown] = np.exp(x[len(x) - len(problem.unknown) :])
     return h
 
 
-def _first_guess(problem: _Problem, known: Floats) -> Floats:
+def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
     """Solve W theta - gain i = 0 linearly for everything at once; noise makes the gains a little small."""
     n, size = len(known), problem.p + problem.extra.shape[1]
     rows, right = [], []
@@ -159,7 +179,7 @@ def _first_guess(problem: _Problem, known: Floats) -> Floats:
     return np.concatenate([x[:size] * np.sign(np.sum(x[size:]) or 1.0), -np.log(safe[problem.unknown])])
 
 
-def _solve(problem: _Problem, x: Floats, known: Floats) -> tuple[Floats, Floats]:
+def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Floats]:
     """Return the unknowns and each joint's noise [A], by Gauss-Newton with weights from the residuals."""
     count = len(problem.unknown)
     for step in range(STEPS):
@@ -187,7 +207,7 @@ def _solve(problem: _Problem, x: Floats, known: Floats) -> tuple[Floats, Floats]
     return x, sigma
 
 
-def _linearised(problem: _Problem, x: Floats, h: Floats) -> Iterator[ObservationRows]:
+def _linearised(problem: _GainProblem, x: Floats, h: Floats) -> Iterator[ObservationRows]:
     """Yield the rows of all logs about a solution, for the covariance."""
     for log, stack in enumerate(problem.stacks):
         theta = problem.theta(x, log)
@@ -196,8 +216,8 @@ def _linearised(problem: _Problem, x: Floats, h: Floats) -> Iterator[Observation
             yield rows.with_arrays(J, rows.tau - h * (rows.W @ theta) + J @ x)
 
 
-def _variances(problem: _Problem, x: Floats, h: Floats, sigma: Floats, relative: bool) -> Floats:
-    """Return the honest variance of log h of each unknown gain, (count,)."""
+def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relative: bool) -> Floats:
+    """Return the variance of log h, allowing for coloured residuals, of each unknown gain, (count,)."""
     information: Floats | float = 0.0
     for part in _linearised(problem, x, h):
         J = (part.W * (part.mask / sigma)[:, :, None]).reshape(-1, len(x))

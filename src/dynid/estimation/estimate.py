@@ -7,34 +7,28 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WrongUsage
+from dynid.errors import NothingChanged, WrongUsage
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.findings import excitation_findings, physics_findings, sensor_findings
 from dynid.estimation.least_squares import Fit, joint_rms, relative_error
-from dynid.estimation.physical_parameters import physical_parameters
+from dynid.estimation.physical_parameters import PhysicalParameters, physical_parameters
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
-from dynid.model.mass_matrix import random_poses, sign_alarm
 from dynid.model.prior import prior_base_parameters
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
 
-#: Beyond this condition number with normalised columns, a percent of noise becomes tens of percent of parameter.
-LARGE_CONDITION = 1000.0
 #: A parameter that differs from its prior by less than this share has not moved.
 UNCHANGED = 1e-9
-#: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
-CONTRADICTION = 1.5
 #: A physical set may be this much worse on held-out rows and still be preferred: it can be simulated and extrapolates.
 NEARLY_AS_GOOD = 1.05
-#: Share of open parameters beyond which a log is called poor.
-MANY_OPEN = 0.2
+#: Names of the parameter sets, by whether a set is physically possible.
+SETS = {True: "physical", False: "plain"}
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
-#: Poses in which the mass matrix is tested.
-POSES = 500
 
 
 @dataclass(frozen=True)
@@ -111,7 +105,7 @@ def estimate(
     drop_weak: bool = False,
     feasible: bool | None = None,
 ) -> Identification:
-    """Fit the base parameters, with honest errors and a held-out figure.
+    """Fit the base parameters, with robust error bars and a held-out figure.
 
     The parameters come from all rows; the held-out figure comes from a second fit without the rows that are held out.
 
@@ -130,33 +124,16 @@ def estimate(
     """
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
-    plain = replace(METHODS[name](stack, prior, controller_of(base)), why=why)
-    findings = _excitation_findings(stack, plain, drop_weak)
-    physical = physical_parameters(base, plain)
-    possible = base.reduction.K @ physical.x
-    held = {} if holdout is None else _held_out(base, holdout, name, prior)
-    if feasible is None:
-        feasible, choice = _physical_wins(base, method, held)
-    else:
-        choice = "as asked"
-    if feasible:
-        _require_change(prior, plain.theta, possible)
-    theta = possible if feasible else plain.theta
-    factors, rows = stack.whole
-    rms = joint_rms(factors, rows, theta)
-    size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
-    judged = held.get("physical" if feasible else "plain")
-    std_error, knowledge = _certainty(plain, theta, rows)
-    joints = tuple(
-        JointQuality(
-            joint=joint,
-            rms=float(rms[j]),
-            relative_percent=float(100.0 * rms[j] * np.sqrt(rows[j]) / size[j]) if size[j] else 0.0,
-            torque_rms=float(size[j] / np.sqrt(max(1, rows[j]))),
-            heldout_rms=None if judged is None else float(judged[0][j]),
-        )
-        for j, joint in enumerate(stack.joints)
-    )
+    plain = METHODS[name](stack, prior, controller_of(base))
+    excitation = excitation_findings(stack, plain, drop_weak=drop_weak)
+    physical, sets = _sets(base, plain)
+    held = {} if holdout is None else _held_out(base, holdout, prior, name)
+    in_force, choice = _in_force(base, method, held) if feasible is None else (SETS[feasible], "as asked")
+    if in_force == "physical":
+        _require_change(prior, **sets)
+    theta, judged = sets[in_force], held.get(in_force)
+    rms, total = errors(stack, theta)
+    std_error, knowledge = _certainty(plain, theta)
     return Identification(
         robot=base.robot,
         reduction=base.reduction,
@@ -169,8 +146,8 @@ def estimate(
         knowledge=knowledge,
         prior=prior,
         noise=plain.noise,
-        joints=joints,
-        relative_error_percent=relative_error(factors, theta),
+        joints=_qualities(stack, rms, None if judged is None else judged[0]),
+        relative_error_percent=total,
         heldout_relative_error_percent=None if judged is None else judged[1],
         heldout_by_set={key: value[1] for key, value in held.items()},
         heldout=holdout.text if holdout else "nothing held out",
@@ -179,14 +156,14 @@ def estimate(
         condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
         physical=physical,
-        in_force="physical" if feasible else "plain",
+        in_force=in_force,
         choice=choice,
-        factors=factors,
-        counts=rows,
+        factors=plain.factors,
+        counts=plain.counts,
         findings=(
-            *findings,
-            *_sensor_findings(base),
-            *_physics_findings(base, plain, joint_rms(factors, rows, possible), knowledge, feasible),
+            *excitation,
+            *sensor_findings(base),
+            *physics_findings(base, plain, errors(stack, sets["physical"])[0], knowledge, in_force),
         ),
         cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
         delay=stack.logs[0].delay if stack.logs else 0.0,
@@ -202,128 +179,92 @@ def estimate(
     )
 
 
-def _certainty(plain: Fit, theta: Floats, rows: NDArray[np.int64]) -> tuple[Floats, tuple[str, ...]]:
+def errors(stack: Stack, theta: Floats) -> tuple[Floats, float]:
+    """Return the rms residual of each joint, (n,) [N m or N], and the total relative error of base parameters [%].
+
+    Args:
+        stack: the rows that judge.
+        theta: base parameters, (p,).
+    """
+    factors, counts = stack.whole
+    return joint_rms(factors, counts, theta), relative_error(factors, theta)
+
+
+def _sets(base: BaseModel, plain: Fit) -> tuple[PhysicalParameters, dict[str, Floats]]:
+    """Return the physical parameters beside a fit, and the base parameters that either set stands for, (p,)."""
+    physical = physical_parameters(base, plain)
+    return physical, {"plain": plain.theta, "physical": base.reduction.K @ physical.x}
+
+
+def _held_out(base: BaseModel, holdout: HoldOut, prior: Floats, method: str) -> dict[str, tuple[Floats, float]]:
+    """Return the errors of each set on the held-out rows, fitted without them."""
+    sets = _sets(base, METHODS[method](holdout.train, prior, controller_of(base)))[1]
+    return {key: errors(holdout.test, theta) for key, theta in sets.items()}
+
+
+def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
+    factors, counts = stack.whole
+    size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
+    return tuple(
+        JointQuality(
+            joint=joint,
+            rms=float(rms[j]),
+            relative_percent=float(100.0 * rms[j] * np.sqrt(counts[j]) / size[j]) if size[j] else 0.0,
+            torque_rms=float(size[j] / np.sqrt(max(1, counts[j]))),
+            heldout_rms=None if held is None else float(held[j]),
+        )
+        for j, joint in enumerate(stack.joints)
+    )
+
+
+def _certainty(plain: Fit, theta: Floats) -> tuple[Floats, tuple[str, ...]]:
     """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite.
 
-    A prior may be wrong, so as far as it has pulled a parameter away from the plain estimate, as far it may err: the
+    A prior may be wrong, so as far as it has moved a parameter away from the plain estimate, as far it may err: the
     mean square error of a shrunken estimate is its variance and its bias squared.
     """
     std_error = np.sqrt(np.maximum(np.diag(plain.covariance), 0.0) + (theta - plain.theta) ** 2)
     open_ = np.abs(plain.solution.weak).max(axis=1, initial=0.0) > 1e-9
     std_error[open_] = np.inf
-    effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, rows.sum()))
+    effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, plain.counts.sum()))
     judged = judge(theta, std_error, effect)
     words = (NOT_DETERMINED if o else word for word, o in zip(judged, open_, strict=True))
     return std_error, tuple(words)
 
 
-def _excitation_findings(stack: Stack, plain: Fit, drop_weak: bool) -> tuple[Finding, ...]:
-    rank, size = plain.solution.rank, len(plain.theta)
-    if rank < size:
-        open_ = np.abs(plain.solution.weak).max(axis=1)
-        names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
-        text = f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
-        if not drop_weak:
-            fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"
-            raise RankDeficient(text, fix=fix)
-        return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
-    condition = plain.solution.condition_number_scaled
-    if condition > LARGE_CONDITION:
-        text = f"condition number {condition:.0f} (good: below 100): parameters are {condition / 100:.0f} x noisier"
-        if not drop_weak:
-            fix = "plan a motion that tells more: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
-            raise PoorlyExcited(text, fix=fix)
-        return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
-    return ()
-
-
-def _require_change(prior: Floats, plain: Floats, physical: Floats) -> None:
+def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
     """Refuse a physical set that is still where its search began; a log of the prior itself moves nothing either.
 
     Raises:
         NothingChanged: with the number of parameters.
     """
-    believed = np.isfinite(prior)
+    known = np.isfinite(prior)
 
     def same(theta: Floats) -> NDArray[np.bool_]:
-        return np.asarray(np.isclose(theta, prior, rtol=UNCHANGED, atol=1e-12)[believed])
+        return np.asarray(np.isclose(theta, prior, rtol=UNCHANGED, atol=1e-12)[known])
 
-    if believed.any() and same(physical).all() and not same(plain).all():
-        count = int(believed.sum())
+    if known.any() and same(physical).all() and not same(plain).all():
+        count = int(known.sum())
         raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
 
 
-def _sensor_findings(base: BaseModel) -> list[Finding]:
-    """Say what a torque sensor between gear and link cannot see."""
-    rotors = [name for name in base.reduction.base_names if name.startswith("Im")]
-    if base.robot.torque.source != "joint_sensor" or not rotors:
-        return []
-    text = (
-        f"torques come from joint sensors after the gears: {', '.join(rotors)} and the friction here are what lies "
-        "behind the sensor; rotor inertia and motor friction before it are largely invisible"
-    )
-    return [Finding("W410", "info", text, {"parameters": rotors})]
-
-
-def _physical_wins(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[bool, str]:
+def _in_force(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[str, str]:
     """Decide which parameters are in force, and say why.
 
     A table of link inertias is knowledge, and a log of one motion must not overrule it. Cylinders are only a shape:
-    they rescue a poor log, but a good one knows better; rows that were not fitted tell which of the two it is.
+    they rescue a poor log, but a good one knows better; rows that were not fitted decide.
     """
     if method != "auto":
-        return False, "the estimator was chosen by hand"
+        return "plain", "the estimator was chosen by hand"
     if base.robot.prior is not None and base.robot.prior.links:
-        return True, "the robot file has a table of link inertias as prior"
+        return "physical", "the robot file has a table of link inertias as prior"
     if not held:
-        return True, "nothing was held out to compare with"
+        return "physical", "nothing was held out to compare with"
     plain, physical = held["plain"][1], held["physical"][1]
     figures = f"held-out error {physical:.2f} % against {plain:.2f} %"
     if physical <= NEARLY_AS_GOOD * plain:
-        return True, f"it predicts the held-out rows at least nearly as well as the plain estimate ({figures})"
-    return False, f"the physical set predicts the held-out rows worse ({figures})"
-
-
-def _physics_findings(
-    base: BaseModel, plain: Fit, rms: Floats, knowledge: tuple[str, ...], feasible: bool
-) -> list[Finding]:
-    """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little."""
-    found = []
-    open_ = sum(word == "not determined" for word in knowledge) / len(knowledge)
-    observer = base.model.observer(base.reduction.base)
-    alarm = sign_alarm(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), random_poses(base.robot, POSES))
-    if alarm.raised:
-        cause = (
-            "too little motion to tell, or a wrong sign or offset under `driver:`"
-            if open_ > MANY_OPEN
-            else "check sign and offset of each joint under `driver:` in the robot file"
-        )
-        text = f"the plain fit has no positive mass matrix in {100 * alarm.share:.0f} % of random poses: {cause}"
-        found.append(Finding("W405", "info" if open_ > MANY_OPEN else "warning", text, {"share": alarm.share}))
-    growth = rms / np.maximum(plain.rms, 1e-12)
-    worst = int(np.argmax(growth))
-    if growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
-        joint = base.robot.joint_names[worst]
-        text = (
-            f"the physical set explains {joint} worse than the plain fit: its torque error grows from "
-            f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
-        )
-        found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])}))
-    if open_ > MANY_OPEN:
-        count = f"{sum(word == 'not determined' for word in knowledge)} of {len(knowledge)} base parameters"
-        plain_text = "the plain estimate holds for motions like this one only; for others use --feasible"
-        consequence = "their values come mostly from the prior" if feasible else plain_text
-        text = f"{count} are not determined by this log: {consequence}"
-        found.append(Finding("W406", "warning", text, {"share": open_}))
-    return found
-
-
-def _held_out(base: BaseModel, holdout: HoldOut, method: str, prior: Floats) -> dict[str, tuple[Floats, float]]:
-    """Return rms of each joint and total relative error on the held-out rows, for the plain and the physical set."""
-    fitted = METHODS[method](holdout.train, prior, controller_of(base))
-    factors, rows = holdout.test.whole
-    sets = {"plain": fitted.theta, "physical": base.reduction.K @ physical_parameters(base, fitted).x}
-    return {key: (joint_rms(factors, rows, theta), relative_error(factors, theta)) for key, theta in sets.items()}
+        return "physical", f"it predicts the held-out rows at least nearly as well as the plain estimate ({figures})"
+    return "plain", f"the physical set predicts the held-out rows worse ({figures})"
 
 
 def controller_of(base: BaseModel) -> Controller | None:

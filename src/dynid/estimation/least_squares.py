@@ -127,7 +127,6 @@ class Fit:
         covariance: of theta, (p, p).
         factors: one triangular factor of [W tau] per joint, (n, p + 1, p + 1).
         counts: number of rows of each joint, (n,).
-        why: one sentence on the choice of the estimator.
     """
 
     method: str
@@ -136,7 +135,6 @@ class Fit:
     covariance: Floats
     factors: Floats
     counts: Ints
-    why: str = ""
 
     @cached_property
     def whitened(self) -> Floats:

@@ -1,6 +1,6 @@
-"""fullnumericregressor.npz: the stack of loop 3 before anything is identified.
+"""fullnumericregressor.npz: the stacked observations before anything is identified.
 
-It holds the conditioned motion that rows are made from and one triangular factor of [W tau] for each joint: all that
+It holds the conditioned motion that rows are made from and one triangular factor of [W tau] per joint: all that
 least squares needs, and small however long the log was. The stacked matrix itself is never stored.
 """
 
@@ -27,12 +27,10 @@ _ARRAYS = tuple(field.name for field in fields(Segment))
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, log in enumerate(stack.logs) for segment in log.segments]
-    # Why not always joined: a long log is mostly one stretch, and a copy of it would double the memory.
-    stretches = [segment for _, segment in segments]
+    # Why not always joined: a long log is mostly one segment, and a copy of it would double the memory.
+    parts = [segment for _, segment in segments]
     arrays = {
-        name: getattr(stretches[0], name)
-        if len(stretches) == 1
-        else np.concatenate([getattr(stretch, name) for stretch in stretches])
+        name: getattr(parts[0], name) if len(parts) == 1 else np.concatenate([getattr(part, name) for part in parts])
         for name in _ARRAYS
     }
     factors, counts = stack.whole

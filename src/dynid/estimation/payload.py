@@ -19,9 +19,9 @@ from dynid.estimation.least_squares import merge
 from dynid.estimation.physical_constraints import basis, make_constraints, pseudo_inertia
 from dynid.estimation.physical_parameters import DEFAULT_GAMMA, fit_physical
 from dynid.estimation.result import Identification
-from dynid.model.parameters import BODY_PARAMETERS, numbered
+from dynid.model.base_model import BaseModel
+from dynid.model.parameters import BODY_PARAMETERS, body_columns, numbered
 from dynid.model.prior import body_of
-from dynid.model.reduce import Reduction
 from dynid.robot import Body
 
 Floats = NDArray[np.float64]
@@ -32,12 +32,14 @@ DENSITY = 2000.0
 LEAST_MASS = 0.05
 #: Singular value, relative to the largest, below which a direction counts as unknown.
 UNKNOWN = 1e-10
+#: Kinds of parameters that are friction.
+FRICTION = ("fv", "fc", "fo", "fvc", "fcc")
 #: Misfit over its expectation from which on something else than a load has changed.
 MISFIT = 4.0
 
 
 @dataclass(frozen=True)
-class Payload:
+class IdentifiedPayload:
     """A body in the frame of the last link.
 
     Attributes:
@@ -78,7 +80,7 @@ class Payload:
         return [Finding("W411", "warning", text, {"misfit": self.misfit})]
 
 
-def find_payload(loaded: Identification, unloaded: Identification) -> Payload:
+def find_payload(loaded: Identification, unloaded: Identification) -> IdentifiedPayload:
     """Return the body that the loaded arm has in addition.
 
     Args:
@@ -88,24 +90,23 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Payload:
     Raises:
         WrongUsage: the results are of different arms, or the last link is not identified.
     """
-    reduction = unloaded.reduction
     if loaded.names != unloaded.names:
         raise WrongUsage(
             f"{unloaded.label} has other base parameters than this log's model",
             fix="identify both with the same robot file",
         )
-    K = reduction.K[:, last_link(reduction, unloaded.robot.n)]
+    K = unloaded.reduction.K[:, last_link(unloaded.base)]
     if not unloaded.factors.size:
         raise WrongUsage(
             f"{unloaded.label} holds no triangular factors",
             fix="identify the unloaded log again",
         )
-    information = of_change(_information(unloaded), _information(loaded), friction(loaded.names))
+    information = of_change(_information(unloaded), _information(loaded), friction(unloaded.base))
     return fitted_body(K, loaded.plain - unloaded.plain, information, unloaded.covariance + loaded.covariance)
 
 
 def _information(found: Identification) -> Floats:
-    """Return what a log says about its base parameters, as smooth as its rows and as honest as its covariance.
+    """Return what a log says about its base parameters, as smooth as its rows and as certain as its covariance.
 
     Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens to be
     too small its inverse would trust the log most.
@@ -115,17 +116,23 @@ def _information(found: Identification) -> Floats:
     return np.asarray(A.T @ A) / max(inflation, 1e-300)
 
 
-def last_link(reduction: Reduction, n: int) -> NDArray[np.intp]:
-    """Return the columns of the last link's ten parameters among all parameters."""
-    where = {name: k for k, name in enumerate(reduction.names)}
-    if f"m{n}" not in where:
+def last_link(base: BaseModel) -> NDArray[np.intp]:
+    """Return the columns of the last link's ten parameters among all parameters, (10,).
+
+    Raises:
+        WrongUsage: the last link is not identified.
+    """
+    n = base.robot.n
+    columns = body_columns(base.model.parameters).get(n)
+    if columns is None:
         raise WrongUsage(f"link {n} is not among the identified ones", fix="`links: all` in the robot file")
-    return np.array([where[f"{kind}{n}"] for kind in BODY_PARAMETERS])
+    return columns
 
 
-def friction(names: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Return which base parameters are friction."""
-    return np.array([name.startswith("f") for name in names])
+def friction(base: BaseModel) -> NDArray[np.bool_]:
+    """Return which base parameters are the friction of joints or motors, (p,)."""
+    kinds = [base.model.parameters[k].kind for k in base.reduction.base]
+    return np.array([kind in FRICTION for kind in kinds])
 
 
 def of_change(before: Floats, after: Floats, free: NDArray[np.bool_]) -> Floats:
@@ -151,14 +158,14 @@ def _inverse(matrix: Floats) -> Floats:
     return np.asarray(scale[:, None] * inner * scale)
 
 
-def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floats) -> Payload:
+def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floats) -> IdentifiedPayload:
     """Return the possible body that explains a change of base parameters best.
 
     Args:
         K: change of the base parameters by each of the ten parameters, (p, 10).
         change: of the base parameters, (p,).
         information: what the parts of the change are weighted by, (p, p).
-        covariance: honest covariance of the change, (p, p).
+        covariance: covariance of the change, allowing for coloured residuals, (p, p).
     """
     diagonal = np.diagonal(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -178,7 +185,7 @@ def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floa
     # Why widened once more: what no body explains is no noise, and the covariance does not know of it.
     posterior = bread @ (wide**2 * gain @ covariance @ gain.T + prior) @ bread
     J = _shown_by(x)
-    return Payload(body_of(x), np.sqrt(np.diagonal(J @ posterior @ J.T)), misfit)
+    return IdentifiedPayload(body_of(x), np.sqrt(np.diagonal(J @ posterior @ J.T)), misfit)
 
 
 def _ball(phi: Floats) -> Body:

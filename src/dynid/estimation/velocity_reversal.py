@@ -1,11 +1,11 @@
-"""Take out of the rows what nobody knows of them: what friction does while a joint turns back.
+"""What friction does while a joint reverses, as random effects that take weight from the rows around it.
 
-A joint that turns back creeps and sticks for some milliseconds, at velocities below the encoder's noise. The Coulomb
+A joint that reverses creeps and sticks for some milliseconds, at velocities below the encoder's noise. The Coulomb
 column is wrong there, each time in the same way, and friction and inertia pay for it. The filter over the rows is much
 longer than a reversal: whatever happened, what is left of it in the rows is, to second order, the filter's kernel at
 that time and the kernel's slope, of unknown sizes. These are random effects: their variance is found from the
 residuals, and rows are weighted by the inverse of the covariance that they make. Where encoders are good enough, little
-is taken. Reads rows and the times at which joints turn back. Source: Harville 1977 (variance components).
+is taken. Reads rows and the times at which joints reverse. Source: Harville 1977 (variance components).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dynid.signals.filters import pulse, pulse_slope, pulse_width
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Instants of one stretch that are worked on together: many kernels long, few enough for small matrices.
+#: Instants of one run of rows that are worked on together: many kernels long, few enough for small matrices.
 TOGETHER = 256
-#: Instants up to which a log is settled: beyond, it takes longer than everything else together.
+#: Instants up to which a log is treated so: beyond, it takes longer than everything else together.
 LONGEST = 1 << 14
 #: Shapes of reversals that differ by less than this are one.
 SAME = 1e-3

@@ -15,9 +15,7 @@ from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_log
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
-    from dynid.estimation.drive_gains import Gains, Load
-    from dynid.estimation.stack import Stack
-    from dynid.model.base_model import BaseModel
+    from dynid.estimation.drive_gains import Gains
 
 
 def needs_gains(robot: Robot, log: Log) -> bool:
@@ -55,7 +53,7 @@ def find_drive_gains(
     """
     import numpy as np
 
-    from dynid.estimation.drive_gains import find_gains
+    from dynid.estimation.drive_gains import find_gains, known_load
     from dynid.estimation.stack import stack_base
 
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
@@ -72,22 +70,8 @@ def find_drive_gains(
     stack = stack_base(conditioned[: len(plain)], base, progress)
     load = None
     if loaded is not None:
-        load = _loaded_by(base, stack_base(conditioned[len(plain) :], base, progress), load_mass)
+        load = known_load(base, stack_base(conditioned[len(plain) :], base, progress), load_mass)
     return find_gains(stack, known, load)
-
-
-def _loaded_by(base: BaseModel, stack: Stack, mass: float | None) -> Load:
-    """Return the log with the load and what is known about it: its mass, else the robot file's tool."""
-    from dynid.estimation.drive_gains import Load
-    from dynid.estimation.payload import last_link
-
-    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
-    tool = base.robot.tool
-    if mass is not None:
-        return Load(stack, K[:, 0] * mass, K[:, 1:])
-    if tool is None:
-        raise WrongUsage("--loaded needs the mass of the load", fix="--load-mass KG, or `tool:` in the robot file")
-    return Load(stack, K @ tool.parameters(), K[:, :0])
 
 
 def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dynid.estimation.estimate import HoldOut
-    from dynid.estimation.payload import Payload
+    from dynid.estimation.payload import IdentifiedPayload
     from dynid.estimation.result import Identification
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
@@ -252,7 +252,7 @@ def answer_of(found: Identification) -> dict[str, Any]:
     }
 
 
-def find_payload(loaded: Identification, unloaded: Identification) -> Payload:
+def find_payload(loaded: Identification, unloaded: Identification) -> IdentifiedPayload:
     """Return the body that the loaded arm has in addition on its last link.
 
     Args:

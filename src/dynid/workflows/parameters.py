@@ -49,7 +49,7 @@ class Observations:
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        from dynid.estimation.excitation import weakly_excited
+        from dynid.estimation.findings import weakly_excited
         from dynid.model.prior import prior_base_parameters
 
         return list(weakly_excited(self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)))

@@ -7,8 +7,7 @@ import pytest
 from loaded_arm import LOAD, recorded
 
 from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.drive_gains import Load, find_gains
-from dynid.estimation.payload import last_link
+from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -43,16 +42,15 @@ def loaded(base):
 
 
 def test_a_load_of_known_mass_tells_all_gains_within_three_percent(base, empty, loaded):
-    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
-    found = find_gains(empty, np.full(7, np.nan), Load(loaded, K[:, 0] * LOAD.mass, K[:, 1:]))
+    found = find_gains(empty, np.full(7, np.nan), known_load(base, loaded, LOAD.mass))
     assert found.gain == pytest.approx(GAINS, rel=0.03)
     assert not found.relative
     assert np.all(np.abs(found.gain - GAINS) < 4 * found.std_error)
 
 
 def test_a_load_that_is_known_whole_tells_them_better(base, empty, loaded):
-    K = base.reduction.K[:, last_link(base.reduction, base.robot.n)]
-    found = find_gains(empty, np.full(7, np.nan), Load(loaded, K @ LOAD.parameters(), K[:, :0]))
+    with_tool = replace(base, model=replace(base.model, robot=replace(base.robot, tool=LOAD)))
+    found = find_gains(empty, np.full(7, np.nan), known_load(with_tool, loaded, None))
     assert found.gain == pytest.approx(GAINS, rel=0.03)
 
 
