@@ -74,7 +74,7 @@ class IdentifiedPayload:
         if self.misfit < MISFIT:
             return []
         text = (
-            f"a body on the last link explains the change badly (chi^2 is {self.misfit:.1f} times its expectation): "
+            f"a body on the last link explains the change badly (reduced chi-square {self.misfit:.1f}): "
             "is it fixed to the last link, and is everything else as before?"
         )
         return [Finding("W411", "warning", text, {"misfit": self.misfit})]
