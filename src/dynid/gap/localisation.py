@@ -10,14 +10,21 @@ from numpy.typing import NDArray
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import Floats
 
-#: Share of the noise's power that may be left: a joint with more is above its noise floor.
+#: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
+#: of the power that repeats tell.
 NEGLIGIBLE = 0.10
 #: A region stands out when what it has above the noise is so many times that of its joint's next one.
 STANDS_OUT = 1.6
-#: Fewest rows of a region that is judged.
+#: Fewest rows of a region that is judged: its mean square is then known to a fifth.
 FEWEST = 60
-#: Time after a reversal that counts as the reversal [s].
+#: Time after a reversal that counts as the reversal [s]: one and a half periods of the cut-off of 10 Hz.
 REVERSAL = 0.15
+
+#: How a region of each kind is told.
+PHRASES = {
+    "speed": "when {}", "position": "at the {} of its travel", "load": "at {} load", "time": "{} in the recording",
+    "direction": "when moving {}", "reversal": "{}",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -134,12 +141,4 @@ def _words(regions: list[ResidualRegion], chi: float) -> str:
 
 
 def _phrase(region: ResidualRegion) -> str:
-    endings = {
-        "speed": f"when {region.name}",
-        "position": f"at the {region.name} of its travel",
-        "load": f"at {region.name} load",
-        "time": f"{region.name} in the recording",
-        "direction": f"when moving {region.name}",
-        "reversal": region.name,
-    }
-    return endings[region.kind]
+    return PHRASES[region.kind].format(region.name)

@@ -11,7 +11,7 @@ from dynid.gap.noise import lag_of, shifted
 from dynid.gap.segments import SegmentRows
 from dynid.model.effects.interface import Floats
 
-#: Share of the rows that must have been driven before, so that the others can be left out.
+#: Share of the rows that must have been driven before; the others are left out.
 MOST = 0.8
 
 

@@ -17,16 +17,19 @@ from dynid.signals.conditioning import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4
-#: Two segments are repeats when their positions differ by less than this share of their spread.
+#: Two segments are repeats when their positions differ by less than this share of their spread; repeats of real and of
+#: simulated arms differ by 0.003 to 0.006, other motion by about 1.
 ALIKE = 0.03
-#: Shortest overlap of two segments, and shortest period within one, that counts as a repeat [s].
+#: Shortest overlap of two segments, and shortest period within one, that counts as a repeat [s]: long enough that
+#: different motions do not agree by chance.
 SHORTEST_REPEAT = 4.0
 #: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
 SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
 #: an undisturbed arm have; a random contact gives 12 and more, a wandering sensor 27 and more.
 BURST, WANDER = 6.0, 14.0
-#: A kept model left more than noise on a joint when it left more than this many times the floor.
+#: A kept model left more than noise on a joint when it left more than this many times the floor, which is
+#: itself known to about a tenth.
 MORE_THAN_NOISE = 1.2
 
 
@@ -283,12 +286,13 @@ def autocorrelation_time(parts: Sequence[Floats]) -> float:
 
 
 def yule_walker(covariance: Floats) -> Floats:
-    """Return autoregressive coefficients from autocovariances at lags 0 to ORDER."""
+    """Return autoregressive coefficients, (ORDER,), from autocovariances at lags 0 to ORDER."""
+    from scipy.linalg import solve_toeplitz
+
     if covariance[0] <= 0:
         return np.zeros(ORDER)
-    index = np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))
-    matrix = covariance[index] + 1e-6 * covariance[0] * np.eye(ORDER)
-    return np.linalg.solve(matrix, covariance[1:])
+    column = covariance[:ORDER] * np.where(np.arange(ORDER) == 0, 1 + 1e-6, 1.0)
+    return np.asarray(solve_toeplitz(column, covariance[1:]))
 
 
 def whitened(x: Floats, ar: Floats) -> Floats:

@@ -18,11 +18,11 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
 
-#: Share of each log that is held out where there are fewer than three motions.
+#: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.
 HELD_OUT = 0.2
 #: The same when a model is kept: little is fitted then, and what is slow makes short parts no proof.
 HELD_OUT_KEPT = 0.4
-#: Rows between training and held-out part that belong to neither [s].
+#: Rows between training and held-out part that belong to neither, longer than residuals go on for [s].
 BETWEEN = 1.0
 #: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
 #: narrow one [rad/s] and one so many times wider than the model's, at least ``WIDE``.

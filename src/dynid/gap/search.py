@@ -17,6 +17,7 @@ from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wa
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
+from dynid.options import LONGEST_DELAY
 from dynid.progress import SILENT, Progress
 from dynid.signals.delay import segment_without_delay
 
@@ -26,8 +27,6 @@ MOST_SELECTIONS = 5
 #: When the noise measured beside what was found differs by more than this from what it was before, the search starts
 #: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
-#: A delay that is longer is no delay [s], and is not looked for again.
-LONGEST_DELAY = 0.5
 
 
 @dataclass(frozen=True)

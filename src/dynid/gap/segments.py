@@ -119,15 +119,11 @@ def with_reference(segments: Sequence[SegmentRows], reference: ReferenceTorques)
 
 def moving(qd: Floats, rate: float) -> Mask:
     """Return which rows are not part of a rest, (M, n)."""
+    from scipy.ndimage import binary_dilation, binary_opening
+
     width = max(1, round(DWELL_SECONDS * rate))
-    mask = np.ones(qd.shape, dtype=bool)
-    for j in range(qd.shape[1]):
-        slow = np.concatenate([[False], np.abs(qd[:, j]) < REST_SPEED, [False]])
-        edges = np.flatnonzero(np.diff(slow.astype(int)))
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            if end - start > width:
-                mask[max(0, start - width) : end + width, j] = False
-    return mask
+    rest = binary_opening(np.abs(qd) < REST_SPEED, np.ones((width + 1, 1)))
+    return np.asarray(~binary_dilation(rest, np.ones((2 * width + 1, 1))))
 
 
 def cut(segments: Sequence[SegmentRows], chosen: Sequence[Mask]) -> list[SegmentRows]:

@@ -38,7 +38,7 @@ FEWEST_TESTS, RIPPLE_TESTS = 150, 60
 EQUAL, SURE = 12.0, 1.73
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
-#: Candidates that are refined before they are compared.
+#: Candidates that are refined before they are compared: refinement moves the order by a few places, and costs time.
 RIVALS = 6
 #: A rival has at least this share of an effect's evidence, and loses all but this share of its gain beside it: what
 #: explains something else is no rival.
