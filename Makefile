@@ -11,6 +11,9 @@ PYTHON ?= $(shell for p in python3.11 python3.10 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 
+# Another apt-get may be at work, such as the unattended upgrades of a new machine: wait for it.
+APT := DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600
+
 # Debian 12 has ROS 1; Ubuntu 20.04 has it as Noetic under other names.
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
@@ -30,14 +33,14 @@ ros:
 	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.drivers.ros import missing_modules as m; sys.exit(bool(m()))' \
 		&& command -v rosmaster >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing ROS 1 with apt" && \
-		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends \
 			$(ROS_PACKAGES) >/dev/null; } || echo "no ROS 1 here: the tests of recording are left out" >&2
 
 # The window of the preview is tested on a virtual screen.
 screen:
 	@command -v xvfb-run >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing a virtual screen with apt" && \
-		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends \
 			xvfb xauth libgl1 libgl1-mesa-dri >/dev/null; } || echo "no virtual screen: its test is left out" >&2
 
 test-slow: $(VENV)/.ready-test
@@ -68,7 +71,7 @@ $(BIN)/python:
 	@echo "making $(VENV) with $(PYTHON)"
 	@rm -rf $(VENV); $(PYTHON) -m venv $(VENV) 2>/dev/null && $@ -m pip --version >/dev/null 2>&1 || { \
 		rm -rf $(VENV); virtualenv --quiet --python $(PYTHON) $(VENV) 2>/dev/null; } || { \
-		test "$$(id -u)" = 0 && apt-get update -qq && apt-get install -y -qq python3-venv >/dev/null && \
+		test "$$(id -u)" = 0 && $(APT) update -qq && $(APT) install -y -qq python3-venv >/dev/null && \
 		rm -rf $(VENV) && $(PYTHON) -m venv $(VENV); } || { \
 		rm -rf $(VENV); echo "no virtual environment: install python3-venv or virtualenv" >&2; exit 1; }
 

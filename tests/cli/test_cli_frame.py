@@ -390,3 +390,21 @@ def test_a_run_of_another_command_cannot_be_repeated(dynid):
     assert done.status == 2
     assert "holds no run of 'toy'; it has model" in done.err
     assert dynid("toy", "--from", "nowhere.yaml").status == 2
+
+
+# ---------------------------------------------------------------- errors as JSON
+def test_an_error_is_one_json_object_too(dynid):
+    done = dynid("check", "no_such_arm", "--json")
+    answer = json.loads(done.out)
+    assert (answer["schema"], answer["status"], answer["error"]["code"]) == ("dynid/error/1", done.status, "E205")
+    assert "no_such_arm" in answer["error"]["what"]
+    assert answer["error"]["fix"] in done.err
+
+
+def test_a_wrong_option_is_one_json_object_too(dynid):
+    done = dynid("identify", "kuka_lwr4plus", "--cutof", "3", "--json")
+    assert json.loads(done.out)["error"]["code"] == "E101"
+
+
+def test_an_error_without_json_leaves_stdout_empty(dynid):
+    assert dynid("check", "no_such_arm").out == ""

@@ -31,7 +31,7 @@ class Told:
 
     Attributes:
         words: the command line after ``dynid``.
-        meta: shared notes of the click contexts: ``dynid.debug`` and ``dynid.color``.
+        meta: shared notes of the click contexts: ``dynid.debug``, ``dynid.json`` and ``dynid.color``.
     """
 
     words: Sequence[str]
@@ -41,6 +41,11 @@ class Told:
     def debug(self) -> bool:
         """Whether tracebacks are wanted."""
         return bool(self.meta.get("dynid.debug")) or "--debug" in self.words
+
+    @property
+    def json(self) -> bool:
+        """Whether one JSON object is wanted on stdout."""
+        return bool(self.meta.get("dynid.json")) or "--json" in self.words
 
     @property
     def color(self) -> str:
@@ -117,7 +122,21 @@ def report(error: DynidError, told: Told) -> int:
         # Why: file:line usually opens the message already; saying it twice would hide the rest.
         if text and not (label == "where" and text in error.what):
             _say(f"  {label:<7} {visible(text)}")
+    _answer(told, int(error.status), error.code, error.what, where=error.where, why=error.why, fix=error.fix)
     return int(error.status)
+
+
+def _answer(told: Told, status: int, code: str, what: str, **more: str) -> None:
+    """Print the one JSON object of a run that an error has ended; nothing without --json."""
+    if not told.json:
+        return
+    import json
+
+    error = {"code": code, "what": what, **{key: text for key, text in more.items() if text}}
+    try:
+        click.echo(json.dumps({"schema": "dynid/error/1", "status": status, "error": error}, indent=2))
+    except OSError:  # the reader has left, or the disk is full
+        silence_streams()
 
 
 def usage_error(error: click.ClickException) -> DynidError:
@@ -171,6 +190,7 @@ def crash(error: BaseException, told: Told) -> int:
         _say(f"  details in {file}; report it with that file, or run again with --debug")
     else:
         _say("  no crash file could be written; run again with --debug to see the details")
+    _answer(told, int(ExitStatus.INTERNAL), "E700", f"{type(error).__name__}: {error}", where=str(file or ""))
     return int(ExitStatus.INTERNAL)
 
 

@@ -126,7 +126,7 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("-f", "--force", is_flag=True, help="Overwrite results without asking."),
     click.option("-y", "--yes", is_flag=True, help="Answer questions with yes; never those that move the arm."),
     click.option("--no-input", is_flag=True, help="Ask nothing, take the documented answers."),
-    click.option("--json", is_flag=True, help="Print one JSON object on stdout."),
+    click.option("--json", is_flag=True, is_eager=True, callback=_note, help="Print one JSON object on stdout."),
     click.option("-q", "--quiet", is_flag=True, help="Only the answer, warnings and errors."),
     click.option("-v", "--verbose", count=True, help="More detail; twice for all."),
     click.option(
