@@ -563,6 +563,8 @@ WARNINGS: dict[str, str] = {
     "W321": "Torques are stamped later or earlier than the positions they belong to.",
     "W323": "The stamps stray but the samples were taken evenly: an even clock is used.",
     "W324": "Torque spikes were replaced by the median of their neighbours.",
+    "W325": "Samples repeat the one before them while the arm moves, as the driver held them; they are left out.",
+    "W326": "Samples are in an earlier recording too: the same log was given twice; they are left out.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

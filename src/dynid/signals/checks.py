@@ -18,6 +18,7 @@ from dynid.robot import Robot
 from dynid.signals.columns import in_si, joint_of_motor, robot_columns, to_dh
 from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.motion import check_amount
+from dynid.signals.repeats import without_stale
 from dynid.signals.stamps import (
     check_gaps,
     check_rate,
@@ -73,7 +74,7 @@ def prepare(
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
-    log = in_si(log, robot)
+    log = without_stale(in_si(log, robot), robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped_samples(log, robot)
     log = with_even_clock(unwrapped(to_dh(log, robot), robot))

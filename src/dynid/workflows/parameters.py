@@ -11,6 +11,7 @@ from dynid.errors import Finding, LogNotFound
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.signals.repeats import without_copies
 from dynid.workflows.logs import LogOptions, as_list, checked_log
 from dynid.workflows.model import base_model
 
@@ -140,8 +141,10 @@ def observe(
         DynidError: the first serious fault of a log.
     """
     base = base or base_model(robot, progress=progress)
-    checked = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    given = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    checked, copies = without_copies(given)
     stack, delay, applied, findings = stack_logs(checked, base, options, progress)
+    progress.findings(copies)
     return Observations(
         base=base,
         stack=stack,
@@ -149,7 +152,7 @@ def observe(
         log_sha256=tuple(log.sha256 for log in checked),
         delay=delay,
         applied_delay=applied,
-        findings=findings,
+        findings=(*findings, *copies),
     )
 
 

@@ -1,0 +1,126 @@
+"""Samples that were not measured again: held by the driver, stored twice, or recorded in another log already.
+
+They look like independent measurements and make every interval too narrow, and a held position is a velocity of zero
+followed by a jump. They are left out. Sensors do not read all joints twice exactly alike while the arm moves, so equal
+rows tell; where only the positions are equal, coarse encoders are told from held samples by whether all moving joints
+change together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding, LogTooShort
+from dynid.log import Log
+from dynid.robot import Robot
+from dynid.signals.motion import moving, runs
+from dynid.signals.stamps import LEAST_SAMPLES, take_samples, with_findings
+
+Flags = NDArray[np.bool_]
+
+#: Share of the samples in motion that must be repeats: one in twenty narrows intervals by 3 %.
+STALE_SHARE = 0.05
+#: Of the joints that move, this share changes at nearly every fresh sample where samples are held as a whole.
+TOGETHER = 0.8
+#: So many rows in a row that an earlier log, or an earlier part of this one, has too are a copy of it.
+LEAST_COPY = 50
+#: Rows whose numbers are few, as those of an arm at rest, are equal by chance: a copy has this share of distinct ones.
+DISTINCT = 0.5
+
+
+def without_stale(log: Log, robot: Robot) -> Log:
+    """Return the log without samples that repeat the one before them while the arm moves (W325).
+
+    Args:
+        log: with increasing time and finite columns, in SI units.
+        robot: its robot.
+    """
+    alive = moving(log, robot)
+    busy: Flags = np.asarray(alive.any(axis=1))[1:]
+    same_q = np.all(np.diff(log.q, axis=0) == 0, axis=1)
+    same_tau = np.all(np.diff(log.tau, axis=0) == 0, axis=1)
+    stale = same_q & same_tau
+    if not _counts(stale & busy, busy) and _held(log, alive[1:], same_q):
+        stale = same_q
+    share = float(np.sum(stale & busy) / max(1, busy.sum()))
+    if not _counts(stale & busy, busy):
+        return log
+    # Why also at rest: the samples of a driver that holds them are as far apart there.
+    kept = take_samples(log, np.flatnonzero(np.concatenate([[True], ~stale | ~_near_motion(busy)])))
+    if len(kept) < LEAST_SAMPLES:
+        raise LogTooShort(f"only {len(kept)} of {len(log)} samples are not repeats of the one before", where=log.topic)
+    fresh = log.rate * (1 - share)
+    text = (
+        f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "
+        f"new ones come at {fresh:.0f} Hz"
+    )
+    return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": fresh}))
+
+
+def _counts(stale: Flags, busy: Flags) -> bool:
+    return bool(busy.any()) and float(stale.sum()) > STALE_SHARE * float(busy.sum())
+
+
+def _near_motion(busy: Flags) -> Flags:
+    """Return the steps between the first and the last one in motion."""
+    where = np.flatnonzero(busy)
+    near = np.zeros(len(busy), dtype=bool)
+    near[where[0] : where[-1] + 1] = True
+    return near
+
+
+def _held(log: Log, alive: Flags, same_q: Flags) -> bool:
+    """Return whether positions are held as a whole: where any joint changes, those that move change nearly all."""
+    busy: Flags = np.asarray(alive.any(axis=1))
+    several = (alive.sum(axis=1) >= 2) & ~same_q
+    if not _counts(same_q & busy, busy) or not several.any():
+        return False
+    changed = np.diff(log.q, axis=0) != 0
+    return float(np.mean(changed[several][alive[several]])) > TOGETHER
+
+
+def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
+    """Return logs without the samples that an earlier one, or an earlier part of the same one, has too (W326).
+
+    Args:
+        logs: checked logs of one arm; those of which nothing is left are dropped.
+    """
+    kept: list[Log] = []
+    findings: list[Finding] = []
+    seen = np.zeros(0, dtype=np.uint64)
+    for number, log in enumerate(logs, start=1):
+        keys = _keys(log)
+        again = np.isin(keys, seen)
+        _, first = np.unique(keys, return_index=True)
+        inside = np.ones(len(keys), dtype=bool)
+        inside[first] = False
+        copied = np.zeros(len(keys), dtype=bool)
+        for run in runs(again | inside, LEAST_COPY):
+            copied[run] = len(np.unique(keys[run])) >= DISTINCT * (run.stop - run.start)
+        seen = np.concatenate([seen, keys[~copied]])
+        if not copied.any():
+            kept.append(log)
+            continue
+        share = float(np.mean(copied))
+        text = (
+            f"{100 * share:.0f} % of the samples of {log.name} (log {number}) are in an earlier recording too: "
+            "a copy tells nothing new, they are left out"
+        )
+        findings.append(Finding("W326", "warning", text, {"log": number, "share": share}))
+        rest = np.flatnonzero(~copied)
+        if len(rest) >= LEAST_COPY:
+            kept.append(replace(take_samples(log, rest), findings=log.findings))
+    return kept, tuple(findings)
+
+
+def _keys(log: Log) -> NDArray[np.uint64]:
+    """Return a hash of the positions and torques of each sample, (N,)."""
+    rows = np.ascontiguousarray(np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
+    # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
+    factors = np.random.default_rng(0).integers(1, 2**63, rows.shape[1], dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    mixed = rows ^ (rows >> np.uint64(29))
+    return np.asarray(np.sum(mixed * factors, axis=1, dtype=np.uint64))

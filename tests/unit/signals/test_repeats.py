@@ -1,0 +1,80 @@
+"""Samples that were not measured again are recognised, said and left out; coarse encoders are not taken for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from signal_cases import RNG, moving_log, robot
+
+from dynid.signals.repeats import without_copies, without_stale
+from dynid.signals.stamps import with_rising_time
+
+
+@pytest.mark.parametrize("every", [2, 4, 7])
+def test_samples_held_by_the_driver_are_left_out(every):
+    log = moving_log()
+    index = np.arange(len(log)) // every * every
+    kept = without_stale(replace(log, q=log.q[index], tau=log.tau[index]), robot())
+    np.testing.assert_array_equal(kept.t, log.t[::every])
+    np.testing.assert_array_equal(kept.q, log.q[::every])
+    assert [finding.code for finding in kept.findings] == ["W325"]
+    assert kept.findings[0].evidence["rate_hz"] == pytest.approx(log.rate / every, rel=0.02)
+
+
+def test_positions_held_beside_fresh_torques_are_left_out():
+    log = moving_log()
+    kept = without_stale(replace(log, q=log.q[np.arange(len(log)) // 4 * 4]), robot())
+    np.testing.assert_array_equal(kept.t, log.t[::4])
+
+
+def test_encoders_so_coarse_that_positions_repeat_are_no_held_samples():
+    log = moving_log()
+    coarse = replace(log, q=np.round(log.q / 0.01) * 0.01)
+    assert np.mean(np.all(np.diff(coarse.q, axis=0) == 0, axis=1)) > 0.05
+    assert without_stale(coarse, robot()) is coarse
+
+
+def test_an_arm_at_rest_repeats_nothing():
+    log = moving_log()
+    still = replace(log, q=np.zeros_like(log.q) + log.q[0], tau=np.zeros_like(log.tau) + log.tau[0])
+    assert without_stale(still, robot()) is still
+
+
+def test_a_clean_log_is_the_same_object():
+    log = moving_log()
+    assert without_stale(log, robot()) is log
+    assert without_copies([log]) == ([log], ())
+
+
+def test_samples_stored_twice_under_one_stamp_are_dropped():
+    log = moving_log()
+    index = np.repeat(np.arange(len(log)), 2)
+    kept = with_rising_time(replace(log, t=log.t[index], q=log.q[index], tau=log.tau[index]), sort_time=False)
+    np.testing.assert_array_equal(kept.t, log.t)
+    assert [finding.code for finding in kept.findings] == ["W311"]
+
+
+def test_a_log_given_again_is_left_out_whatever_its_clock_says():
+    log = moving_log()
+    other = replace(log, q=log.q + 0.01 * RNG.standard_normal(log.q.shape))
+    kept, findings = without_copies([log, other, replace(log, t=log.t + 100.0)])
+    assert kept == [log, other]
+    assert [finding.code for finding in findings] == ["W326"]
+
+
+def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
+    log = moving_log()
+    half = len(log) // 2
+    first = replace(log, t=log.t[:half], q=log.q[:half], tau=log.tau[:half])
+    kept, findings = without_copies([first, log])
+    assert kept[0] is first
+    np.testing.assert_array_equal(kept[1].t, log.t[half:])
+    assert findings[0].evidence["share"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_recording_joined_to_itself_counts_once():
+    log = moving_log()
+    t = np.concatenate([log.t, log.t + log.t[-1] + 0.01])
+    twice = replace(log, t=t, q=np.tile(log.q, (2, 1)), tau=np.tile(log.tau, (2, 1)))
+    kept, _ = without_copies([twice])
+    np.testing.assert_array_equal(kept[0].q, log.q)
