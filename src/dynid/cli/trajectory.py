@@ -218,12 +218,12 @@ def view(common: Common, values: dict[str, Any], folder: Path) -> View:
 
 def reuse(common: Common, path: Path, *, accept: bool) -> None:
     """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
-    from dynid.files.trajectoryfile import Review, read_trajectory, write_trajectory
+    from dynid.files.trajectoryfile import read_trajectory, write_trajectory
 
     stored = read_trajectory(path)
     wrote: list[Path] = []
     if accept and not stored.reviewed:
-        stored, wrote = replace(stored, review=Review.now(stored.motion)), [path]
+        stored, wrote = stored.accepted(), [path]
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True)
     common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})

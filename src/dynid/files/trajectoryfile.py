@@ -8,7 +8,7 @@ from __future__ import annotations
 import getpass
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -85,6 +85,10 @@ class StoredTrajectory:
     def reviewed(self) -> bool:
         """Whether a person accepted exactly this motion."""
         return self.review is not None and self.review.motion == motion_hash(self.motion)
+
+    def accepted(self, **facts: Any) -> StoredTrajectory:  # noqa: ANN401
+        """Return the motion with the mark of the person at this machine, who has seen it, and with changed facts."""
+        return replace(self, review=Review.now(self.motion), facts={**self.facts, **facts})
 
 
 def motion_hash(motion: Motion) -> str:

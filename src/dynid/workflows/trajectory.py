@@ -482,8 +482,7 @@ class Reviewed:
 
     def accepted(self) -> StoredTrajectory:
         """Return the motion with the mark of the person at this machine, who has seen it in these surroundings."""
-        facts = {**self.stored.facts, "scene": scene_facts(self.options, self.urdf)}
-        return replace(self.stored, review=Review.now(self.stored.motion), facts=facts)
+        return self.stored.accepted(scene=scene_facts(self.options, self.urdf))
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window; see ``Plan.window``."""
