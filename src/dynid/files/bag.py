@@ -91,7 +91,7 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]
     """
     try:
         index = read_index(path)
-        collectors = _collect(scan(path, salvage=False, index=index, topics=names))
+        collectors = _collect(scan(path, recover=False, index=index, topics=names))
         return {name: collector.logs() for name, collector in collectors.items()}, ()
     except (BrokenBag, BrokenMessage) as error:
         reason = str(error)

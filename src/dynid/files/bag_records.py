@@ -108,18 +108,18 @@ class _Walk:
 
 
 def scan(
-    path: Path, *, salvage: bool = True, index: Index | None = None, topics: Collection[str] | None = None
+    path: Path, *, recover: bool = True, index: Index | None = None, topics: Collection[str] | None = None
 ) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield connection, arrival time [ns] and raw bytes of every readable message, in the order of the file.
 
     Args:
         path: the bag.
-        salvage: stop silently at the first broken record, and pass over broken chunks, instead of raising.
+        recover: stop silently at the first broken record, and pass over broken chunks, instead of raising.
         index: its index; chunks without messages of ``topics`` are passed over.
         topics: names of the topics that are wanted; all when None.
 
     Raises:
-        BrokenBag: a record or a chunk is damaged, and ``salvage`` is not wanted.
+        BrokenBag: a record or a chunk is damaged, and ``recover`` is not wanted.
         TooLarge: a chunk unpacks to more than the limit.
     """
     walk = _Walk(path, dict(index.connections) if index else {})
@@ -140,10 +140,10 @@ def scan(
                 for item in messages:
                     if topics is None or item[0].topic in topics:
                         yield item
-                if walk.broken and not salvage:
+                if walk.broken and not recover:
                     raise BrokenBag(walk.broken)
         except BrokenBag:
-            if not salvage:
+            if not recover:
                 raise
 
 
