@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from arms import pinocchio_model, pinocchio_torques
 from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import prior_bodies
+from dynid.model.regressor import build_model
 from dynid.sim.plant import read_plant
 
 FOLDER = Path(__file__).parents[2] / "trajectories"
@@ -39,50 +41,93 @@ def derivatives(t, q, cutoff):
 
 @pytest.fixture(scope="module", params=LOGS, ids="-".join)
 def log(request):
+    """The robot, its true plant, what the truth says about motion and log, and the log: t, q, tau."""
     arm, job = request.param
-    plant = read_plant(FOLDER / f"{arm}_truth.yaml")
+    path = FOLDER / f"{arm}_truth.yaml"
+    plant, notes = read_plant(path), yaml.safe_load(path.read_text())
     robot = load_robot(plant.robot)
-    return robot, plant, *read(robot, FOLDER / f"{arm}_{job}.bag")
+    (made,) = (each for each in notes["logs"] if each["file"] == f"{arm}_{job}.bag")
+    return robot, plant, notes["motion"] | made, *read(robot, FOLDER / f"{arm}_{job}.bag")
+
+
+def filtered(t, q):
+    return derivatives(t, q, 8 if t[1] < 0.008 else 4)
+
+
+#: The joints that carry the arm against gravity, from 0: there cylinders are not the arm.
+HEAVY = {"kuka_lwr4plus": [1, 3], "kinova_gen2": [1, 3, 5]}
 
 
 def test_the_truth_explains_the_torques_to_the_noise(log):
-    """Published inertias + friction in Pinocchio leave the sensors' noise; cylinders leave far more.
+    """Published inertias + friction in Pinocchio leave the sensors' noise; cylinders leave four times as much and more.
 
-    The median is taken because filtering smears the Coulomb steps where a joint turns.
+    The median is taken because filtering smears the Coulomb steps where a joint turns; that leaves up to 13 % more
+    than white noise of the stated size, and the size itself is known to 3 to 5 % from 560 to 1560 samples.
     """
-    robot, plant, t, q, tau = log
-    states = derivatives(t, q, 8 if t[1] < 0.008 else 4)
+    robot, plant, _, t, q, tau = log
     some = slice(100, -100, 5)
-    q, qd, qdd = (state[some] for state in states)
+    q, qd, qdd = (state[some] for state in filtered(t, q))
     others = plant.friction.torque(qd) + np.array(plant.rotor_inertia) * qdd
 
-    def worst(bodies):
+    def noise_ratio(bodies):
         rest = tau[some] - others - pinocchio_torques(pinocchio_model(robot, bodies), q, qd, qdd)
-        return (np.median(np.abs(rest), axis=0) / 0.6745 / plant.sensors.torque_noise).max()
+        return np.median(np.abs(rest), axis=0) / 0.6745 / plant.sensors.torque_noise
 
-    assert worst(plant.bodies) < 1.15
-    assert worst(prior_bodies(robot)) > 5
-
-
-def test_positions_stay_inside_the_limits_and_rest_at_both_ends(log):
-    """The first and last 0.4 s are still to within the sag under gravity and the encoder's step."""
-    robot, _, t, q, tau = log
-    for i, joint in enumerate(robot.joints):
-        if joint.limits.position:
-            assert q[:, i].min() > joint.limits.position[0]
-            assert q[:, i].max() < joint.limits.position[1]
-        assert np.abs(np.gradient(q[:, i], t)).max() < 1.05 * joint.limits.velocity
-        assert np.abs(tau[:, i]).max() < joint.limits.torque
-    for end in (t < 0.4, t > t[-1] - 0.4):
-        assert np.ptp(q[end], axis=0).max() < np.radians(0.5)
+    true = noise_ratio(plant.bodies)
+    assert true.min() > 0.95
+    assert true.max() < 1.14
+    assert noise_ratio(prior_bodies(robot))[HEAVY[plant.robot]].min() > 4
 
 
-def test_every_joint_moves_a_lot_in_the_logs_to_identify_from(log):
-    """At least 40 degrees, and the truth has a value for every parameter of the model."""
-    robot, plant, t, q, _ = log
-    if t[-1] > 35:
-        assert np.degrees(np.ptp(q, axis=0)).min() > 40
-    assert len(plant.parameters()) == 14 * robot.n
+def test_stamps_are_as_far_off_as_the_truth_says(log):
+    """Steps of the clock differ by sqrt(2) times the jitter of a stamp; rate and duration are those that were asked."""
+    _, plant, made, t, _, _ = log
+    assert len(t) == made["duration"] * made["rate"]
+    assert np.diff(t).mean() == pytest.approx(1 / made["rate"], rel=1e-4)
+    assert np.diff(t).std() == pytest.approx(np.sqrt(2) * plant.sensors.stamp_jitter, rel=0.02)
+
+
+def test_positions_are_multiples_of_the_encoders_step(log):
+    _, plant, _, _, q, _ = log
+    steps = q / plant.sensors.position_step
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_the_motion_uses_its_share_of_the_limits_and_no_more(log):
+    """The fastest joint moves as fast as was asked, to the controller's 2 %; none goes further or needs its torque."""
+    robot, _, made, t, q, tau = log
+    speed = np.abs(filtered(t, q)[1]).max(axis=0) / [joint.limits.velocity for joint in robot.joints]
+    assert speed.max() == pytest.approx(made["speed"], rel=0.02)
+    for k, joint in enumerate(robot.joints):
+        low, high = joint.limits.position or (-np.pi, np.pi)
+        reach = np.abs(q[:, k] - (low + high) / 2).max() / ((high - low) / 2)
+        assert reach < 1.01 * made["reach"]
+        assert np.abs(tau[:, k]).max() < 0.25 * joint.limits.torque
+
+
+def test_the_arm_rests_at_both_ends(log):
+    """The first 0.4 s are still to within the sag of 0.03 degrees; at the end the controllers still settle."""
+    _, _, _, t, q, _ = log
+    assert np.degrees(np.ptp(q[t < 0.4], axis=0)).max() < 0.03
+    assert np.degrees(np.ptp(q[t > t[-1] - 0.4], axis=0)).max() < 0.25
+
+
+@pytest.mark.parametrize("arm", ["lwr4plus", "kinova_gen2"])
+def test_every_joint_moves_a_lot_in_the_log_to_identify_from(arm):
+    robot = load_robot(read_plant(FOLDER / f"{arm}_truth.yaml").robot)
+    _, q, _ = read(robot, FOLDER / f"{arm}_identify.bag")
+    assert np.degrees(np.ptp(q, axis=0)).min() > 40
+
+
+@pytest.mark.parametrize("arm", ["lwr4plus", "kinova_gen2"])
+def test_the_truth_has_a_value_for_every_parameter_of_the_model_and_no_other(arm):
+    plant = read_plant(FOLDER / f"{arm}_truth.yaml")
+    found = plant.parameters()
+    assert set(found) == set(build_model(load_robot(plant.robot)).parameter_names)
+    for k, body in enumerate(plant.bodies, start=1):
+        assert (found[f"m{k}"], found[f"Im{k}"]) == (body.mass, plant.rotor_inertia[k - 1])
+        assert [found[f"mc{x}{k}"] for x in "xyz"] == [body.mass * c for c in body.com]
+        assert found[f"fv{k}"] == plant.friction.viscous[k - 1]
 
 
 def test_the_bodies_are_those_that_were_published():
