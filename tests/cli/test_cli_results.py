@@ -121,7 +121,7 @@ def test_a_urdf_becomes_a_robot_file_that_the_other_commands_read(dynid):
     checked = json.loads(dynid("check", "out/two/two.yaml", "--json").out)["checked"][0]
     assert (checked["n_joints"], checked["robot"]) == (2, "two")
     assert checked["tool_at_zero_m"] == pytest.approx([0.4, 0, 0.3], abs=1e-12)
-    # By hand: one inertia about the vertical axis a, seven parameters of the link behind b, three of friction per joint.
+    # By hand: one inertia about the vertical axis a, seven parameters of the link behind b, three of friction each.
     model = json.loads(dynid("model", "out/two/two.yaml", "-o", "out/two", "--json", "-y").out)
     assert (model["n_parameters"], model["rank"]) == (2 * 14, 1 + 7 + 2 * 3)
 
