@@ -102,16 +102,13 @@ def _within(segment: Segment, span: tuple[float, float] | None) -> Segment:
     return replace(segment, usable=segment.usable & inside[:, None])
 
 
-def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:
+def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
     """Write a copy of the robot file with the effects; comments and layout of the file stay.
 
     Args:
         robot: the arm, read from a file.
         specs: the new entries; those the file already has stay.
         path: the copy.
-
-    Returns:
-        Its text.
     """
     import yaml
 
@@ -126,11 +123,8 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> str:
         {"effects": entries}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
     )
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
-    written = (
-        f"{without.rstrip()}\n\n# Added by dynid gap; amplitudes are identified again with everything else.\n{block}"
-    )
-    write_text(path, written)
-    return written
+    note = "# Added by dynid gap; amplitudes are identified again with everything else."
+    write_text(path, f"{without.rstrip()}\n\n{note}\n{block}")
 
 
 def new_name(robot: Robot, effects: Sequence[EffectSpec | GapEffect]) -> str:
