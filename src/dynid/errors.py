@@ -565,6 +565,7 @@ WARNINGS: dict[str, str] = {
     "W324": "Torque spikes were replaced by the median of their neighbours.",
     "W325": "Samples repeat the one before them while the arm moves, as the driver held them; they are left out.",
     "W326": "Samples are in an earlier recording too: the same log was given twice; they are left out.",
+    "W327": "Positions are so noisy that parameters are biased and their intervals too narrow.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

@@ -30,6 +30,7 @@ from dynid.signals.stamps import (
 from dynid.signals.values import (
     check_degrees,
     check_finite,
+    check_position_noise,
     check_repeats,
     check_torque_scale,
     clipped_samples,
@@ -82,7 +83,7 @@ def prepare(
     findings += check_slopes(log, robot)
     check_torque_scale(log, robot)
     check_rate(log, robot)
-    findings += check_repeats(log, robot)
+    findings += check_repeats(log, robot) + check_position_noise(log, robot)
     check_gravity(log, robot)
     findings += check_zero(log, robot)
     if identify:

@@ -11,7 +11,7 @@ from dynid.errors import Finding, NotFinite, PositionInDegrees, TorqueScale, Wro
 from dynid.log import Log
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import moving, runs, speed
+from dynid.signals.motion import moving, per_joint, runs, speed
 from dynid.signals.stamps import with_findings
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,11 @@ FLAT_RUN = 5
 FLAT_SHARE = 3.0
 #: Above this share of repeated samples in motion the driver publishes faster than it reads.
 REPEAT_SHARE = 0.2
+#: Noise of the positions beyond which it also scatters the regressor [rad, m]: with 1e-4 rad of white noise 93 % of the
+#: true parameters lie within two standard errors, with 2e-3 rad 84 % (benchmarks/odd_noise.md).
+POSITION_NOISE = (1e-3, 1e-4)
+#: What third differences make of white noise of unit variance: sqrt(1 + 9 + 9 + 1).
+_THIRD = 20**0.5
 #: No sensor reads more in any unit; a flipped bit in a bag, which carries no checksum, does.
 LARGEST = 1e9
 #: A percentile of speeds needs no more samples than this.
@@ -267,3 +272,21 @@ def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     fresh = log.rate * (1 - share)
     text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
     return (Finding("W314", "warning", text, {"share": share}),)
+
+
+def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return finding W327 when positions scatter so much that the intervals of the parameters are too narrow.
+
+    Why: least squares takes the regressor for exact; noise of the positions biases it, and no interval knows.
+    """
+    noise = np.median(np.abs(np.diff(log.q, 3, axis=0)), axis=0) * 1.4826 / _THIRD
+    bad = np.flatnonzero(noise > per_joint(POSITION_NOISE, robot))
+    if not len(bad) or "q_ref" in log.extra:
+        return ()
+    k = int(bad[np.argmax(noise[bad])])
+    unit = "rad" if robot.joints[k].revolute else "m"
+    text = (
+        f"{robot.joint_names[k]} position scatters by {noise[k]:.1g} {unit}: parameters are biased by it and their "
+        "intervals are too narrow; record the commanded positions too (--method iv), or use a finer encoder"
+    )
+    return (Finding("W327", "warning", text, {"noise": noise.tolist()}),)

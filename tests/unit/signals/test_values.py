@@ -138,7 +138,7 @@ def test_repeated_samples_in_motion_are_reported_with_the_true_rate():
     hold = np.arange(len(lwr_log())) // 2 * 2
     log = prepare(replace(lwr_log(), q=lwr_log().q[hold]), lwr())
     (finding,) = log.findings
-    assert finding.code == "W314"
+    assert finding.code == "W325"
     assert "100 Hz" in finding.text
 
 
