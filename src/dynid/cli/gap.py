@@ -150,7 +150,10 @@ def show(common: Common, gap: Gap) -> None:
     terminal.fact("verdict", gap.verdict_text)
     improvement_table(common, gap)
     if not len(gap.simulation):
-        terminal.stage("simulated", "no: too little is held out, or some link is too light to follow torques alone")
+        terminal.stage(
+            "simulated",
+            "not at all: too little motion is held out, or a link is too light to be simulated from torques alone",
+        )
     if gap.cannot_judge:
         hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in gap.cannot_judge.items()

@@ -136,7 +136,7 @@ def _words(regions: list[ResidualRegion], chi: float) -> str:
         if rest and top.chi - 1 > STANDS_OUT * max(max(rest) - 1, 0.05):
             strong.append((top.chi / max(rest), _phrase(top)))
     if not strong:
-        return "everywhere alike"
+        return "equally in all parts of its motion"
     return ", ".join(text for _, text in sorted(strong, reverse=True)[:2])
 
 

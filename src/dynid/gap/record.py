@@ -194,9 +194,9 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
     if problem.noise.repeats:
         source = f"{problem.noise.repeats:.0f} s of repeats"
     elif problem.matched:
-        source = "what differs and no effect explains"
+        source = "what no effect explains of the difference to the earlier logs"
     else:
-        source = "high frequencies: a lower bound, no motion is repeated"
+        source = "the residual's high frequencies, a lower bound because no motion is repeated"
     note = ""
     if problem.matched:
         note = "these logs drive the motion of the earlier ones, and are compared with them row by row"

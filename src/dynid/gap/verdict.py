@@ -34,8 +34,8 @@ SAME = 1e-3
 COMPANION = 0.25
 #: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
 TRACE = 0.12
-SMALL_DELAY = "it is less than the sampling leaves open"
-NOT_SMALLER = "the gap on unseen data did not shrink"
+SMALL_DELAY = "it is shorter than the sampling can resolve"
+NOT_SMALLER = "it does not reduce the error on unseen data"
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def refusal(
     if any(size < COMPANION * larger for larger in family):
         return "it is the shape of a larger effect of the same kind"
     if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == j):
-        return "it is small enough to be what a much larger effect leaves"
+        return "it is so small that it may be the remainder of a much larger effect"
     n = len(search.before)
     on_joint = [f for f in effects if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
     left, excess = search.after[j] - 1, search.before[j] - 1
@@ -170,6 +170,6 @@ def advice_of(
         return f"Add it with --apply and check on a new log with dynid validate.{left}{repeat}"
     if word == "unexplained":
         near = f" The closest candidate is {closest[0][0].name}, but {closest[0][1]}." if closest else ""
-        look = "Look at the pictures of where it is, and at what the joints share."
+        look = "Look at where.png for the joint and the part of its motion, and at what the joints share."
         return f"No effect of the catalogue explains it.{near} {look}{repeat}"
-    return f"The model is as good as the noise lets anyone see.{repeat}"
+    return f"No joint has more residual than its noise; these logs show nothing that is missing.{repeat}"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 WORST = 10.0
 
 
-def where_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
+def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
     """Draw the mean square of the residual, in units of the noise's, over speed, position, load, time and direction."""
     from matplotlib.figure import Figure as NewFigure
 

@@ -95,7 +95,7 @@ class Gap(GapRecord):
         return "; ".join(
             f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
             for one in sorted(loud, key=lambda one: -one.share)
-        ) or "nowhere above the noise"  # fmt: skip
+        ) or "no joint is above its noise floor"  # fmt: skip
 
     @property
     def verdict_text(self) -> str:
@@ -206,9 +206,9 @@ class Gap(GapRecord):
 
     def plot_residual(self) -> Figure:
         """Return a figure of residual over noise power of each joint, by speed, position, load, time and direction."""
-        from dynid.reports.gap_figures import where_figure
+        from dynid.reports.gap_figures import residual_figure
 
-        return where_figure(self.joints, self.joint_names, self.robot)
+        return residual_figure(self.joints, self.joint_names, self.robot)
 
     def plot_improvement(self) -> Figure:
         """Return a figure of the held-out error of each joint before and after, with the noise."""

@@ -55,7 +55,7 @@ def test_what_is_left_on_other_joints_is_told_beside_a_name():
 def test_nothing_is_missing_where_nothing_is_above_the_noise():
     verdict = said(search(before=(1.0, 1.2, 1.0), after=(1.0, 1.2, 1.0)))
     assert verdict.word == "nothing_missing"
-    assert verdict.advice == "The model is as good as the noise lets anyone see."
+    assert verdict.advice == "No joint has more residual than its noise; these logs show nothing that is missing."
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_what_the_same_motion_measured_is_no_lower_bound():
 def test_a_gap_without_a_candidate_is_unexplained():
     verdict = said(search(after=(1.0, 5.0, 1.0)))
     assert (verdict.word, verdict.remainder) == ("unexplained", (1,))
-    assert verdict.advice.startswith("No effect of the catalogue explains it. Look at the pictures")
+    assert verdict.advice.startswith("No effect of the catalogue explains it. Look at where.png")
 
 
 def test_what_does_not_repeat_is_unexplained_and_told():
@@ -149,7 +149,8 @@ def test_a_small_companion_of_the_same_kind_is_the_shape_of_the_larger():
 
 def test_a_trace_beside_a_much_larger_effect_gets_no_name():
     large = effect("torque_ripple", size=10.0)
-    assert reason(search(), effect(size=1.1), large) == "it is small enough to be what a much larger effect leaves"
+    why = "it is so small that it may be the remainder of a much larger effect"
+    assert reason(search(), effect(size=1.1), large) == why
     assert len(said(search(), effect(size=1.3), large).named) == 2
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.evidence import Evidence
-from dynid.reports.gap_figures import improvement_figure, where_figure
+from dynid.reports.gap_figures import improvement_figure, residual_figure
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.text import shell
@@ -62,7 +62,7 @@ def _pictures(record: GapRecord) -> list[Picture]:
         Picture(
             drawn(
                 "gap-where",
-                lambda: where_figure(record.joints, record.joint_names, ""),
+                lambda: residual_figure(record.joints, record.joint_names, ""),
                 "residual power over noise power of each joint, by speed, position, load, time, direction and reversal",
             ),
             "Residual power over noise power in each part of the motion before anything was added; 1 is the noise.",
