@@ -1,0 +1,147 @@
+"""The DH tables in robots/ put the flange where public descriptions of the same arms put it."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid.files.robotfile import load_robot
+from dynid.files.urdffile import UrdfJoint, read_urdf
+from dynid.model.kinematics import tool_pose
+from dynid.robot import Limits, rotation_rpy
+
+PI, HALF = np.pi, np.pi / 2
+
+
+def _from_example_robot_data(*inside: str) -> Path:
+    """Return a URDF of the package example-robot-data, which lies beside that of pinocchio."""
+    spec = importlib.util.find_spec("pinocchio")
+    if spec is None or spec.origin is None:
+        pytest.skip("the package example-robot-data is not installed")
+    path = Path(spec.origin).parents[4].joinpath("share", "example-robot-data", "robots", *inside)
+    if not path.is_file():
+        pytest.skip("the package example-robot-data is not installed")
+    return path
+
+
+def _largest_wobble(robot, chain):
+    """Return how much the pose of the last DH frame in the URDF's last link changes over random configurations."""
+    q = np.random.default_rng(0).uniform(-PI, PI, (50, robot.n))
+    dh = tool_pose(robot, q)
+    fixed = []
+    for k in range(len(q)):
+        pose, moving = np.eye(4), iter(q[k])
+        for joint in chain:
+            pose = pose @ joint.transform(next(moving) if joint.moves else 0.0)
+        fixed.append(np.linalg.inv(pose) @ dh[k])
+    return np.abs(np.array(fixed) - fixed[0]).max(), fixed[0]
+
+
+def _chain(*rows):
+    """Return joints about z from their origins (x, y, z, roll, pitch, yaw) [m, rad]."""
+    joints = []
+    for k, (x, y, z, *rpy) in enumerate(rows):
+        origin = np.eye(4)
+        origin[:3, :3], origin[:3, 3] = rotation_rpy(tuple(rpy)), (x, y, z)
+        joints.append(UrdfJoint(f"j{k}", "revolute", str(k), str(k + 1), origin, np.array([0.0, 0.0, 1.0]), Limits()))
+    return joints
+
+
+def _ur(d1, a2, a3, d4, d5, d6):
+    """Return the chain of Universal Robots' ur_description, the numbers those of its default_kinematics.yaml."""
+    return _chain(
+        (0, 0, d1, 0, 0, 0),
+        (0, 0, 0, HALF, 0, 0),
+        (a2, 0, 0, 0, 0, 0),
+        (a3, 0, d4, 0, 0, 0),
+        (0, -d5, 0, HALF, 0, 0),
+        (0, d6, 0, HALF, PI, PI),
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("ur3e", (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921)),
+        ("ur5e", (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996)),
+        ("ur10e", (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655)),
+    ],
+)
+def test_e_series_follows_the_chain_of_the_makers_description(name, numbers):
+    wobble, fixed = _largest_wobble(load_robot(name), _ur(*numbers))
+    assert wobble < 1e-12
+    assert np.abs(fixed[:3, 3]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    [
+        ("ur3e", (-0.45675, -0.22315, 0.0665)),
+        ("ur5e", (-0.8172, -0.2329, 0.0628)),
+        ("ur10e", (-1.18425, -0.2907, 0.06085)),
+    ],
+)
+def test_e_series_flange_at_zero_is_where_links_and_offsets_add_up_to(name, pose):
+    robot = load_robot(name)
+    np.testing.assert_allclose(tool_pose(robot, np.zeros(6))[:3, 3], pose, atol=1e-9)
+
+
+def test_iiwa14_follows_the_urdf_of_pybullet():
+    data = pytest.importorskip("pybullet_data")
+    urdf = read_urdf(Path(data.getDataPath()) / "kuka_iiwa" / "model.urdf")
+    wobble, fixed = _largest_wobble(load_robot("kuka_iiwa14"), urdf.chain(urdf.root, "lbr_iiwa_link_7"))
+    assert wobble < 1e-9
+    np.testing.assert_allclose(fixed[:3, 3], (0, 0, 0.045), atol=1e-9)
+
+
+def test_iiwa7_follows_the_chain_of_iiwa_description():
+    chain = _chain(
+        (0, 0, 0.15, 0, 0, 0),
+        (0, 0, 0.19, HALF, 0, PI),
+        (0, 0.21, 0, HALF, 0, PI),
+        (0, 0, 0.19, HALF, 0, 0),
+        (0, 0.21, 0, -HALF, PI, 0),
+        (0, 0.06070, 0.19, HALF, 0, 0),
+        (0, 0.081, 0.06070, -HALF, PI, 0),
+    )
+    wobble, fixed = _largest_wobble(load_robot("kuka_iiwa7"), chain)
+    assert wobble < 1e-12
+    np.testing.assert_allclose(fixed[:3, 3], (0, 0, 0.045), atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "height"), [("kuka_iiwa7", 1.266), ("kuka_iiwa14", 1.306)])
+def test_iiwa_flange_of_the_upright_arm_is_as_high_as_the_makers_drawing_says(name, height):
+    np.testing.assert_allclose(tool_pose(load_robot(name), np.zeros(7))[:3, 3], (0, 0, height), atol=1e-12)
+
+
+def test_xarm7_follows_the_urdf_of_its_maker():
+    urdf = read_urdf(_from_example_robot_data("xarm_description", "urdf", "xarm7.urdf"))
+    wobble, fixed = _largest_wobble(load_robot("xarm7"), urdf.chain(urdf.root, "link7"))
+    assert wobble < 1e-9
+    np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
+
+
+def test_gen3_turns_about_the_screw_axes_of_its_description():
+    """Product of exponentials of the axes and points that the maker's URDF has at zero."""
+    heights = (0.1564, 0.2848, 0.4952, 0.7056, 0.9140, 1.0199, 1.1258)
+    sides = (0.0, -0.0054, -0.0118, -0.0182, -0.0246, -0.0246, -0.0246)
+    robot, tip = load_robot("kinova_gen3"), np.array([0.0, -0.0246, 1.1873])
+    for q in np.random.default_rng(0).uniform(-PI, PI, (50, 7)):
+        place = tip
+        for k in reversed(range(7)):
+            axis = np.array([0.0, 0.0, -1.0]) if k % 2 == 0 else np.array([0.0, 1.0, 0.0])
+            x, y, z = axis
+            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            turn = np.eye(3) + np.sin(q[k]) * cross + (1 - np.cos(q[k])) * cross @ cross
+            point = np.array([0.0, sides[k], heights[k]])
+            place = point + turn @ (place - point)
+        np.testing.assert_allclose(tool_pose(robot, q)[:3, 3], place, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "kuka_iiwa7", "kuka_iiwa14", "kinova_gen3", "xarm7"])
+def test_every_published_arm_says_its_source_and_has_limits_of_speed_and_torque(name):
+    robot = load_robot(name)
+    assert "Source" in robot.path.read_text(encoding="utf-8")
+    assert all(joint.limits.velocity and joint.limits.torque for joint in robot.joints)
+    assert not robot.findings
