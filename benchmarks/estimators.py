@@ -22,7 +22,6 @@ import numpy as np
 from scipy import signal
 
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.observation_rows import dense_rows, joint_factors
@@ -30,6 +29,7 @@ from dynid.estimation.physical_parameters import physical_parameters
 from dynid.estimation.stack import stack
 from dynid.log import Log
 from dynid.model.prior import prior_base_parameters
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.filters import despiked
 

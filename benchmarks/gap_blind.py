@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 import hidden_effects as hidden
-from dynid.estimation.conditioned_log import condition_log
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
@@ -31,6 +30,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Coulomb
+from dynid.signals.conditioned_log import condition_log
 from dynid.signals.stamps import with_even_clock
 
 CUTOFF = 10.0

@@ -19,7 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 import hidden_effects as hidden
-from dynid.estimation.conditioned_log import condition_log
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.stack import stack_base
 from dynid.files.logs import read_log
@@ -31,6 +30,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
+from dynid.signals.conditioned_log import condition_log
 
 CUTOFF = 10.0
 #: Size of what is put in, over the residual of the joint that shows it most.

@@ -9,10 +9,10 @@ from follower import follow_motion
 
 from dynid.errors import NotSimulated, WrongUsage
 from dynid.estimation.closed_loop import Arm, follow
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimators import METHODS
 from dynid.estimation.stack import stack
 from dynid.robot import Controller, Joint, Limits, Robot
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.arm import Friction
 from dynid.sim.sines import SineSpec, sines

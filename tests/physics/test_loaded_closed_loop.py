@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from follower import follow_motion
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
@@ -15,6 +14,7 @@ from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
 from dynid.robot import Body, Controller
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines

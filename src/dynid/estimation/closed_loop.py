@@ -123,8 +123,8 @@ def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
 
     Args:
         stack: the stacked logs, all with a command.
-        theta: base parameters, (p,).
-        controller: gains of the position controller.
+        theta: base parameters, (p,), each in its unit.
+        controller: gains of the position controller [N m/rad and N m s/rad, or N/m and N s/m].
 
     Raises:
         NotSimulated: the parameters belong to no arm, or the loop is unstable.

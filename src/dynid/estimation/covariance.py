@@ -105,7 +105,8 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
     Why moving sums: the mean outer product of sums over lags + 1 samples is the same thing for one pass over the data.
 
     Args:
-        series: one score series for each run without gaps, (M_k, p); lags never reach across runs.
+        series: one score series for each run without gaps, (M_k, p) [1 / unit of each parameter]; lags never reach
+            across runs.
         lags: last lag with a weight, in samples.
     """
     total: Floats | float = 0.0
@@ -139,7 +140,7 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     """Return the lag length that suits the memory of the scores, in samples (Andrews 1991, AR(1) plug-in, Bartlett).
 
     Args:
-        series: score series of runs without gaps, (M_k, p).
+        series: score series of runs without gaps, (M_k, p) [1 / unit of each parameter].
     """
     length = sum(len(one) for one in series)
     power = np.sum([np.einsum("kp,kp->p", one[:-1], one[:-1]) for one in series], axis=0)
@@ -237,8 +238,9 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
     when all values that the interval allows would change the torques by less than their noise.
 
     Args:
-        theta: parameters, (p,).
-        std_error: standard errors that allow for coloured residuals, (p,); infinite where the rank is short.
+        theta: parameters, (p,), each in its unit.
+        std_error: standard errors that allow for coloured residuals, (p,), in the same units; infinite where the rank
+            is short.
         effect: root mean square of each whitened column of the regressor, (p,): noise a unit of theta.
 
     Returns:

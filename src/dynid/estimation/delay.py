@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
-from dynid.estimation.conditioned_log import condition_logs
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
 from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
@@ -23,6 +22,7 @@ from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
+from dynid.signals.conditioned_log import condition_logs
 
 Floats = NDArray[np.float64]
 

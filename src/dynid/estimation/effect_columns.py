@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.conditioned_log import ConditionedLog, with_effects
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import stack_base
 from dynid.model.base_model import BaseModel
 from dynid.model.reference import model_torques
+from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def settled(logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | Non
     Args:
         logs: conditioned logs.
         base: model and base parameters.
-        first: base parameters to begin with, (p,); those of a first fit when None.
+        first: base parameters to begin with, (p,), each in its unit; those of a first fit when None.
     """
     found = list(logs)
     if not scale_with_model(base):
@@ -47,11 +47,11 @@ def scale_with_model(base: BaseModel) -> bool:
 
 
 def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> list[ConditionedLog]:
-    """Return logs whose model-based columns scale with given base parameters, (p,)."""
+    """Return logs whose model-based columns scale with given base parameters, (p,), each in its unit."""
     reference = model_torques(base.model, base.reduction, theta)
     return [with_effects(log, base.model, reference) for log in logs]
 
 
 def fitted(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
-    """Return base parameters of conditioned logs by weighted least squares, (p,)."""
+    """Return base parameters of conditioned logs by weighted least squares, (p,), each in its unit."""
     return weighted(*stack_base(logs, base).whole).theta

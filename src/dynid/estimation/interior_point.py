@@ -55,11 +55,11 @@ class Objective:
     T: Floats | None = None
 
     def to_x(self, y: Floats) -> Floats:
-        """Return x = T y."""
+        """Return x = T y, (d,) -> (c,)."""
         return y if self.T is None else self.T @ y
 
     def value(self, y: Floats) -> float:
-        """Return f(y); infinite outside the set."""
+        """Return f(y) of y, (d,), a pure number; infinite outside the set."""
         x = self.to_x(y)
         P, slack = pseudo_inertia(x[self.bodies]), self.G @ x - self.h
         if np.any(slack <= 0.0) or np.any(np.linalg.eigvalsh(P) <= 0.0):

@@ -30,12 +30,12 @@ def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
     """Add rows to a triangular factor.
 
     Args:
-        R: factor of the rows so far, (p + 1, p + 1), or None.
-        W: new rows of the regressor, (N, p).
-        tau: their torques, (N,).
+        R: factor of the rows so far, (p + 1, p + 1) [N m or N, as tau and W theta], or None.
+        W: new rows of the regressor, (N, p) [N m or N per unit of each parameter].
+        tau: their torques, (N,) [N m or N].
 
     Returns:
-        The factor of all rows, (p + 1, p + 1) upper triangular.
+        The factor of all rows, (p + 1, p + 1), upper triangular, in the units of R.
     """
     p = W.shape[1]
     R = np.zeros((p + 1, p + 1)) if R is None else R
@@ -48,8 +48,8 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     """Merge factors into the factor of all their rows, each multiplied by its weight.
 
     Args:
-        factors: (B, p + 1, p + 1).
-        weights: (B,); None for ones.
+        factors: (B, p + 1, p + 1) [N m or N].
+        weights: (B,), such as 1 / noise [1/(N m)], which makes the result a number; None for ones.
 
     Returns:
         (p + 1, p + 1) upper triangular.
@@ -59,7 +59,7 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
 
 
 def triangle(rows: Floats) -> Floats:
-    """Return the triangular factor of rows."""
+    """Return the triangular factor of rows (N, c), (min(N, c), c), in their units."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
@@ -68,8 +68,8 @@ class Solution:
     """The least-squares solution of one factor.
 
     Attributes:
-        theta: parameters, (p,); the shortest in normalised columns where the rank is short.
-        inverse: inverse of W^T W, (p, p).
+        theta: parameters, (p,), each in its unit; the shortest in normalised columns where the rank is short.
+        inverse: inverse of W^T W, (p, p); of whitened rows the covariance, in products of the parameters' units.
         residual: sum of squares that remains.
         rank: number of directions that the rows excite.
         condition_number: of W, columns as they are; infinite where the rank is short.
@@ -122,9 +122,9 @@ class Fit:
 
     Attributes:
         method: name of the estimator.
-        theta: base parameters, (p,).
+        theta: base parameters, (p,), each in its unit.
         noise: standard deviation of each joint's residual that the rows were divided by, (n,) [N m or N].
-        covariance: of theta, (p, p).
+        covariance: of theta, (p, p), in products of their units.
         factors: one triangular factor of [W tau] per joint, (n, p + 1, p + 1).
         counts: number of rows of each joint, (n,).
     """
@@ -156,7 +156,7 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
     """Fit by ordinary least squares: every N m of every joint counts the same (Paper Eq. 24).
 
     Args:
-        factors: one factor per joint, (n, p + 1, p + 1).
+        factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
 
     Returns:
@@ -173,7 +173,7 @@ def weighted(factors: Floats, counts: Ints, prior: Floats | None = None, max_rou
     """Fit with each joint divided by its own noise, found from the residuals and iterated.
 
     Args:
-        factors: one factor per joint, (n, p + 1, p + 1).
+        factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
         prior: factor of prior rows in units of their standard deviation, (p + 1, p + 1); see ``prior_rows``.
         max_rounds: limit of the iteration.
@@ -196,10 +196,10 @@ def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats
     """Fit near prior base parameters: the weighted pseudo-inverse with prior data of the paper.
 
     Args:
-        factors: one factor per joint, (n, p + 1, p + 1).
+        factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
-        prior: prior base parameters, (p,).
-        prior_covariance: how well they are known, (p, p).
+        prior: prior base parameters, (p,), each in its unit.
+        prior_covariance: how well they are known, (p, p), in products of their units.
 
     Returns:
         The fit, weighted by joint; its covariance includes the prior.
@@ -208,7 +208,7 @@ def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats
 
 
 def prior_rows(prior: Floats, covariance: Floats) -> Floats:
-    """Return prior parameters with covariance as a factor like that of measured rows, (p + 1, p + 1)."""
+    """Return prior parameters, (p,) in their units, with covariance as a factor like whitened rows, (p + 1, p + 1)."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     return triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
 
@@ -220,7 +220,7 @@ def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
 
 
 def relative_error(factors: Floats, theta: Floats) -> float:
-    """Return 100 * |tau - W theta| / |tau| over all rows [%]."""
+    """Return 100 * |tau - W theta| / |tau| over all rows [%], of factors (n, p + 1, p + 1) and parameters (p,)."""
     residual = factors @ np.append(theta, -1.0)
     return float(100.0 * np.linalg.norm(residual) / np.linalg.norm(factors[..., -1]))
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import NotAnArtifact
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 
 SCHEMA = "dynid/fullnumericregressor/1"

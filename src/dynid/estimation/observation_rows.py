@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.least_squares import accumulate
 from dynid.model.regressor import Observer
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
 from dynid.signals.filters import decimate
 
@@ -69,12 +69,12 @@ class ObservationRows:
 
     @cached_property
     def W(self) -> Floats:
-        """Base regressor after the parallel filter, (M, n, p)."""
+        """Base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter]."""
         return self._dense(self.entries)
 
     @cached_property
     def Z(self) -> Floats | None:
-        """Instruments, (M, n, p): the regressor on the commanded motion; None where the log has none."""
+        """Instruments, (M, n, p): the regressor on the commanded motion, in its units; None where there is none."""
         return None if self.command is None else self._dense(self.command)
 
     def _dense(self, entries: NDArray[Any]) -> Floats:
@@ -120,8 +120,8 @@ class ObservationRows:
         """Return rows of the same instants made of other arrays.
 
         Args:
-            W: regressor, (M, n, p); p may differ.
-            tau: torques, (M, n).
+            W: regressor, (M, n, p) [N m or N per unit of each parameter]; p may differ.
+            tau: torques, (M, n) [N m or N].
             Z: instruments, (M, n, p), or None.
         """
         return dense_rows(
@@ -134,7 +134,7 @@ def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) ->
     """Return rows made of whole arrays.
 
     Args:
-        W: regressor, (M, n, p).
+        W: regressor, (M, n, p) [N m or N per unit of each parameter].
         tau: torques, (M, n) [N m or N].
         Z: instruments, (M, n, p), or None.
         facts: further attributes of ``ObservationRows``.
@@ -234,7 +234,7 @@ def _entries(
 
 
 def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
-    """Return when each joint reverses [s]; several reversals within a period of the cut-off count as one.
+    """Return when each joint reverses, n arrays (k,) [s]; several within a period of the cut-off count as one.
 
     Args:
         segment: conditioned motion with Coulomb signs.
@@ -279,7 +279,7 @@ def joined(run: Sequence[ObservationRows]) -> ObservationRows:
 
 
 def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
-    """Return the triangular factor of each joint's rows, (n, p + 1, p + 1), and their number, (n,)."""
+    """Return the triangular factor of each joint's rows, (n, p + 1, p + 1) [N m or N], and their number, (n,)."""
     factors: list[Floats | None] = []
     rows: Ints = np.zeros(0, dtype=np.int64)
     for segment in segments:
@@ -294,7 +294,7 @@ def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
 
 
 def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
-    """Return the root mean square of each joint's residual, (n,) [N m]; never quite zero."""
+    """Return the root mean square of each joint's residual, (n,) [N m or N]; never quite zero. theta is (p,)."""
     squares: Floats | float = 0.0
     rows: Ints | int = 0
     largest = 0.0
@@ -306,7 +306,7 @@ def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floa
 
 
 def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
-    """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m]."""
+    """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m or N]."""
     residuals, masks = zip(*((segment.residual(theta), segment.mask) for segment in segments), strict=True)
     residual, mask = np.concatenate(residuals), np.concatenate(masks)
     spread = [

@@ -163,8 +163,8 @@ def fitted_body(K: Floats, change: Floats, information: Floats, covariance: Floa
 
     Args:
         K: change of the base parameters by each of the ten parameters, (p, 10).
-        change: of the base parameters, (p,).
-        information: what the parts of the change are weighted by, (p, p).
+        change: of the base parameters, (p,), each in its unit.
+        information: what the parts of the change are weighted by, (p, p), in inverse products of these units.
         covariance: covariance of the change, allowing for coloured residuals, (p, p).
     """
     diagonal = np.diagonal(information)

@@ -27,7 +27,7 @@ NONNEGATIVE = ("Im", "fv", "fc")
 
 @cache
 def basis() -> Floats:
-    """Return E with P = sum_k parameter_k * E_k, (10, 4, 4)."""
+    """Return E with P = sum_k parameter_k * E_k, (10, 4, 4), pure numbers."""
     E = np.zeros((10, 4, 4))
     E[0, 3, 3] = 1.0
     for axis in range(3):
@@ -46,7 +46,7 @@ def pseudo_inertia(bodies: Floats) -> Floats:
     """Map body parameters to pseudo-inertias P = [[tr(I)/2 - I, mc], [mc^T, m]].
 
     Args:
-        bodies: m, mc, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the frame origin, (..., 10).
+        bodies: m, mc, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the frame origin, (..., 10) [kg, kg m, kg m^2].
 
     Returns:
         P, (..., 4, 4): the second moment of the mass distribution in homogeneous coordinates.
@@ -55,7 +55,7 @@ def pseudo_inertia(bodies: Floats) -> Floats:
 
 
 def body_parameters(P: Floats) -> Floats:
-    """Map pseudo-inertias back to body parameters, (..., 4, 4) -> (..., 10)."""
+    """Map pseudo-inertias back to body parameters, (..., 4, 4) -> (..., 10) [kg, kg m, kg m^2]."""
     sigma = P[..., :3, :3]
     inertia = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
     i, j = np.triu_indices(3)
@@ -63,12 +63,12 @@ def body_parameters(P: Floats) -> Floats:
 
 
 def smallest_eigenvalues(bodies: Floats) -> Floats:
-    """Return the smallest eigenvalue of each pseudo-inertia, (..., 10) -> (...,); negative: no such body."""
+    """Return the smallest eigenvalue of the pseudo-inertia of bodies (..., 10), (...,); negative: no such body."""
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(bodies))[..., 0])
 
 
 def is_consistent(bodies: Floats) -> bool:
-    """Return whether every body is a distribution of positive mass, (L, 10)."""
+    """Return whether every body, (L, 10) [kg, kg m, kg m^2], is a distribution of positive mass."""
     return bool(np.all(smallest_eigenvalues(bodies) > 0.0))
 
 
@@ -109,11 +109,11 @@ class PhysicalConstraints:
         return pseudo_inertia(self.prior[self.bodies])
 
     def slack(self, x: Floats) -> Floats:
-        """Return how far the bounds are kept, (k,); negative: broken."""
+        """Return how far parameters x, (c,) in their units, keep the bounds, (k,); negative: broken."""
         return np.asarray(self.G @ x - self.h)
 
     def holds(self, x: Floats) -> bool:
-        """Return whether x is a physical parameter vector."""
+        """Return whether x, (c,) in their units, is a physical parameter vector."""
         return is_consistent(x[self.bodies]) and bool(np.all(self.slack(x) >= 0.0))
 
 
@@ -131,7 +131,7 @@ def make_constraints(
 
     Args:
         parameters: what each column stands for, (c).
-        prior: prior parameters, (c,); the bodies in it must be consistent.
+        prior: prior parameters, (c,), each in its unit; the bodies in it must be consistent.
         total_mass: smallest and largest mass of all links in ``parameters`` [kg].
         link_mass: the same for single links, by link number.
         com_box: corners of the box that holds the centre of mass, in the link frame, by link number [m].

@@ -124,7 +124,7 @@ def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
 
     Args:
         base: model and base parameters.
-        theta: base parameters, (p,).
+        theta: base parameters, (p,), each in its unit.
         covariance: of them, which says what exactly means, (p, p).
     """
     return exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1] <= REPRODUCED
@@ -137,8 +137,8 @@ def fit_physical(
     """Fit physical parameters with the entropic divergence from the prior as penalty.
 
     Args:
-        R: whitened regressor or its triangular factor, (rows, c).
-        r: whitened torques, (rows,).
+        R: whitened regressor or its triangular factor, (rows, c) [1 / unit of each parameter].
+        r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
         gamma: weight of the prior; 1/2 chi-square must be right, so whiten with a HAC covariance where residuals are
             coloured.
@@ -164,8 +164,8 @@ def fit_pooled(
     Source: empirical Bayes; solved by majorisation.
 
     Args:
-        R: whitened regressor or its triangular factor, (rows, c).
-        r: whitened torques, (rows,).
+        R: whitened regressor or its triangular factor, (rows, c) [1 / unit of each parameter].
+        r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
         gamma: weight of the prior and of the pooling.
 
@@ -195,7 +195,7 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
 
     Args:
         constraints: bounds and prior.
-        x: parameters, (c,).
+        x: parameters, (c,), each in its unit.
 
     Returns:
         Constraints in which friction and rotor inertia have a prior; pooled ones are updated by pooling again.
@@ -227,7 +227,7 @@ def exact_parameters(
 
     Args:
         K: base parameters as combinations of all parameters, beta = K x, (p, c), full row rank.
-        beta: base parameters, (p,).
+        beta: base parameters, (p,), each in its unit.
         covariance: their covariance, (p, p); HAC where residuals are coloured.
         constraints: bounds and prior.
         gamma: weight of the prior.
@@ -258,7 +258,7 @@ def exact_parameters(
 
 
 def feasible_start(constraints: PhysicalConstraints) -> Floats:
-    """Return a parameter vector strictly inside all bounds, near the prior, (c,).
+    """Return a parameter vector strictly inside all bounds, near the prior, (c,), each in its unit.
 
     Args:
         constraints: bounds and prior.

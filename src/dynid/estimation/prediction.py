@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.observation_rows import ObservationRows
+from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 from dynid.signals.filters import decimate
 
@@ -58,13 +59,18 @@ def predict(log: ConditionedLog, rows: Iterable[ObservationRows], theta: Floats)
     Args:
         log: the conditioned log.
         rows: its rows, from ``rows_of`` or a stack; walked once.
-        theta: base parameters, (p,).
+        theta: base parameters, (p,), each in its unit.
     """
     torques = [(part.t, part.tau, part.W @ theta, part.mask) for part in rows]
     t, measured, estimated, usable = (np.concatenate(column) for column in zip(*torques, strict=True))
     pieces = [piece for segment in log.segments for piece in _pieces(segment, log.filter)]
     q, qd, qdd, raw_q, raw_qd, raw_qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
+
+
+def predict_logs(stack: Stack, theta: Floats) -> list[EstimatedMotion]:
+    """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit."""
+    return [predict(log, stack.rows_of_log(k), theta) for k, log in enumerate(stack.logs)]
 
 
 def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:

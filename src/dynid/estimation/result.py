@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact, WrongUsage
-from dynid.estimation.conditioned_log import known_torque
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot, robot_text
@@ -26,6 +25,7 @@ from dynid.model.reference import model_torques
 from dynid.model.regressor import Model, build_model
 from dynid.model.store import reduction_facts, reduction_from
 from dynid.robot import Robot
+from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table
 from dynid.text import visible
 
@@ -197,7 +197,7 @@ class Identification:
         return dict(zip(self.names, self.theta.tolist(), strict=True))
 
     def conf_int(self, level: float = 0.95) -> Floats:
-        """Return the confidence interval of each parameter alone, (p, 2); infinite where the log says nothing.
+        """Return the interval of each parameter alone, (p, 2), in its unit; infinite where the log says nothing.
 
         Args:
             level: probability that the interval of a parameter holds its true value.
@@ -308,7 +308,16 @@ class Identification:
     def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
         """Return the base regressor Y with tau = Y theta, (N, n, p), in DH quantities (Paper Eq. 13).
 
-        Args and Raises: as for ``inverse_dynamics``. Links that were not identified have no part in it.
+        Links that were not identified have no part in it.
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            t: time of the samples since the motion began, (N,) [s]; needed where the robot file lists effects.
+
+        Raises:
+            WrongUsage: as for ``inverse_dynamics``.
         """
         model = self.base.model
         observer = model.observer(self.reduction.base)

@@ -45,7 +45,7 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
 
     Args:
         rows: observation rows.
-        theta: parameters of the first fit, (p,).
+        theta: parameters of the first fit, (p,), each in its unit.
 
     Returns:
         What they look like.

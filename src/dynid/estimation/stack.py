@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.least_squares import accumulate, merge
 from dynid.estimation.observation_rows import ObservationRows, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
+from dynid.signals.conditioned_log import ConditionedLog
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -101,7 +101,7 @@ class Stack:
 
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
-        """One factor per joint over all blocks, (n, p + 1, p + 1), and its number of rows, (n,)."""
+        """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
         return np.array([merge(part) for part in self.factors.swapaxes(0, 1)]), self.counts.sum(axis=0)
 
     @cached_property

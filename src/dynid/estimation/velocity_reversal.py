@@ -69,7 +69,7 @@ class ReversalEffects:
         )
 
     def factors(self, factors: Floats) -> Floats:
-        """Return the factors of the whitened rows from those of the rows as they are, (n, p + 1, p + 1)."""
+        """Return the factors of the whitened rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
         return np.array(
             [_less(R, [each[j] for each in self.subspaces], self.strength[j]) for j, R in enumerate(factors)]
         )
@@ -80,7 +80,7 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
 
     Args:
         rows: filtered rows.
-        factors: their factors, one per joint, (n, p + 1, p + 1).
+        factors: their factors, one per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
 
     Returns:

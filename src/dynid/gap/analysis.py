@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid.errors import PackageMissing
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
@@ -19,6 +18,7 @@ from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
+from dynid.signals.conditioned_log import ConditionedLog
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
 CUTOFF = 10.0

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from dynid.errors import CannotWrite
-from dynid.estimation.conditioned_log import ConditionedLog, with_effects
 from dynid.estimation.effect_columns import scaled, settled
 from dynid.estimation.estimate import HoldOut, estimate
 from dynid.estimation.least_squares import weighted
@@ -26,6 +25,7 @@ from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
+from dynid.signals.conditioned_log import ConditionedLog, with_effects
 from dynid.signals.conditioning import Segment
 from dynid.signals.delay import segment_without_delay
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dynid.estimation.conditioned_log import arm_motion
 from dynid.estimation.physical_parameters import constraints_of, fit_pooled
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
@@ -18,6 +17,7 @@ from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.reference import model_torques
+from dynid.signals.conditioned_log import arm_motion
 from dynid.sim.replay import Replay, replay
 
 #: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.conditioned_log import ConditionedLog, with_effects
 from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
 from dynid.gap.matched_motion import subtract_matched_motion
@@ -17,6 +16,7 @@ from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals, 
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
+from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 #: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.
 HELD_OUT = 0.2

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
@@ -19,6 +18,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.options import LONGEST_DELAY
 from dynid.progress import SILENT, Progress
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.delay import segment_without_delay
 
 #: Most selections: three for a delay, because each shift makes the next one exact to second order, one with the noise

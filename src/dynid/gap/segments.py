@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.conditioned_log import ConditionedLog, arm_motion, with_effects
 from dynid.estimation.observation_rows import ObservationRows, joined, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
+from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
 from dynid.signals.conditioning import Filter
 from dynid.signals.filters import decimate
 

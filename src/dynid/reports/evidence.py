@@ -84,7 +84,7 @@ def gather(stored: Identification) -> Evidence:
 
 def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
     """Return estimated and measured motion of the logs that a new result was made from, one after the other."""
-    motions = [prediction.predict(log, stack.rows_of_log(k), theta) for k, log in enumerate(stack.logs)]
+    motions = prediction.predict_logs(stack, theta)
     columns = ([getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion))
     return EstimatedMotion(*map(np.concatenate, columns))
 

@@ -147,12 +147,12 @@ def self_test_gap(seed: int, folder: Path, progress: Progress = SILENT) -> Itera
     """
     import numpy as np
 
-    from dynid.estimation.conditioned_log import condition_logs
     from dynid.files.robotfile import load_robot, packaged
     from dynid.gap.analysis import CUTOFF, analyse_gap
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
     from dynid.model.reduce import reduce
+    from dynid.signals.conditioned_log import condition_logs
     from dynid.sim.hidden import CASES, hidden_logs
     from dynid.sim.plant import read_plant
     from dynid.workflows.model import derive_model

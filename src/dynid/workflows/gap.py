@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from dynid.estimation.conditioned_log import ConditionedLog
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
+    from dynid.signals.conditioned_log import ConditionedLog
 
 #: What the verdicts mean.
 VERDICTS = {

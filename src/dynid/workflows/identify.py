@@ -145,7 +145,7 @@ def torque_figure(result: Identification, joints: tuple[str, ...], residual_only
 
     stack = result.stack
     assert stack is not None, "only new results have a drawing"
-    motions = [prediction.predict(log, stack.rows_of_log(k), result.theta) for k, log in enumerate(stack.logs)]
+    motions = prediction.predict_logs(stack, result.theta)
     title = f"{result.robot.name}, fitted logs"
     return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
 
@@ -213,7 +213,7 @@ def save_result(folder: Path, result: Identification, facts: dict[str, Any] | No
     stack = result.stack
     assert stack is not None, "a result that was read from a file is written by its own method save"
     header = {**(facts or {}), **result.header}
-    motions = [prediction.predict(log, stack.rows_of_log(k), result.theta) for k, log in enumerate(stack.logs)]
+    motions = prediction.predict_logs(stack, result.theta)
     motion = folder / "estimatedmotion.npz"
     prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.

@@ -14,8 +14,8 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
-    from dynid.estimation.conditioned_log import ConditionedLog
     from dynid.model.regressor import Model
+    from dynid.signals.conditioned_log import ConditionedLog
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def condition_logs(
         options: filter, delay and velocity; a delay of None counts as zero.
         progress: told what was read and how it is filtered.
     """
-    from dynid.estimation import conditioned_log
+    from dynid.signals import conditioned_log
 
     return conditioned_log.condition_logs(
         logs,

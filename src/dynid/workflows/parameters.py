@@ -102,7 +102,7 @@ class Observations:
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
         prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
-        motions = [prediction.predict(log, self.stack.rows_of_log(k), prior) for k, log in enumerate(self.stack.logs)]
+        motions = prediction.predict_logs(self.stack, prior)
         estimated = {
             **header,
             "joints": list(self.stack.joints),

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from test_stack import motion, truth
 
-from dynid.estimation.conditioned_log import ConditionedLog
-from dynid.estimation.delay import estimate_delay
+from dynid.estimation.delay import estimate_delay, stack_with_delay
+from dynid.estimation.estimate import errors
+from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.delay import without_delay
 
@@ -45,6 +47,25 @@ def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
     assert found.seconds == pytest.approx(delay, abs=max(4 * found.std_error, 0.06 * abs(delay)))
     left = estimate_delay(stacked(base, without_delay(log, found.seconds)))
     assert abs(left.seconds) < 1e-3
+
+
+def test_logs_whose_torques_are_late_are_stacked_on_time_without_reading_them_again(base):
+    log, on_time = late(base, 0.012), late(base, 0.0)
+    rows, found, applied, findings = stack_with_delay([log], base)
+    assert applied == pytest.approx(0.012, abs=1e-3)
+    assert found.seconds == pytest.approx(applied, abs=1e-3)
+    assert [finding.code for finding in findings] == ["W321"]
+    assert rows.logs[0].delay == applied
+    assert (
+        errors(rows, weighted(*rows.whole).theta)[1]
+        < 1.2 * errors((clean := stack_with_delay([on_time], base, delay=0.0)[0]), weighted(*clean.whole).theta)[1]
+    )
+
+
+def test_a_delay_that_is_given_is_not_estimated(base):
+    rows, found, applied, findings = stack_with_delay([late(base, 0.012)], base, delay=0.005)
+    assert (found, applied, findings) == (None, 0.005, ())
+    assert rows.logs[0].delay == 0.005
 
 
 def test_torques_on_time_are_not_moved(base):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from loaded_arm import LOAD, recorded
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 
 GAINS = np.array([11.0, 9.5, 8.0, 7.0, 3.5, 3.0, 2.4])

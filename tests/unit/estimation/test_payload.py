@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from loaded_arm import LOAD, recorded
 
-from dynid.estimation.conditioned_log import ConditionedLog
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.physical_constraints import is_consistent
@@ -14,6 +13,7 @@ from dynid.estimation.stack import stack
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
+from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 
 

@@ -7,10 +7,9 @@ import pytest
 
 from dynid.errors import NothingChanged, RankDeficient
 from dynid.estimation import observation_files
-from dynid.estimation.conditioned_log import ConditionedLog, without_known
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
-from dynid.estimation.observation_rows import rows_of
+from dynid.estimation.observation_rows import joint_factors, rows_of
 from dynid.estimation.physical_parameters import physical_parameters
 from dynid.estimation.result import load
 from dynid.estimation.stack import stack
@@ -20,6 +19,7 @@ from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters, prior_parameters
 from dynid.model.reduce import reduce
+from dynid.signals.conditioned_log import ConditionedLog, without_known
 from dynid.signals.conditioning import choose_filter, condition
 
 RATE = 100.0
@@ -147,6 +147,31 @@ def test_held_out_rows_judge_a_fit_to_the_others(base):
     expected = 100 * np.linalg.norm(tau - W @ theta) / np.linalg.norm(tau)
     assert result.heldout_by_set["plain"] == pytest.approx(expected, rel=1e-9)
     assert result.plain == pytest.approx(np.linalg.lstsq(*usable(found), rcond=None)[0], abs=1e-9)
+
+
+def test_some_blocks_of_a_stack_are_a_stack_of_their_rows(base):
+    found = stacked(base, simulated(base), simulated(base, seed=3))
+    chosen = np.arange(found.blocks) % 3 == 1
+    part = found.select(chosen)
+    factors, counts = joint_factors(list(part))
+    assert part.whole[1] == pytest.approx(counts)
+    gram = np.einsum("jba,jbc->jac", factors, factors)
+    assert np.einsum("jba,jbc->jac", *(part.whole[0],) * 2) == pytest.approx(gram, rel=1e-9, abs=1e-6 * gram.max())
+    assert {(k, rows.block) for k in range(2) for rows in part.rows_of_log(k)} == set(
+        zip(found.log_of_block[chosen].tolist(), found.block[chosen].tolist(), strict=True)
+    )
+    assert found.select(np.ones(found.blocks, dtype=bool)) is found
+
+
+def test_long_logs_give_the_same_rows_evaluated_anew_and_nearly_the_same_in_single_precision(base, monkeypatch):
+    kept = stacked(base, simulated(base))
+    size = 4 * sum(rows.entries.size for rows in kept)
+    for limit, precision in ((size, 1e-6), (0, 1e-12)):
+        monkeypatch.setattr("dynid.estimation.stack.KEPT_BYTES", limit)
+        other = stacked(base, simulated(base))
+        assert (other.kept is None) == (limit == 0)
+        for one, two in zip(kept, other, strict=True):
+            assert pytest.approx(one.W, rel=precision, abs=precision * np.abs(one.W).max()) == two.W
 
 
 def test_a_joint_that_stands_still_leaves_parameters_open(base):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.estimation.conditioned_log import condition_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.problem import make_problem
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
+from dynid.signals.conditioned_log import condition_log
 
 #: Standard deviation of the torque noise before the filter [N m].
 NOISE = 0.05
