@@ -37,7 +37,7 @@ class Declaration:
         shown: the default as help shows it; "" to show the default itself, None to show none.
         kind: type on the command line where the default does not tell it: ``"path"`` (file or folder), ``"file"``,
             ``"input"`` (file that exists), ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole
-            number from 1).
+            number from 1), ``"effects"`` (identifiers that the shell completes).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.

@@ -87,3 +87,14 @@ def test_names_from_files_stay_text_in_tables():
     shown = Table([{"joint": "<b>x\x1b[31m", "value": 1.0}])
     assert "<b>" not in shown._repr_html_()
     assert "\x1b" not in repr(shown)
+
+
+def test_two_logs_of_one_name_get_folders_of_their_own(arm, result, tmp_path):
+    from dataclasses import replace
+
+    checked = dynid.validate(result, dynid.load_log(LOGS / "lwr4plus_validate.bag", arm))
+    first = checked.folder(tmp_path)
+    checked.save(first)
+    other = replace(checked, log_sha256="0123456789abcdef")
+    assert checked.folder(tmp_path) == first == tmp_path / "lwr4plus_validate"
+    assert other.folder(tmp_path) == tmp_path / "lwr4plus_validate_01234567"

@@ -225,3 +225,18 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch)
     assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
     assert all(part.startswith(" " * 11 + "word") for part in more)
     assert terminal.folded(line, console, None) == [line]
+
+
+# ---------------------------------------------------------------- completion
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("dynid identify kuka", "kuka_lwr4plus"),
+        ("dynid gap --effects spring,stri", "spring,stribeck"),
+        ("dynid explain E30", "E307"),
+    ],
+)
+def test_the_shell_completes_robots_effects_and_codes(dynid, words, expected):
+    line = words.split()
+    done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(len(line) - 1))
+    assert f"plain,{expected}" in done.out.split()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
@@ -32,7 +33,9 @@ FILTERING = ("cutoff", "velocity", "delay")
     ),
 )
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True)
-@click.option("--robot", metavar="ROBOT", help="The arm of the logs; by default the robot file among the paths.")
+@click.option(
+    "--robot", type=ROBOT, metavar="ROBOT", help="The arm of the logs; by default the robot file among the paths."
+)
 @options_from(LogOptions, without=FILTERING)
 @click.option("--convert", is_flag=True, help="Write log.npz: all columns as they were recorded.")
 @click.option("--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them.")

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
+from dynid.cli.completed import EFFECTS
 from dynid.options import Declaration, Options, declaration_of, flag_of
 
 Given = TypeVar("Given", bound=Options)
@@ -59,6 +60,8 @@ def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
 def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
     if said.choices:
         return click.Choice(list(said.choices))
+    if said.kind == "effects":
+        return EFFECTS
     if said.kind == "path":
         return click.Path(path_type=Path)
     if said.kind == "input":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from dynid.cli.completed import CODE
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import WrongUsage, codes, page, summary
 
@@ -25,7 +26,7 @@ def _find(word: str) -> str:
     "explain",
     examples=("dynid explain            all codes", "dynid explain E307       one of them"),
 )
-@click.argument("code", required=False)
+@click.argument("code", type=CODE, required=False)
 def command(common: Common, code: str | None) -> None:
     """Say what an error or warning code means and how to get rid of it."""
     terminal = common.terminal

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
@@ -43,7 +44,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @options_from(IdentifyOptions)
 @click.option(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
@@ -27,7 +28,7 @@ STYLES = {"#": "bold green", "+": "", ".": "red", "": ""}
         "dynid model kuka_lwr4plus --json | jq .rank",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @options_from(ModelOptions)
 @click.option("--reduce/--no-reduce", "reduce_now", default=None, help="Reduce to base parameters without asking.")
 @click.option("--rebuild/--frozen", "rebuild", default=None, help="Rebuild a stored model without asking, or never.")

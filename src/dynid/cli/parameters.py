@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.identify import log_inputs
 from dynid.cli.options import Common, dynid_command
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
         "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @options_from(LogOptions)
 @click.option("--identify/--no-identify", "identify_now", default=None, help="Identify afterwards without asking.")

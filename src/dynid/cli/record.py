@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, input_hashes, key_pressed, may_write, typed
@@ -59,7 +60,7 @@ class TerminalOperator:
         "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz     an arm to rehearse with",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("trajectory", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--move", metavar="ROBOT_NAME", allow_from_autoenv=False, help="Move without asking for the name.")
 @options_from(RecordOptions)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
         "dynid sim-driver kinova_gen2 --fault silent@3      what happens when joint states stop?",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @options_from(SimDriverOptions, without=("seed",))
 @click.option(
     "--sent", type=click.Path(dir_okay=False, path_type=Path), metavar="CSV", help="Write all commands that came."

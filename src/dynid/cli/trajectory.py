@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
@@ -47,7 +48,7 @@ class View:
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
 )
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("plan", required=False, metavar="[PLAN.yaml]", type=_FILE)
 @options_from(PlanOptions, without=("seed", "processes"))
 @click.option(

@@ -67,7 +67,7 @@ def run_validate(
         base = base_model_of(stored, parameters.parent, progress)
         progress.stage("read")
         found = validate(stored, read_log(log, stored.robot, options), options, base=base, progress=progress)
-        folder = parameters.parent / "validation" / log.stem
+        folder = found.folder(parameters.parent / "validation")
         wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
     broken = found.broken_limits(max_rms, largest)
     for sentence in broken:

@@ -57,8 +57,9 @@ class GapOptions(LogOptions):
         choices=("refit", "frozen"), shown="",
     )  # fmt: skip
     effects: tuple[str, ...] = option(
-        "all", "Effects to try, by identifier, separated by commas.", metavar="all|LIST", shown="", read=_words
-    )
+        "all", "Effects to try, by identifier, separated by commas.", metavar="all|LIST", shown="", kind="effects",
+        read=_words,
+    )  # fmt: skip
     joints: tuple[str, ...] = option(
         None,
         "Joints to search, by name, by number, or as a range such as 2-4 (default: all).",

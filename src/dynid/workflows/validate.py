@@ -143,6 +143,20 @@ class Validation:
             found.append(f"total relative error {self.relative_error_percent:.2f} % > {100 * max_unexplained:g} %")
         return found
 
+    def folder(self, parent: Path) -> Path:
+        """Return where its files go below a folder: named after the log, and after its hash where another log has that.
+
+        Args:
+            parent: the folder of all validations of a result.
+        """
+        from dynid.files.artifact import read_header
+
+        name = Path(self.log).stem
+        there = parent / name / "estimatedmotion.npz"
+        header = (read_header(there) if there.is_file() else None) or {}
+        taken = header.get("log_sha256", [self.log_sha256]) != [self.log_sha256]
+        return parent / (f"{name}_{self.log_sha256[:8]}" if taken else name)
+
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
         from dynid.estimation import prediction
