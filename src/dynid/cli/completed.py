@@ -10,7 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 
-class Completed(click.ParamType):
+class Completed(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.2 on
     """Text with words to choose from.
 
     Args:
