@@ -95,8 +95,8 @@ def nearest_turn(robot: Robot, motion: Motion, measured: Floats) -> Motion:
     Why: such a joint may have been turned by hand; its driver counts on, and the plan does not know.
     """
     endless = np.array([joint.revolute and joint.limits.position is None for joint in robot.joints])
-    turns = np.where(endless, np.round((measured - motion.q[0]) / (2 * np.pi)), 0.0)
-    return replace(motion, q=motion.q + 2 * np.pi * turns)
+    full_turns = np.where(endless, np.round((measured - motion.q[0]) / (2 * np.pi)), 0.0)
+    return replace(motion, q=motion.q + 2 * np.pi * full_turns)
 
 
 @dataclass(frozen=True)

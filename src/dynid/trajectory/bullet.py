@@ -92,7 +92,7 @@ class World:
                 x, y = (foot[axis] + (k - (TILES - 1) / 2) * side for axis, k in enumerate((i, j)))
                 self._bullet.createMultiBody(0, -1, looks[(i + j) % 2], [x, y, height - side / 50])
 
-    def place(self, q: Floats) -> None:
+    def set_pose(self, q: Floats) -> None:
         """Put the arm at a pose in DH values, (n,) [rad or m]."""
         for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
             self._bullet.resetJointState(self._arm, joint, float(value))
@@ -120,7 +120,7 @@ class World:
         """Return direction, seen the way of the DH table, and a point of every joint axis at each pose, (K, n, 6)."""
         found = np.empty((len(poses), len(self._joints), 6))
         for k, q in enumerate(poses):
-            self.place(q)
+            self.set_pose(q)
             for j, joint in enumerate(self._joints):
                 axis = np.array(self._bullet.getJointInfo(self._arm, joint)[13])
                 state = self._bullet.getLinkState(self._arm, joint, computeForwardKinematics=True)
@@ -139,7 +139,7 @@ class World:
         found = self._bullet.getClosestPoints(self._arm, other, FAR, a, b)
         return min((float(row[8]) for row in found), default=FAR)
 
-    def watched(self, poses: Floats) -> list[tuple[str, int, int, int]]:
+    def pairs_to_check(self, poses: Floats) -> list[tuple[str, int, int, int]]:
         """Return what can collide: (name, other body, link, other link), without what touches in most poses.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
@@ -150,25 +150,25 @@ class World:
             candidates += [(f"{self._names[k]} - {name}", body, k, -1) for k in sorted(self._names)]
         touching = np.zeros(len(candidates))
         for q in poses:
-            self.place(q)
+            self.set_pose(q)
             touching += [self._distance(*row[1:]) <= 0 for row in candidates]
         # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
         fixed = len(poses) - 0.5
         shares = [USUAL * len(poses) if row[1] == self._arm else fixed for row in candidates]
         return [row for row, count, most in zip(candidates, touching, shares, strict=True) if count < most]
 
-    def distances(self, poses: Floats, watched: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
-        """Return the least distance [m] of every watched pair over poses, (N, n) [rad or m], the closest pair first."""
-        least = np.full(len(watched), np.inf)
-        where = np.zeros(len(watched), dtype=int)
+    def distances(self, poses: Floats, checked: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
+        """Return the least distance [m] of every checked pair over poses, (N, n) [rad or m], the closest pair first."""
+        least = np.full(len(checked), np.inf)
+        where = np.zeros(len(checked), dtype=int)
         for k, q in enumerate(poses):
-            self.place(q)
-            for i, (_, other, a, b) in enumerate(watched):
+            self.set_pose(q)
+            for i, (_, other, a, b) in enumerate(checked):
                 distance = self._distance(other, a, b)
                 if distance < least[i]:
                     least[i], where[i] = distance, k
         order = np.argsort(least)
-        return [self._found(watched[i], float(least[i]), int(where[i])) for i in order]
+        return [self._found(checked[i], float(least[i]), int(where[i])) for i in order]
 
     def _found(self, row: tuple[str, int, int, int], distance: float, index: int) -> dict[str, Any]:
         name, body, link, _ = row
@@ -178,7 +178,7 @@ class World:
     def picture(self, q: Floats, target: list[float], distance: float) -> NDArray[np.uint8]:
         """Return a picture, (HEIGHT, WIDTH, 3), of a pose, (n,) [rad or m], seen from a distance [m]."""
         bullet = self._bullet
-        self.place(q)
+        self.set_pose(q)
         view = bullet.computeViewMatrixFromYawPitchRoll(target, distance, YAW, PITCH, 0, 2)
         projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 20)
         light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
@@ -192,7 +192,7 @@ class World:
         while bullet.isConnected():
             begin = time.monotonic()
             while bullet.isConnected() and (now := time.monotonic() - begin) < times[-1]:
-                self.place(poses[min(int(np.searchsorted(times, now)), len(poses) - 1)])
+                self.set_pose(poses[min(int(np.searchsorted(times, now)), len(poses) - 1)])
                 time.sleep(0.01)
             while bullet.isConnected() and not bullet.getKeyboardEvents().get(ord(" "), 0) & bullet.KEY_WAS_TRIGGERED:
                 time.sleep(0.02)
@@ -224,7 +224,7 @@ def run(job_path: Path) -> None:
         job_path.with_suffix(".ready").touch()
         world.play(times, poses)
     elif errors is None:
-        answer["distances"] = world.distances(poses, world.watched(random[:POSES]))
+        answer["distances"] = world.distances(poses, world.pairs_to_check(random[:POSES]))
         _draw(world, job, times, poses)
     job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
 

@@ -197,40 +197,40 @@ class Spheres:
         """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n) [1/rad or 1/m]."""
         points, frames = self.points(q)
         scene = self.scene
-        pull, tool_pull = np.zeros_like(points), np.zeros((len(q), 3))
+        point_force, tool_force = np.zeros_like(points), np.zeros((len(q), 3))
         distance, apart = self._pair_distance(points, self._first, self._second)
         total, slope = _charge(distance, scene.self_distance)
         close = np.nonzero(slope)
         if len(close[0]):
             sample, pair = close
             length = (distance[close] + self._radii[self._first[pair]] + self._radii[self._second[pair]])[:, None]
-            force = slope[close][:, None] * apart[close] / length
-            np.add.at(pull, (sample, self._first[pair]), force)
-            np.add.at(pull, (sample, self._second[pair]), -force)
+            pair_force = slope[close][:, None] * apart[close] / length
+            np.add.at(point_force, (sample, self._first[pair]), pair_force)
+            np.add.at(point_force, (sample, self._second[pair]), -pair_force)
         if scene.floor is not None:
             extra, slope = _charge(self._floor_distance(points), self._above_floor)
-            total, pull[:, self._lifted, 2] = total + extra, pull[:, self._lifted, 2] + slope
+            total, point_force[:, self._lifted, 2] = total + extra, point_force[:, self._lifted, 2] + slope
         for box in scene.obstacles:
             distance, direction = self._box_distance(points, box)
             extra, slope = _charge(distance, scene.distance)
-            total, pull = total + extra, pull + slope[:, :, None] * direction
+            total, point_force = total + extra, point_force + slope[:, :, None] * direction
         if scene.workspace is not None:
             tool = frames.p[:, -1]
             for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
                 extra, slope = _charge(sign * (tool - edge), 0.0)
-                total, tool_pull = total + extra, tool_pull + sign * slope
-        return total, self._to_joints(points, frames, pull, tool_pull)
+                total, tool_force = total + extra, tool_force + sign * slope
+        return total, self._to_joints(points, frames, point_force, tool_force)
 
-    def _to_joints(self, points: Floats, frames: LinkFrames, pull: Floats, tool_pull: Floats) -> Floats:
+    def _to_joints(self, points: Floats, frames: LinkFrames, point_force: Floats, tool_force: Floats) -> Floats:
         """Turn forces on spheres and tool into joint efforts: every joint carries the links after it."""
         n = self.robot.n
         force, moment = np.zeros((2, len(points), n, 3))
-        turned = np.cross(points, pull)
+        turned = np.cross(points, point_force)
         for i in range(n):
             here = self.links == i
-            force[:, i], moment[:, i] = pull[:, here].sum(axis=1), turned[:, here].sum(axis=1)
-        force[:, -1] += tool_pull
-        moment[:, -1] += np.cross(frames.p[:, -1], tool_pull)
+            force[:, i], moment[:, i] = point_force[:, here].sum(axis=1), turned[:, here].sum(axis=1)
+        force[:, -1] += tool_force
+        moment[:, -1] += np.cross(frames.p[:, -1], tool_force)
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
         effort: Floats = np.sum(frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2)

@@ -94,7 +94,7 @@ class Shaping:
         Args:
             x: free variables, (size,).
         """
-        c, place = self._split(x)
+        c, offset = self._split(x)
         columns = np.arange(self._n)
         U, Ud, Udd = (phi @ c for phi in self._fine)
         high, low = U.argmax(axis=0), U.argmin(axis=0)
@@ -112,8 +112,8 @@ class Shaping:
         scale = candidates[active, columns]
         middle = (U[high, columns] + U[low, columns]) / 2
         room = np.maximum(reach - scale * span, 0.0) / 2
-        self._seen = (c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd))
-        centre = (self._limits.upper + self._limits.lower) / 2 + room * place - scale * middle
+        self._seen = (c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd))
+        centre = (self._limits.upper + self._limits.lower) / 2 + room * offset - scale * middle
         u, ud, udd = (phi @ c for phi in self._wanted)
         return scale * u + centre, scale * ud, scale * udd
 
@@ -125,11 +125,11 @@ class Shaping:
             gqd: by the velocities, (N, n) [s/rad or s/m].
             gqdd: by the accelerations, (N, n) [s^2/rad or s^2/m].
         """
-        c, place, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
+        c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
         columns = np.arange(self._n)
         u, ud, udd = (phi @ c for phi in self._wanted)
         total = gq.sum(axis=0)
-        d_room = total * place * (room > 0)
+        d_room = total * offset * (room > 0)
         d_scale = np.sum(gq * (u - middle) + gqd * ud + gqdd * udd, axis=0) - d_room * span / 2
         d_span = -d_room * scale / 2 - np.where(active == 0, d_scale * scale / span, 0.0)
         d_middle = -scale * total
@@ -138,7 +138,7 @@ class Shaping:
         for kind, phi, peak, values in ((1, self._fine[1], fast, Ud), (2, self._fine[2], hard, Udd)):
             slope = np.where(active == kind, -d_scale * scale / values[peak, columns], 0.0)
             gradient += phi[peak].T * slope
-        return np.concatenate([gradient.ravel(), total * room * (1 - place**2)])
+        return np.concatenate([gradient.ravel(), total * room * (1 - offset**2)])
 
     def coefficients(self, x: Floats) -> Floats:
         """Return the motion's coefficients, (k, n) [rad or m], scaled with exact extrema instead of those of a grid.
@@ -146,7 +146,7 @@ class Shaping:
         Args:
             x: free variables, (size,).
         """
-        c, place = self._split(x)
+        c, offset = self._split(x)
         basis, limits = self._basis, self._limits
         low, high = extrema(basis, c, 0)
         rates = [np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2)]
@@ -161,7 +161,7 @@ class Shaping:
             ]
         )
         room = np.maximum(reach - scale * span, 0.0) / 2
-        centre = (limits.upper + limits.lower) / 2 + room * place - scale * (high + low) / 2
+        centre = (limits.upper + limits.lower) / 2 + room * offset - scale * (high + low) / 2
         found: Floats = scale * c + np.outer(basis.constant, centre)
         return found
 

@@ -98,12 +98,12 @@ class ExcitationObjective:
         value, slope = problem.cost.value(information(problem, W), power)
         gW = 2 * self._weights[None, :, None] * (W.reshape(-1, W.shape[2]) @ slope).reshape(W.shape)
         if problem.torque is not None:
-            extra, pulled = self._overload(W, problem.torque)
-            value, gW = value + extra, gW + pulled
+            extra, by_W = self._overload(W, problem.torque)
+            value, gW = value + extra, gW + by_W
         gradient = self._regressor.gradient(gW)
         for penalty in problem.penalties:
-            extra, pulled = penalty.value(motion[0])
-            value, gradient = value + extra, State(gradient.q + pulled, gradient.qd, gradient.qdd)
+            extra, by_q = penalty.value(motion[0])
+            value, gradient = value + extra, State(gradient.q + by_q, gradient.qd, gradient.qdd)
         return value, self.shaping.gradient(gradient.q, gradient.qd, gradient.qdd)
 
     def _overload(self, W: Floats, theta: Floats) -> tuple[float, Floats]:

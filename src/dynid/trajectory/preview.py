@@ -88,7 +88,7 @@ def measure_trajectory(
         drawing: what to draw.
 
     Returns:
-        The least distance of every watched pair, the closest pair first; distances end at 0.3 m.
+        The least distance of every checked pair, the closest pair first; distances end at 0.3 m.
 
     Raises:
         PackageMissing: PyBullet is not there.
