@@ -41,10 +41,11 @@ class TerminalOperator:
         self.bar.pause()
         may_write(self.common, path, {})
 
-    def confirm_motion(self, robot: str) -> None:
-        """Have the robot's name typed (P3)."""
+    def confirm_motion(self, robot: str) -> bool:
+        """Have the robot's name typed (P3); anything else raises an error."""
         self.bar.pause()
         typed(self.common, robot, "type the robot's name to start", given=self.move)
+        return True
 
     def stop_pressed(self) -> bool:
         """Return whether Enter was pressed."""

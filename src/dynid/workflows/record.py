@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from dynid.errors import DynidError, NotReviewed, StartPoseOff, WrongUsage
+from dynid.errors import Declined, DynidError, NotReviewed, StartPoseOff, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -77,8 +77,8 @@ class Operator(Protocol):
     def may_replace(self, path: Path) -> None:
         """Return when an earlier recording may be overwritten; raise an error of the catalogue otherwise."""
 
-    def confirm_motion(self, robot: str) -> None:
-        """Return only after a person has confirmed, by the robot's name, that the arm may move; raise otherwise."""
+    def confirm_motion(self, robot: str) -> bool:
+        """Return True only after a person has confirmed, by the robot's name, that the arm may move."""
 
     def stop_pressed(self) -> bool:
         """Return whether the person wants it to stop; asked about twenty times a second."""
@@ -212,7 +212,7 @@ def _recorded(run: _Session) -> Recording:
             run.progress.stage("dry run", "everything is in order; nothing was sent")
             return Recording(run.robot, options, forecast)
         _ask_to_replace(run)
-        run.operator.confirm_motion(run.robot.slug)
+        require_confirmed(run.operator, run.robot)
         return _moved(run, listener, port, motion, seen, forecast)
     finally:
         listener.close()
@@ -312,6 +312,16 @@ def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions
     if review is not None:
         raise NotReviewed(f"{planned.source} was changed after {review.by} confirmed it", fix=again)
     raise NotReviewed(f"nobody confirmed {planned.source}", fix=f"{again}, or --accept-unreviewed")
+
+
+def require_confirmed(operator: Operator, robot: Robot) -> None:
+    """Have the operator confirm the motion; anything but True refuses it.
+
+    Raises:
+        Declined: it was not confirmed.
+    """
+    if operator.confirm_motion(robot.slug) is not True:
+        raise Declined(f"nobody confirmed that {robot.slug} may move", why="the arm was not moved")
 
 
 def _ask_to_replace(run: _Session) -> None:

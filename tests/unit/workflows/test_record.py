@@ -5,8 +5,8 @@ import pytest
 
 import dynid
 from dynid.cli.record import command
-from dynid.errors import WrongUsage
-from dynid.workflows.record import RecordOptions, record
+from dynid.errors import Declined, WrongUsage
+from dynid.workflows.record import RecordOptions, record, require_confirmed
 from dynid.workflows.sim_driver import SimDriverOptions, start_pose
 
 
@@ -48,6 +48,16 @@ def test_without_a_trajectory_nothing_is_asked_and_nothing_is_looked_for(arm, tm
         record(arm, None, RecordOptions(), Nobody(), tmp_path)
     with pytest.raises(WrongUsage, match="--listen-only sends nothing"):
         record(arm, None, RecordOptions(listen_only=True, go_to_start=True), Nobody(), tmp_path)
+
+
+@pytest.mark.parametrize("answer", [False, None, "yes", 1])
+def test_only_a_plain_true_lets_an_arm_move(arm, answer):
+    class Careless(Nobody):
+        def confirm_motion(self, robot):
+            return answer
+
+    with pytest.raises(Declined, match="nobody confirmed that kinova_gen2 may move"):
+        require_confirmed(Careless(), arm)
 
 
 def test_what_moves_an_arm_can_be_given_on_the_command_line_only():
