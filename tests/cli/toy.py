@@ -11,7 +11,7 @@ import click
 
 from dynid.cli import main as frame
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import ask, input_hashes, may_write, typed
+from dynid.cli.prompt import ask, confirm, input_hashes, may_write
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, NotFinite
 
@@ -23,7 +23,7 @@ def asks(common, word, given, **_):
 
 
 def types_name(common, move, **_):
-    typed(common, NAME, "type the robot's name to start", given=move)
+    confirm(common, NAME, "type the robot's name to start", given=move)
     common.terminal.answer("moved")
 
 

@@ -133,7 +133,7 @@ def _asked(common: Common, text: str, question: Question) -> Answer:
     raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
 
 
-def typed(common: Common, expected: str, question: str, *, given: str | None = None, flag: str = "--move") -> None:
+def confirm(common: Common, expected: str, question: str, *, given: str | None = None, flag: str = "--move") -> None:
     """Have a person type a word before something dangerous (P3); -y never answers this.
 
     Args:

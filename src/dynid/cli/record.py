@@ -11,7 +11,7 @@ import click
 from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import Answer, ask, input_hashes, key_pressed, may_write, typed
+from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.record import RecordOptions
 
@@ -44,7 +44,7 @@ class TerminalOperator:
     def confirm_motion(self, robot: str) -> bool:
         """Have the robot's name typed (P3); anything else raises an error."""
         self.bar.pause()
-        typed(self.common, robot, "type the robot's name to start", given=self.move)
+        confirm(self.common, robot, "type the robot's name to start", given=self.move)
         return True
 
     def stop_pressed(self) -> bool:
