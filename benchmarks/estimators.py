@@ -25,7 +25,7 @@ from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, rec
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.observation_rows import dense_rows, joint_factors
-from dynid.estimation.physical_parameters import physical_parameters
+from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.stack import stack
 from dynid.log import Log
 from dynid.model.prior import prior_base_parameters
@@ -74,7 +74,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
         start = time.perf_counter()
         each = METHODS[method](replace(rows), prior, arm.robot.controller)
         seconds = made + time.perf_counter() - start
-        whole = arm.base.reduction.K @ physical_parameters(arm.base, each).x
+        whole = physical_posterior(arm.base, each, rows, residual_model=False).theta
         fitted = relative_error(rows.whole[0], each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
     found["auto"] = found[choose(rows)[0]]

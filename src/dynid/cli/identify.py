@@ -403,6 +403,8 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     mass = sum(link["mass_kg"] for link in found.links())
     terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
+    for line in found.expectation():
+        terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
     terminal.fact(
         "known",
         f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log",

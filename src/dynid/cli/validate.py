@@ -87,3 +87,5 @@ def show(common: Common, found: Validation) -> None:
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
     common.terminal.answer(f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}")
+    if found.expected_percent:
+        common.terminal.answer(found.expectation())

@@ -106,7 +106,7 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     """
     # Why the plain estimates: what the physical sets take from their common prior would hide a change.
     difference = other.plain - baseline.plain
-    variance = np.diag(baseline.covariance) + np.diag(other.covariance)
+    variance = np.diag(baseline.plain_covariance) + np.diag(other.plain_covariance)
     tested = _determined(baseline) & _determined(other) & (variance > 0)
     p_values = np.full(len(difference), np.nan)
     sigma = np.sqrt(variance[tested])
@@ -129,7 +129,12 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
 
 def differing(one: Identification, other: Identification) -> list[str]:
     """Return the parameters that two estimates from the same rows put further apart than their errors, worst first."""
-    return _beyond(one, one.plain - other.plain, np.maximum(one.std_error, other.std_error), APART)
+    return _beyond(
+        one,
+        one.plain - other.plain,
+        np.sqrt(np.maximum(np.diag(one.plain_covariance), np.diag(other.plain_covariance))),
+        APART,
+    )
 
 
 def biased(least_squares: Identification, instruments: Identification) -> list[str]:
@@ -137,7 +142,7 @@ def biased(least_squares: Identification, instruments: Identification) -> list[s
 
     Source: Hausman 1978, "Specification tests in econometrics".
     """
-    variances = [np.diagonal(each.covariance) for each in (instruments, least_squares)]
+    variances = [np.diagonal(each.plain_covariance) for each in (instruments, least_squares)]
     error = np.sqrt(np.maximum(variances[0] - variances[1], LEAST_VARIANCE * variances[0]))
     known = np.isfinite(instruments.std_error) & (instruments.std_error > 0)
     return _beyond(instruments, least_squares.plain - instruments.plain, np.where(known, error, np.inf), BIASED)

@@ -51,6 +51,22 @@ def hac_covariance(
 ) -> Floats:
     """Return the covariance of an estimate, allowing for coloured residuals, (p, p) in squared units of theta.
 
+    Arguments as for ``hac_covariances``; of a short log the corrected one.
+    """
+    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread)[0]
+
+
+def hac_covariances(
+    rows: Iterable[ObservationRows],
+    theta: Floats,
+    noise: Floats,
+    lags: int | None = None,
+    *,
+    robust: bool = False,
+    bread: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """Return the covariance of an estimate, allowing for coloured residuals, and without correction for short logs.
+
     Args:
         rows: observation rows; instruments are used where they come with them.
         theta: the estimate, (p,).
@@ -81,11 +97,11 @@ def hac_covariance(
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
-    covariance = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
+    covariance = uncorrected = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
     if instants <= SHORT:
         factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags)
         covariance = covariance * np.outer(factor, factor)
-    return covariance
+    return covariance, uncorrected
 
 
 def _scores(Z: Floats, residual: Floats, noise: Floats) -> Floats:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from dynid.errors import NothingChanged, WrongUsage
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
-from dynid.estimation.findings import excitation_findings, physics_findings, sensor_findings
-from dynid.estimation.least_squares import Fit, joint_rms, relative_error
-from dynid.estimation.physical_parameters import PhysicalParameters, physical_parameters
+from dynid.estimation.findings import CONTRADICTION, excitation_findings, physics_findings, sensor_findings
+from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
+from dynid.estimation.model_error import ModelError, squares
+from dynid.estimation.posterior import Posterior, expected_error, physical_posterior
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
@@ -23,8 +24,8 @@ Floats = NDArray[np.float64]
 
 #: A parameter that differs from its prior by less than this share has not moved.
 UNCHANGED = 1e-9
-#: A physical set may be this much worse on held-out rows and still be preferred: it can be simulated and extrapolates.
-NEARLY_AS_GOOD = 1.05
+#: Kinds of parameters that no real arm has with a minus sign.
+POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
@@ -92,7 +93,7 @@ def with_earlier(stack: Stack, earlier: Identification) -> Stack:
         counts=np.concatenate([earlier.counts[None], stack.counts]),
         log_of_block=np.concatenate([[-1], stack.log_of_block]),
         block=np.concatenate([[0], stack.block]),
-        earlier=Earlier(earlier.factors, earlier.noise, earlier.covariance),
+        earlier=Earlier(earlier.factors, earlier.noise, earlier.plain_covariance),
     )
 
 
@@ -104,6 +105,7 @@ def estimate(
     holdout: HoldOut | None,
     drop_weak: bool = False,
     feasible: bool | None = None,
+    residual_model: bool | None = None,
 ) -> Identification:
     """Fit the base parameters, with robust error bars and a held-out figure.
 
@@ -115,7 +117,9 @@ def estimate(
         method: a name in ``METHODS``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
-        feasible: put the physically possible set in force, or the plain estimate; None to decide by what is there.
+        feasible: put the physically possible set in force, or the plain estimate; None takes the physical one unless
+            the data contradict every possible arm.
+        residual_model: describe what the model lacks by random columns; None where the evidence wants it.
 
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
@@ -125,15 +129,19 @@ def estimate(
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
-    excitation = excitation_findings(stack, plain, drop_weak=drop_weak)
-    physical, sets = _sets(base, plain)
-    held = {} if holdout is None else _held_out(base, holdout, prior, name)
-    in_force, choice = _in_force(base, method, held) if feasible is None else (SETS[feasible], "as asked")
-    if in_force == "physical":
-        _require_change(prior, **sets)
-    theta, judged = sets[in_force], held.get(in_force)
-    rms, total = errors(stack, theta)
-    std_error, knowledge = _certainty(plain, theta)
+    post = physical_posterior(base, plain, stack, residual_model=residual_model)
+    in_force, choice = _in_force(stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
+    physical = in_force == "physical"
+    # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
+    excitation = excitation_findings(stack, plain, drop_weak=drop_weak or physical)
+    if physical:
+        _require_change(prior, plain=plain.theta, physical=post.theta)
+    sets = _sets(base, plain, post)
+    held = {} if holdout is None else _held_out(base, holdout, prior, name, post)
+    theta, covariance, error = sets[in_force]
+    judged = held.get(in_force)
+    rms, total = _of_squares(stack, post.squares(stack) if physical else squares(stack, theta, None))
+    std_error, knowledge = _certainty(plain, theta, covariance, physical=physical)
     return Identification(
         robot=base.robot,
         reduction=base.reduction,
@@ -141,7 +149,8 @@ def estimate(
         why=why,
         theta=theta,
         plain=plain.theta,
-        covariance=plain.covariance,
+        covariance=covariance,
+        plain_covariance=plain.covariance,
         std_error=std_error,
         knowledge=knowledge,
         prior=prior,
@@ -155,7 +164,9 @@ def estimate(
         condition_number=plain.solution.condition_number,
         condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
-        physical=physical,
+        physical=post.physical,
+        model_error=error,
+        expected=expected_error(base, stack, theta, covariance, error, rms),
         in_force=in_force,
         choice=choice,
         factors=plain.factors,
@@ -163,7 +174,7 @@ def estimate(
         findings=(
             *excitation,
             *sensor_findings(base),
-            *physics_findings(base, plain, errors(stack, sets["physical"])[0], knowledge, in_force),
+            *physics_findings(base, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force),
         ),
         cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
         delay=stack.logs[0].delay if stack.logs else 0.0,
@@ -179,27 +190,36 @@ def estimate(
     )
 
 
-def errors(stack: Stack, theta: Floats) -> tuple[Floats, float]:
-    """Return the rms residual of each joint, (n,) [N m or N], and the total relative error of base parameters [%].
-
-    Args:
-        stack: the rows that judge.
-        theta: base parameters, (p,).
-    """
+def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
+    """Return the rms residual of each joint, (n,) [N m or N], and the total relative error [%], from squared sums."""
     factors, counts = stack.whole
-    return joint_rms(factors, counts, theta), relative_error(factors, theta)
+    torque = max(float(np.linalg.norm(factors[:, :, -1])), 1e-300)
+    return np.sqrt(left / np.maximum(counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
 
 
-def _sets(base: BaseModel, plain: Fit) -> tuple[PhysicalParameters, dict[str, Floats]]:
-    """Return the physical parameters beside a fit, and the base parameters that either set stands for, (p,)."""
-    physical = physical_parameters(base, plain)
-    return physical, {"plain": plain.theta, "physical": base.reduction.K @ physical.x}
+def _sets(base: BaseModel, plain: Fit, post: Posterior) -> dict[str, tuple[Floats, Floats, ModelError | None]]:
+    """Return base parameters (p,), their covariance (p, p) and the model error of both sets.
+
+    No drive has negative friction or rotor inertia, whatever a log of one motion says, so the plain set that may be in
+    force has none either.
+    """
+    table, reduction = base.model.parameters, base.reduction
+    alone = [len(reduction.terms(i)) == 1 and table[k].kind in POSITIVE for i, k in enumerate(reduction.base)]
+    theta = nonnegative(plain.whitened, plain.theta, np.array(alone, dtype=bool))
+    return {"plain": (theta, plain.covariance, None), "physical": (post.theta, post.covariance, post.error)}
 
 
-def _held_out(base: BaseModel, holdout: HoldOut, prior: Floats, method: str) -> dict[str, tuple[Floats, float]]:
+def _held_out(
+    base: BaseModel, holdout: HoldOut, prior: Floats, method: str, post: Posterior
+) -> dict[str, tuple[Floats, float]]:
     """Return the errors of each set on the held-out rows, fitted without them."""
-    sets = _sets(base, METHODS[method](holdout.train, prior, controller_of(base)))[1]
-    return {key: errors(holdout.test, theta) for key, theta in sets.items()}
+    fit = METHODS[method](holdout.train, prior, controller_of(base))
+    sizes = None if post.error is None else post.error.size
+    again = physical_posterior(base, fit, holdout.train, residual_model=post.error is not None, size=sizes)
+    sets = _sets(base, fit, again)
+    return {
+        key: _of_squares(holdout.test, squares(holdout.test, theta, error)) for key, (theta, _, error) in sets.items()
+    }
 
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
@@ -217,15 +237,16 @@ def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQua
     )
 
 
-def _certainty(plain: Fit, theta: Floats) -> tuple[Floats, tuple[str, ...]]:
-    """Return standard errors and how well each parameter is known; directions that the log leaves open are infinite.
+def _certainty(plain: Fit, theta: Floats, covariance: Floats, *, physical: bool) -> tuple[Floats, tuple[str, ...]]:
+    """Return standard errors and how well each parameter is known.
 
-    A prior may be wrong, so as far as it has moved a parameter away from the plain estimate, as far it may err: the
-    mean square error of a shrunken estimate is its variance and its bias squared.
+    Directions that the log leaves open are infinite for the plain estimate; for the physical set they are as wide as
+    the prior, and not determined all the same.
     """
-    std_error = np.sqrt(np.maximum(np.diag(plain.covariance), 0.0) + (theta - plain.theta) ** 2)
+    std_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     open_ = np.abs(plain.solution.weak).max(axis=1, initial=0.0) > 1e-9
-    std_error[open_] = np.inf
+    if not physical:
+        std_error[open_] = np.inf
     effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, plain.counts.sum()))
     judged = judge(theta, std_error, effect)
     words = (NOT_DETERMINED if o else word for word, o in zip(judged, open_, strict=True))
@@ -248,23 +269,19 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
 
 
-def _in_force(base: BaseModel, method: str, held: dict[str, tuple[Floats, float]]) -> tuple[str, str]:
+def _in_force(stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[str, str]:
     """Decide which parameters are in force, and say why.
 
-    A table of link inertias is knowledge, and a log of one motion must not overrule it. Cylinders are only a shape:
-    they rescue a poor log, but a good one knows better; rows that were not fitted decide.
+    The plain estimate describes the motion that it was fitted to best, and other motions badly; only where no possible
+    arm comes near the data is something missing that it holds better.
     """
     if method != "auto":
         return "plain", "the estimator was chosen by hand"
-    if base.robot.prior is not None and base.robot.prior.links:
-        return "physical", "the robot file has a table of link inertias as prior"
-    if not held:
-        return "physical", "nothing was held out to compare with"
-    plain, physical = held["plain"][1], held["physical"][1]
-    figures = f"held-out error {physical:.2f} % against {plain:.2f} %"
-    if physical <= NEARLY_AS_GOOD * plain:
-        return "physical", f"it predicts the held-out rows at least nearly as well as the plain estimate ({figures})"
-    return "plain", f"the physical set predicts the held-out rows worse ({figures})"
+    misfit, best = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
+    figures = f"torque error {misfit:.2f} % against {best:.2f} % of the plain estimate"
+    if misfit <= CONTRADICTION * best or misfit - best < 1e-6:
+        return "physical", f"a possible arm explains the torques ({figures})"
+    return "plain", f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
 
 
 def controller_of(base: BaseModel) -> Controller | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
 from dynid.estimation.closed_loop import simulated
-from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.covariance import hac_covariance, hac_covariances
 from dynid.estimation.instrumental import instrumental
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, weighted
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
@@ -94,8 +94,8 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None) -> 
         robust = look_for_spikes(rows, found.theta).found
         if robust:
             found = huber(rows, found)
-        covariance = hac_covariance(rows, found.theta, found.noise, robust=robust)
-        fit = replace(fit, theta=found.theta, noise=found.noise, covariance=covariance)
+        covariance, uncorrected = hac_covariances(rows, found.theta, found.noise, robust=robust)
+        fit = replace(fit, theta=found.theta, noise=found.noise, covariance=covariance, uncorrected=uncorrected)
         if _settled(fit, before, DIDIM_SETTLED):
             break
     return replace(fit, method="didim")
@@ -142,13 +142,12 @@ def _with_covariance(stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *,
     """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
     fit = replace(fit, factors=factors, counts=counts)
-    if fit.solution.rank < len(fit.theta):
-        covariance = fit.solution.inverse
-    elif stack.earlier is not None:
-        covariance = _with_earlier(stack, stack.earlier, fit)
-    else:
-        covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust)
-    return replace(fit, covariance=covariance)
+    if stack.earlier is not None:
+        return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
+    # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
+    bread = fit.solution.inverse if fit.solution.rank < len(fit.theta) else None
+    covariance, uncorrected = hac_covariances(rows, fit.theta, fit.noise, robust=robust, bread=bread)
+    return replace(fit, covariance=covariance if bread is None else bread, uncorrected=uncorrected)
 
 
 def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:

@@ -162,8 +162,9 @@ def physics_findings(
             if open_ > MANY_OPEN
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
+        level = "info" if in_force == "physical" or open_ > MANY_OPEN else "warning"
         text = f"the plain fit has no positive mass matrix in {100 * alarm.share:.0f} % of random poses: {cause}"
-        found.append(Finding("W405", "info" if open_ > MANY_OPEN else "warning", text, {"share": alarm.share}))
+        found.append(Finding("W405", level, text, {"share": alarm.share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
     if growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:

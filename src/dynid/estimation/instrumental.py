@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
-from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.observation_rows import ObservationRows, robust_noise, root_mean_square
 from dynid.estimation.robust import huber_weight
@@ -59,8 +59,8 @@ def instrumental(
         if weigh == robust and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
         weigh = robust
-    covariance = hac_covariance(rows, theta, noise, lags, robust=robust)
-    return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance)
+    covariance, uncorrected = hac_covariances(rows, theta, noise, lags, robust=robust)
+    return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected)
 
 
 def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:

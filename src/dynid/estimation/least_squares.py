@@ -24,6 +24,9 @@ Ints = NDArray[np.int64]
 CHUNK = 512
 #: Singular value of the column-normalised matrix, relative to the largest, below which a direction is not excited.
 RANK_TOLERANCE = 1e-8
+#: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
+#: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
+UNSEEN, LARGEST_INFLATION = 2.0, 60.0
 
 
 def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
@@ -127,6 +130,7 @@ class Fit:
         covariance: of theta, (p, p), in products of their units.
         factors: one triangular factor of [W tau] per joint, (n, p + 1, p + 1).
         counts: number of rows of each joint, (n,).
+        uncorrected: covariance without correction for short logs, (p, p); None where there is none.
     """
 
     method: str
@@ -135,6 +139,7 @@ class Fit:
     covariance: Floats
     factors: Floats
     counts: Ints
+    uncorrected: Floats | None = None
 
     @cached_property
     def whitened(self) -> Floats:
@@ -145,6 +150,13 @@ class Fit:
     def solution(self) -> Solution:
         """Rank and condition numbers of the whitened rows."""
         return solve(self.whitened)
+
+    @cached_property
+    def inflation(self) -> float:
+        """How many rows are worth one independent row; 1/2 chi-square of all rows is divided by it."""
+        A, spread = self.whitened[:-1, :-1], self.covariance if self.uncorrected is None else self.uncorrected
+        worth = UNSEEN * float(np.sum((A @ spread) * A)) / max(1, self.solution.rank)
+        return float(np.clip(worth, 1.0, LARGEST_INFLATION))
 
     @cached_property
     def rms(self) -> Floats:
@@ -211,6 +223,25 @@ def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     """Return prior parameters, (p,) in their units, with covariance as a factor like whitened rows, (p + 1, p + 1)."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     return triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
+
+
+def nonnegative(whitened: Floats, theta: Floats, positive: NDArray[np.bool_]) -> Floats:
+    """Return the least-squares parameters of which some cannot be negative, (p,); theta itself where none is.
+
+    Args:
+        whitened: triangular factor of all rows divided by their noise, (p + 1, p + 1).
+        theta: the estimate without that knowledge, (p,).
+        positive: which parameters cannot be negative, (p,).
+    """
+    if not np.any(theta[positive] < 0.0):
+        return theta
+    from scipy.optimize import lsq_linear
+
+    A = whitened[:-1, :-1]
+    length = np.linalg.norm(A, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    bound = np.where(positive, 0.0, -np.inf)
+    return np.asarray(lsq_linear(A / length, A @ theta, (bound, np.inf), method="bvls").x / length)
 
 
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:

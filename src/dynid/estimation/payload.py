@@ -102,7 +102,8 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
             fix="identify the unloaded log again",
         )
     information = of_change(_information(unloaded), _information(loaded), friction(unloaded.base))
-    return fitted_body(K, loaded.plain - unloaded.plain, information, unloaded.covariance + loaded.covariance)
+    covariance = unloaded.plain_covariance + loaded.plain_covariance
+    return fitted_body(K, loaded.plain - unloaded.plain, information, covariance)
 
 
 def _information(found: Identification) -> Floats:
@@ -112,7 +113,7 @@ def _information(found: Identification) -> Floats:
     too small its inverse would trust the log most.
     """
     A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
-    inflation = float(np.sum((A @ found.covariance) * A)) / max(1, found.rank)
+    inflation = float(np.sum((A @ found.plain_covariance) * A)) / max(1, found.rank)
     return np.asarray(A.T @ A) / max(inflation, 1e-300)
 
 

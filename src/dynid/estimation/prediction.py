@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 from dynid.signals.filters import decimate
@@ -53,24 +55,37 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-def predict(log: ConditionedLog, rows: Iterable[ObservationRows], theta: Floats) -> EstimatedMotion:
+def predict(
+    log: ConditionedLog,
+    rows: Iterable[ObservationRows],
+    theta: Floats,
+    error: ModelError | None = None,
+    observer: Observer | None = None,
+) -> EstimatedMotion:
     """Predict the torques of one log.
 
     Args:
         log: the conditioned log.
         rows: its rows, from ``rows_of`` or a stack; walked once.
         theta: base parameters, (p,), each in its unit.
+        error: the model error whose mean is part of the prediction; None without.
+        observer: evaluator of the base columns, which the model error needs.
     """
-    torques = [(part.t, part.tau, part.W @ theta, part.mask) for part in rows]
+
+    def torque(part: ObservationRows) -> Floats:
+        tau = np.asarray(part.W @ theta)
+        return tau if error is None or observer is None else tau + error.torque(part, log, observer)
+
+    torques = [(part.t, part.tau, torque(part), part.mask) for part in rows]
     t, measured, estimated, usable = (np.concatenate(column) for column in zip(*torques, strict=True))
     pieces = [piece for segment in log.segments for piece in _pieces(segment, log.filter)]
     q, qd, qdd, raw_q, raw_qd, raw_qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
 
 
-def predict_logs(stack: Stack, theta: Floats) -> list[EstimatedMotion]:
-    """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit."""
-    return [predict(log, stack.rows_of_log(k), theta) for k, log in enumerate(stack.logs)]
+def predict_logs(stack: Stack, theta: Floats, error: ModelError | None = None) -> list[EstimatedMotion]:
+    """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit, and the model error."""
+    return [predict(log, stack.rows_of_log(k), theta, error, stack.observer) for k, log in enumerate(stack.logs)]
 
 
 def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact, WrongUsage
+from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.posterior import ExpectedError
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.model.base_model import BaseModel
@@ -43,12 +45,13 @@ Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: Attributes that are stored as arrays, and those that are stored as they are.
-ARRAYS = ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts")
+ARRAYS = ("theta", "plain", "covariance", "plain_covariance", "std_error", "prior", "noise", "factors", "counts")
 SCALARS = (
     "method", "why", "knowledge", "joints", "relative_error_percent", "heldout_relative_error_percent", "heldout",
     "rank", "condition_number", "condition_number_scaled", "samples", "in_force", "choice", "heldout_by_set",
 )  # fmt: skip
-FULL_ARRAYS = ("x", "std_error", "data_share")
+FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
+ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
 IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
 
 
@@ -82,8 +85,9 @@ class Identification:
         why: why this one.
         theta: base parameters, those of the set in force, (p,).
         plain: what the estimator itself found, (p,).
-        covariance: of ``plain``, allowing for coloured residuals, (p, p).
-        std_error: standard errors; infinite where the log says nothing, (p,).
+        covariance: of ``theta``: of the posterior, or of the plain estimate where that is in force, (p, p).
+        plain_covariance: of ``plain``, allowing for coloured residuals, (p, p).
+        std_error: standard errors of ``theta``; infinite where nothing is known at all, (p,).
         knowledge: ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
         prior: prior values, NaN where there is none, (p,).
         noise: residual of each joint that the weights were made from, (n,) [N m or N].
@@ -97,6 +101,8 @@ class Identification:
         condition_number_scaled: of W with columns of unit length.
         samples: instants in the stack.
         physical: the physically possible parameters of the whole model nearest to data and prior.
+        model_error: what the model lacks, as random columns; None where there is none, or no evidence for it.
+        expected: how far predicted torques will be off; None in a result of an earlier version.
         in_force: whether ``theta`` is that of the ``"physical"`` set or the ``"plain"`` estimate.
         choice: why.
         factors: one triangular factor of [W tau] per joint, to which other logs can be added, (n, p + 1, p + 1).
@@ -119,6 +125,7 @@ class Identification:
     theta: Floats
     plain: Floats
     covariance: Floats
+    plain_covariance: Floats
     std_error: Floats
     knowledge: tuple[str, ...]
     prior: Floats
@@ -135,6 +142,8 @@ class Identification:
     physical: PhysicalParameters
     in_force: str
     choice: str
+    model_error: ModelError | None = None
+    expected: ExpectedError | None = None
     factors: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     findings: tuple[Finding, ...] = ()
@@ -284,8 +293,35 @@ class Identification:
             )
         return found
 
+    def residual_table(self) -> Table:
+        """Return one row per joint: rms torque [N m or N] of the model error by group in the fitted motion, and in all.
+
+        Position: angle offsets, springs, cables. Friction: friction that depends on position or speed. Load: friction
+        that grows with the torque. Empty where there is no model error.
+        """
+        error = self.model_error
+        if error is None:
+            return Table([])
+        rows = []
+        for name, parts in zip(self.robot.joint_names, error.rms.tolist(), strict=True):
+            rows.append({"joint": name, **dict(zip((*GROUP_NAMES, "all"), parts, strict=True))})
+        return Table(rows)
+
+    def residual_facts(self) -> dict[str, Any] | None:
+        """Return what the model error holds, for JSON; None where there is none."""
+        error = self.model_error
+        if error is None:
+            return None
+        return {
+            "log_evidence": error.evidence if np.isfinite(error.evidence) else None,
+            "size": dict(zip(GROUP_NAMES, error.size.tolist(), strict=True)),
+            "joints": list(self.residual_table()),
+        }
+
     # ---------------------------------------------------------------- model
-    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
+    def inverse_dynamics(
+        self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None, *, residual_model: bool = True
+    ) -> Floats:
         """Return the torques of the whole arm with its friction, (N, n) [N m or N], in DH quantities.
 
         Links that were not identified take part with their prior values.
@@ -295,14 +331,18 @@ class Identification:
             qd: velocities, (N, n) [rad/s or m/s].
             qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
             t: time of the samples since the motion began, (N,) [s]; needed where the robot file lists effects.
+            residual_model: add the mean of the model error, where the result has one.
 
         Raises:
             WrongUsage: the model has effects that depend on the order of the samples, and their time is not given.
         """
         model = self.base.model
         tau = known_torque(model, q, qd, qdd)
-        if model.added:
-            return tau + self.regressor(q, qd, qdd, t) @ self.theta
+        error = self.model_error if residual_model else None
+        if model.added or error is not None:
+            W = self.regressor(q, qd, qdd, t)
+            sign = model.observer(self.reduction.base).coulomb_sign(qd)
+            return tau + W @ self.theta + (0.0 if error is None else error.torque_of(q, qd, sign, W))
         return tau + model.observer(self.reduction.base).torque(self.theta, q, qd, qdd)
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
@@ -347,11 +387,28 @@ class Identification:
         known = ", ".join(f"{self.knowledge.count(word)} {word}" for word in ("well", "roughly", "not determined"))
         lines = [
             error,
+            *self.expectation(),
             f"in force: {IN_FORCE[self.in_force]}; {self.choice}",
             f"parameters known: {known}",
             f"condition number {self.condition_number_scaled:.3g} with normalised columns",
         ]
         return [visible(line) for line in lines]
+
+    def expectation(self) -> list[str]:
+        """Return the torque error to expect and what the model error holds, line by line."""
+        lines = []
+        if self.expected is not None:
+            fitted, exciting = self.expected.fitted_percent, self.expected.exciting_percent
+            lines.append(
+                f"expected torque error {fitted:.2g} % on another recording of the fitted motion, {exciting:.2g} % on "
+                "an exciting motion inside the limits"
+            )
+        if self.model_error is not None:
+            lines.append(
+                "residual model in predictions (position, friction and load of each joint); URDF and the like hold the "
+                "parameters alone"
+            )
+        return lines
 
     def summary(self) -> str:
         """Return a text with fit, verdict, joints, parameters and warnings."""
@@ -378,7 +435,11 @@ class Identification:
         arrays = {key: getattr(self, key) for key in ARRAYS}
         arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
         arrays |= reduction_arrays
+        if self.model_error is not None:
+            arrays |= {f"error_{key}": getattr(self.model_error, key) for key in ERROR_ARRAYS}
         scalars = {key: getattr(self, key) for key in SCALARS} | {"physical": physical}
+        scalars["model_error_evidence"] = None if self.model_error is None else self.model_error.evidence
+        scalars["expected"] = None if self.expected is None else self.expected.facts()
         header = {
             **(facts or {}),
             **self.header,
@@ -435,7 +496,7 @@ def load(path: Path) -> Identification:
     """
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
-    if "reduction" not in h:
+    if "reduction" not in h or "plain_covariance" not in artifact.arrays:
         raise NotAnArtifact(
             f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
         )
@@ -453,6 +514,8 @@ def load(path: Path) -> Identification:
             reduction=reduction_from(h["reduction"], a),
             **{**facts, "knowledge": tuple(facts["knowledge"])},
             physical=PhysicalParameters(**full),
+            model_error=_model_error(stored["model_error_evidence"], a),
+            expected=ExpectedError.of(stored["expected"]),
             cutoff=float(h["cutoff_hz"]),
             delay=float(h.get("delay_applied_s") or 0.0),
             log_sha256=tuple(h["log_sha256"]),
@@ -461,6 +524,12 @@ def load(path: Path) -> Identification:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+
+
+def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
+    if evidence is None:
+        return None
+    return ModelError(**{key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}, evidence=float(evidence))
 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401

@@ -60,7 +60,7 @@ def kept_model(found: Identification) -> KeptModel:
     """Return what an identification found as a model that is kept."""
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
     unexplained = [max(joint.rms, joint.heldout_rms or 0.0) for joint in found.joints]
-    return KeptModel(found.plain, found.covariance, np.array(unexplained))
+    return KeptModel(found.plain, found.plain_covariance, np.array(unexplained))
 
 
 def information_root(covariance: Floats) -> Floats:

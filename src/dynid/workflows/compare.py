@@ -432,7 +432,7 @@ def compare_methods(
             name,
             result,
             seconds,
-            is_possible(base, result.plain, result.covariance) if result.rank == len(result.names) else None,
+            is_possible(base, result.plain, result.plain_covariance) if result.rank == len(result.names) else None,
             tuple(differing(result, found[chosen][0])),
         )
         for name, (result, seconds) in found.items()

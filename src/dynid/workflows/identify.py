@@ -62,8 +62,14 @@ class IdentifyOptions(PriorOptions, LogOptions):
     )
     feasible: bool | None = option(
         None,
-        "Put the physically possible parameters in force, or the plain estimate (default: decided by the prior and by "
-        "the held-out rows).",
+        "Put the physically possible parameters in force, or the plain estimate (default: the physically possible "
+        "ones, unless the torques contradict every possible arm).",
+        pair=True,
+    )
+    residual_model: bool | None = option(
+        None,
+        "Describe what rigid body and friction lack by random columns, which predictions then use (default: where the "
+        "evidence wants it).",
         pair=True,
     )
     holdout: float | Path | Log | None = option(
@@ -116,6 +122,7 @@ def identify(
         # Why: where the bodies are known, what the log leaves open has an answer.
         drop_weak=options.drop_weak or options.feasible is True or options.given,
         feasible=options.feasible,
+        residual_model=options.residual_model,
     )
     progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
     progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
@@ -145,7 +152,7 @@ def torque_figure(result: Identification, joints: tuple[str, ...], residual_only
 
     stack = result.stack
     assert stack is not None, "only new results have a drawing"
-    motions = prediction.predict_logs(stack, result.theta)
+    motions = prediction.predict_logs(stack, result.theta, result.model_error)
     title = f"{result.robot.name}, fitted logs"
     return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
 
@@ -213,7 +220,7 @@ def save_result(folder: Path, result: Identification, facts: dict[str, Any] | No
     stack = result.stack
     assert stack is not None, "a result that was read from a file is written by its own method save"
     header = {**(facts or {}), **result.header}
-    motions = prediction.predict_logs(stack, result.theta)
+    motions = prediction.predict_logs(stack, result.theta, result.model_error)
     motion = folder / "estimatedmotion.npz"
     prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
@@ -247,6 +254,8 @@ def answer_of(found: Identification) -> dict[str, Any]:
         "physically_consistent": found.in_force == "physical",
         "in_force": found.in_force,
         "heldout_relative_error_percent_by_set": found.heldout_by_set,
+        "expected_torque_error": None if found.expected is None else found.expected.facts(),
+        "residual_model": found.residual_facts(),
         "links": found.links(),
         "findings": [asdict(f) for f in found.findings],
     }
@@ -295,12 +304,16 @@ def sensitivity(
     for name, cutoff, delay in _variants(result):
         try:
             stack = stack_logs(checked, base, replace(options, cutoff=cutoff, delay=delay))[0]
-            other = estimate(stack, base, method=result.method, holdout=last_share(stack, 0.2), drop_weak=True)
+            feasible, error = result.in_force == "physical", result.model_error is not None
+            other = estimate(
+                stack, base, method=result.method, holdout=last_share(stack, 0.2), drop_weak=True, feasible=feasible,
+                residual_model=error,
+            )  # fmt: skip
         except DynidError as error:
             progress.stage("explain", f"{name}: {error}")
             continue
         change = np.zeros(len(result.names))
-        change[sure] = (other.plain - result.plain)[sure] / result.std_error[sure]
+        change[sure] = (other.theta - result.theta)[sure] / result.std_error[sure]
         worst = int(np.argmax(np.abs(change)))
         rows.append(
             {
@@ -311,8 +324,8 @@ def sensitivity(
                 "heldout_relative_error_percent": other.heldout_relative_error_percent,
                 "beyond_two_std_errors": int(np.sum(np.abs(change) > BEYOND)),
                 "most_changed": result.names[worst],
-                "before": float(result.plain[worst]),
-                "after": float(other.plain[worst]),
+                "before": float(result.theta[worst]),
+                "after": float(other.theta[worst]),
                 "std_errors": float(change[worst]),
             }
         )

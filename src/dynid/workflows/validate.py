@@ -20,11 +20,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
+    from dynid.estimation.model_error import ModelError
     from dynid.estimation.observation_rows import ObservationRows
     from dynid.estimation.prediction import EstimatedMotion, JointCheck
     from dynid.estimation.result import Identification
     from dynid.model.base_model import BaseModel
+    from dynid.model.regressor import Observer
     from dynid.robot import Robot
+    from dynid.signals.conditioned_log import ConditionedLog
+
+
+#: A torque error within this factor of the expected one is as expected.
+CAME_TRUE = 1.5
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,9 @@ class ValidateOptions(LogOptions):
     """How a log is replayed. Filter and delay are those of the result where nothing else is asked for."""
 
     allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
+    residual_model: bool | None = option(
+        None, "Predict with the result's residual model, or by its parameters alone (default: with it).", pair=True
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,6 +57,7 @@ class Validation:
         baseline: what the simpler model is that the errors are compared with.
         motion: predicted and measured motion and torques.
         cutoff: cut-off of the filter over torques and columns [Hz].
+        expected_percent: the relative error that the result's posterior expects on this motion [%]; None without one.
     """
 
     robot: Robot
@@ -57,6 +68,16 @@ class Validation:
     baseline: str
     motion: EstimatedMotion
     cutoff: float
+    expected_percent: float | None = None
+
+    def expectation(self) -> str:
+        """Return whether the error that was expected of this motion came true; "" where none was."""
+        if not self.expected_percent:
+            return ""
+        ratio = self.relative_error_percent / self.expected_percent
+        word = "as expected" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse" if ratio > 1 else "better"
+        than = "" if word == "as expected" else " than expected"
+        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion"
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
@@ -72,7 +93,8 @@ class Validation:
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
         total = f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
-        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", (total,))
+        said = (total, *([self.expectation()] if self.expected_percent else []))
+        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", said)
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a pandas DataFrame."""
@@ -112,6 +134,7 @@ class Validation:
             "schema": "dynid/validate/1",
             "robot": self.robot.name,
             "relative_error_percent": self.relative_error_percent,
+            "expected_relative_error_percent": self.expected_percent,
             "joints": [
                 {
                     "joint": j.joint,
@@ -215,12 +238,17 @@ def validate(
     checked = checked_log(log, base.robot, options, identify=False)
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
-    rows = list(rows_of(replayed, base.model.observer(base.reduction.base)))
-    motion = prediction.predict(replayed, rows, theta)
+    observer = base.model.observer(base.reduction.base)
+    rows = list(rows_of(replayed, observer))
+    error = None if options.residual_model is False else result.model_error
+    motion = prediction.predict(replayed, rows, theta, error, observer)
+    expected = expected_on(result, error, replayed, rows, observer)
     baseline, what = baseline_torque(base, result, rows, motion)
     joints, total = prediction.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or log.name)
-    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff)
+    return Validation(
+        base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff, expected
+    )
 
 
 def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
@@ -248,6 +276,29 @@ def refuse_training_log(result: Identification, sha256: str, where: str, options
     """
     if sha256 and sha256 in result.log_sha256 and not options.allow_training_data:
         raise SameRecording(f"{where} was used to identify {result.path}", where=where)
+
+
+def expected_on(
+    result: Identification,
+    error: ModelError | None,
+    log: ConditionedLog,
+    rows: list[ObservationRows],
+    observer: Observer,
+) -> float | None:
+    """Return the relative error that the posterior expects on rows of a log [%]; None where it expects nothing."""
+    import numpy as np
+
+    if result.expected is None or not np.isfinite(result.std_error).all():
+        return None
+    variance, torque = 0.0, 0.0
+    for part in rows:
+        if error is None:
+            spread = np.einsum("mjp,pq,mjq->mj", part.W, result.covariance, part.W, optimize=True)
+        else:
+            spread = error.variance(part.W, error.columns(part, log, observer), result.covariance)
+        variance += float(np.sum((spread + result.expected.noise**2)[part.mask]))
+        torque += float(np.sum(part.tau[part.mask] ** 2))
+    return float(100.0 * np.sqrt(variance / torque)) if torque else None
 
 
 def baseline_torque(

@@ -67,5 +67,5 @@ def test_an_arm_without_a_load_has_a_load_of_no_mass(base, unloaded):
 def test_an_uncertain_unloaded_result_makes_the_load_uncertain(base, unloaded):
     loaded = identified(base, recorded(21, LOAD)[1])
     sure = find_payload(loaded, unloaded)
-    vague = replace(unloaded, covariance=100 * unloaded.covariance)
+    vague = replace(unloaded, plain_covariance=100 * unloaded.plain_covariance)
     assert find_payload(loaded, vague).std_error[0] > 3 * sure.std_error[0]

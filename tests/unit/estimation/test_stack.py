@@ -10,7 +10,7 @@ from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
 from dynid.estimation.observation_rows import joint_factors, rows_of
-from dynid.estimation.physical_parameters import physical_parameters
+from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.result import load
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
@@ -265,9 +265,9 @@ def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
     found = stacked(base, simulated(base))
     prior = prior_base_parameters(base.model, base.reduction)
-    fit = physical_parameters(base, wls(found, prior))
-    unmoved = replace(fit, x=np.linalg.lstsq(base.reduction.K, np.nan_to_num(prior), rcond=None)[0])
-    monkeypatch.setattr("dynid.estimation.estimate.physical_parameters", lambda *given: unmoved)
+    post = physical_posterior(base, wls(found, prior), found, residual_model=False)
+    unmoved = replace(post, theta=np.nan_to_num(prior))
+    monkeypatch.setattr("dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved)
     with pytest.raises(NothingChanged, match="nothing changed: the physical set equals the prior in"):
         estimate(found, base, method="wls", holdout=None, feasible=True)
     assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"

@@ -37,14 +37,25 @@ def evidence(tmp_path_factory):
         x[k] = prior_parameters(robot)[10 * link + row] if row < 10 else 0.05
     theta = reduction.K @ x
     physical = PhysicalParameters(
-        reduction.names, x, np.full(c, 0.1), np.linspace(0, 1, c), (), cost=1.0, objective=2.0, gap=1e-6, steps=9
+        reduction.names,
+        x,
+        np.full(c, 0.1),
+        np.linspace(0, 1, c),
+        (),
+        cost=1.0,
+        objective=2.0,
+        gap=1e-6,
+        steps=9,
+        covariance=np.eye(c),
+        hessian=np.eye(c),
     )
     error = np.where(np.arange(p) == 0, np.inf, 0.01)
     rng = np.random.default_rng(0)
     seen, unseen = (motion(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
     found = Identification(
         robot=robot, reduction=reduction, method="wls", why="because", theta=theta, plain=theta,
-        covariance=0.0001 * np.eye(p), std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
+        covariance=0.0001 * np.eye(p), plain_covariance=0.0001 * np.eye(p),
+        std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
         prior=np.full(p, np.nan), noise=np.full(robot.n, 0.01),
         joints=tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
         relative_error_percent=1.4, heldout_relative_error_percent=None, heldout="nothing held out", rank=p,

@@ -1,0 +1,438 @@
+"""What a rigid body with its friction cannot say, as random effects: columns per joint whose sizes the data choose.
+
+    tau_j = W_j theta + Z_j b_j + e_j,     b_jk ~ N(0, lambda_g sigma_j^2)
+
+The columns D of a joint are sines of its position (angle offsets, springs, cable forces), its Coulomb sign times sines
+of the position and times shapes of the speed (friction that depends on both), and its Coulomb sign times the torque
+that the parameters ask for (friction of the load). All are bounded, so that they say little where nothing was seen.
+Z = D - W B, where B is the regression of D on W over the workspace: theta stays what describes the arm best on any
+motion, and b what is left on the motion that was recorded. The sizes lambda of the three groups maximise the evidence;
+without any evidence for them there is no model error.
+
+b is eliminated by one QR per joint, so that a fit of theta costs what it costs without it. Reads rows and conditioned
+logs; docs/explanation/estimators.md says what was tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.least_squares import accumulate, triangle
+from dynid.estimation.observation_rows import ObservationRows
+from dynid.estimation.stack import Stack
+from dynid.model.base_model import BaseModel
+from dynid.model.regressor import Observer
+from dynid.robot import Robot
+from dynid.signals.conditioned_log import ConditionedLog
+from dynid.signals.filters import decimate
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Highest harmonics of the position, alone and times the Coulomb sign.
+POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
+#: Speeds, as shares of the rms speed of the fitted motion, at which shapes of the friction have fallen to 1/e.
+SPEEDS = (0.1, 0.4, 1.6)
+#: Group of each column: 0 position, 1 friction, 2 load.
+GROUPS = np.repeat([0, 1, 2], [2 * POSITION_HARMONICS, 2 * FRICTION_HARMONICS + len(SPEEDS), 1])
+#: Names of the groups, for people.
+GROUP_NAMES = ("position", "friction", "load")
+#: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
+#: otherwise let the columns explain everything that it has.
+LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
+#: Size that counts as nothing, and where the search for sizes begins.
+NOTHING, FIRST = 1e-7, 5e-3
+#: Rows that are folded into the factors together.
+FOLDED = 400
+#: Evaluations of the evidence.
+EVALUATIONS = 80
+#: Gain of the log evidence from which on there is model error: three sizes were chosen.
+WANTED = 6.0
+#: Random states inside the limits over which the columns are made orthogonal to the parameters.
+STATES = 1500
+#: Reach of a joint without position limits: turning [rad], sliding [m].
+FREE_REACH = {True: np.pi, False: 0.3}
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Random columns of each joint with their posterior; n joints, k columns, p parameters.
+
+    Attributes:
+        speed: rms speed of each joint in the fitted motion, (n,) [rad/s or m/s].
+        reference: base parameters whose torque the column of the load scales with, (p,).
+        scale: rms of each column in the fitted rows, (n, k).
+        projection: B, the part of each column of unit rms that parameters describe over the workspace, (n, p, k).
+        mean: posterior mean of b, (n, k) [N m or N].
+        root: M_j with M_j M_j^T the covariance of b_j for known parameters, (n, k, k) [N m or N].
+        slope: change of the mean of b_j by the parameters, (n, k, p).
+        size: lambda of each group.
+        rms: rms torque of each group, and of all together, on the fitted rows, (n, 4) [N m or N].
+        evidence: gain of the log evidence by the model error.
+    """
+
+    speed: Floats
+    reference: Floats
+    scale: Floats
+    projection: Floats
+    mean: Floats
+    root: Floats
+    slope: Floats
+    size: Floats
+    rms: Floats
+    evidence: float
+
+    def columns(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
+        """Return Z for rows of a log, (M, n, k), filtered like them.
+
+        Args:
+            rows: rows of one interval of time.
+            log: the log that they belong to.
+            observer: evaluator of the base columns.
+        """
+        shapes = _filtered_shapes(rows, log, observer, self.speed)
+        return orthogonal(shapes, rows.W, self.reference, self.scale, self.projection)
+
+    def torque(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
+        """Return the mean torque of the model error in rows of a log, (M, n) [N m or N]."""
+        return np.asarray(np.einsum("mjk,jk->mj", self.columns(rows, log, observer), self.mean))
+
+    def torque_of(self, q: Floats, qd: Floats, sign: Floats, W: Floats) -> Floats:
+        """Return the mean torque of the model error in a motion without any filter, (N, n) [N m or N].
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            sign: Coulomb signs of the velocities, (N, n).
+            W: base regressor, (N, n, p).
+        """
+        Z = orthogonal(shapes_of(q, qd, sign, self.speed), W, self.reference, self.scale, self.projection)
+        return np.asarray(np.einsum("mjk,jk->mj", Z, self.mean))
+
+    def variance(self, W: Floats, Z: Floats, covariance: Floats) -> Floats:
+        """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
+
+        Args:
+            W: base regressor, (M, n, p).
+            Z: columns of the model error, (M, n, k).
+            covariance: of the parameters, (p, p).
+        """
+        found = np.empty(W.shape[:2])
+        root = covariance_root(covariance)
+        for j in range(W.shape[1]):
+            by_theta = (W[:, j] + Z[:, j] @ self.slope[j]) @ root
+            found[:, j] = np.sum(by_theta**2, axis=1) + np.sum((Z[:, j] @ self.root[j]) ** 2, axis=1)
+        return found
+
+
+def covariance_root(covariance: Floats) -> Floats:
+    """Return L with L L^T = covariance, (p, p); eigenvalues below rounding count as zero."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
+    value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
+
+
+# ---------------------------------------------------------------- columns
+def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
+    """Return the columns of each joint, (N, n, k); the last one, of the load, lacks its torque.
+
+    Args:
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        sign: Coulomb signs of the velocities, (N, n).
+        speed: rms speed of each joint in the fitted motion, (n,) [rad/s or m/s].
+    """
+    share = np.abs(qd) / speed
+    waves = [f(k * q) for k in range(1, POSITION_HARMONICS + 1) for f in (np.sin, np.cos)]
+    friction = [sign * wave for wave in waves[: 2 * FRICTION_HARMONICS]]
+    friction += [sign * np.exp(-share / least) for least in SPEEDS]
+    return np.stack([*waves, *friction, sign], axis=2)
+
+
+def _filtered_shapes(rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
+    """Return the columns under the filter of the rows, (M, n, k)."""
+    kernel, step = log.filter.second_kernel, log.filter.second_step
+    taps, count = kernel.shape[1], len(rows.t)
+    middle = (taps - 1) // 2
+    for segment in log.segments:
+        if segment.t[0] <= rows.t[0] <= segment.t[-1]:
+            break
+    first = int(np.argmin(np.abs(segment.t - rows.t[0]))) - middle
+    part = slice(first, first + (count - 1) * step + taps)
+    q, qd = segment.q[part], segment.qd[part]
+    sign = segment.coulomb_sign[part] if segment.coulomb_sign.size else observer.coulomb_sign(qd)
+    shapes = shapes_of(q, qd, sign, speed)
+    flat = np.ascontiguousarray(shapes.reshape(len(q), -1).T)
+    return np.asarray(decimate(flat, kernel, step)[0].T.reshape(count, *shapes.shape[1:]))
+
+
+def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, projection: Floats) -> Floats:
+    """Return Z = D / scale - W B, (M, n, k), for columns that still lack the torque of the load.
+
+    Args:
+        shapes: columns, (M, n, k).
+        W: base regressor, (M, n, p).
+        reference: base parameters that give the torque of the load, (p,).
+        scale: rms of each column, (n, k).
+        projection: B, (n, p, k).
+    """
+    D = shapes.copy()
+    D[:, :, -1] *= np.abs(W @ reference)
+    return np.asarray(D / scale - np.einsum("mjp,jpk->mjk", W, projection, optimize=True))
+
+
+def random_states(robot: Robot, speed: Floats, count: int = STATES, seed: int = 0) -> tuple[Floats, Floats, Floats]:
+    """Return positions inside the limits with velocities and accelerations of the order of a motion, (count, n) each.
+
+    Args:
+        robot: the arm.
+        speed: rms speed of each joint, (n,) [rad/s or m/s].
+        count: number of states.
+        seed: of the random draws.
+    """
+    rng = np.random.default_rng(seed)
+    reach = [FREE_REACH[joint.revolute] for joint in robot.joints]
+    limits = [j.limits.position or (-r, r) for j, r in zip(robot.joints, reach, strict=True)]
+    low, high = np.array(limits, dtype=float).T
+    q = rng.uniform(low, high, (count, robot.n))
+    qd = rng.uniform(-2.0, 2.0, q.shape) * speed
+    return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed
+
+
+# ---------------------------------------------------------------- fit
+@dataclass(frozen=True)
+class Whitened:
+    """Rows [Z W tau] of each joint as triangular factors, divided by noise and by what coloured residuals are worth.
+
+    Attributes:
+        factors: per joint, (n, k + p + 1, k + p + 1).
+        noise: sigma of each joint, (n,) [N m or N].
+        inflation: how many rows are worth one independent row.
+        speed: rms speed of each joint, (n,) [rad/s or m/s].
+        reference: base parameters, (p,).
+        scale: rms of each column, (n, k).
+        projection: B, (n, p, k).
+    """
+
+    factors: Floats
+    noise: Floats
+    inflation: float
+    speed: Floats
+    reference: Floats
+    scale: Floats
+    projection: Floats
+
+    def squares(self, theta: Floats, error: ModelError) -> Floats:
+        """Return the sum of squared residuals of each joint with the model error, (n,) [N^2 m^2 or N^2]."""
+        left = [F @ np.concatenate([mean, theta, [-1.0]]) for F, mean in zip(self.factors, error.mean, strict=True)]
+        return np.array([float(e @ e) for e in left]) * self.noise**2 * self.inflation
+
+    @property
+    def k(self) -> int:
+        """Number of columns per joint."""
+        return int(self.scale.shape[1])
+
+    def gram(self) -> Floats:
+        """Return [Z W tau]^T [Z W tau] of each joint."""
+        return np.asarray(self.factors.swapaxes(1, 2) @ self.factors)
+
+    def eliminated(self, size: Floats) -> tuple[Floats, Floats]:
+        """Return what the rows say about theta, and about b for given theta.
+
+        Args:
+            size: lambda of each group.
+
+        Returns:
+            Triangular factor of [W tau] without b, (p + 1, p + 1), and the rows of b per joint, (n, k, k + p + 1).
+        """
+        k, rest, heads = self.k, [], []
+        for F, noise in zip(self.factors, self.noise, strict=True):
+            prior = np.zeros((k, F.shape[1]))
+            prior[:, :k] = np.diag(1.0 / (np.sqrt(size[GROUPS]) * noise))
+            R = triangle(np.vstack([F, prior]))
+            heads.append(R[:k])
+            rest.append(R[k:, k:])
+        return triangle(np.vstack(rest)), np.array(heads)
+
+
+def whitened_rows(stack: Stack, base: BaseModel, reference: Floats, noise: Floats, inflation: float) -> Whitened:
+    """Fold the rows of a stack with the columns of the model error into triangular factors; walks over the rows once.
+
+    Args:
+        stack: the stacked logs.
+        base: model and base parameters.
+        reference: base parameters that give the torque of the load, (p,).
+        noise: sigma of each joint, (n,) [N m or N].
+        inflation: how many rows are worth one independent row.
+    """
+    speed = _rms_speed(stack.logs, len(stack.joints))
+    factors = _folded(stack, speed, reference)
+    counts = np.maximum(stack.whole[1], 1)
+    scale = np.maximum(np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None], 1e-9)
+    projection = _projection(base, speed, reference, scale)
+    weight = 1.0 / (noise * np.sqrt(inflation))
+    factors = _changed(factors, scale, projection) * weight[:, None, None]
+    return Whitened(factors, noise, inflation, speed, reference, scale, projection)
+
+
+def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
+    """Return the sum of squared residuals of each joint on any rows, (n,) [N^2 m^2 or N^2].
+
+    Args:
+        stack: the rows.
+        theta: base parameters, (p,).
+        error: the model error whose mean is part of the prediction; None without.
+    """
+    if error is None:
+        return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
+    factors = _changed(_folded(stack, error.speed, error.reference), error.scale, error.projection)
+    left = [F @ np.concatenate([mean, theta, [-1.0]]) for F, mean in zip(factors, error.mean, strict=True)]
+    return np.array([float(e @ e) for e in left])
+
+
+def _folded(stack: Stack, speed: Floats, reference: Floats) -> Floats:
+    """Return triangular factors of [D W tau] per joint, (n, k + p + 1, k + p + 1)."""
+    n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
+    factors = np.zeros((n, k + p + 1, k + p + 1))
+    observer = stack.observer
+    active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
+    for D, W, tau, mask in _pieces(stack, speed, reference):
+        for j, F in enumerate(factors):
+            good, columns = mask[:, j], np.concatenate([np.arange(k), k + active[j], [k + p]])
+            every = np.column_stack([D[good, j], W[good, j][:, active[j]]])
+            F[np.ix_(columns, columns)] = accumulate(F[np.ix_(columns, columns)], every, tau[good, j])
+    return factors
+
+
+def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
+    """Return factors of [Z W tau] from those of [D W tau]: Z is linear in D and W, so no row is looked at again."""
+    found, k = np.empty_like(factors), scale.shape[1]
+    for j, F in enumerate(factors):
+        change = np.eye(F.shape[1])
+        change[:k, :k] = np.diag(1.0 / scale[j])
+        change[k:-1, :k] = -projection[j]
+        found[j] = triangle(F @ change)
+    return found
+
+
+def _pieces(stack: Stack, speed: Floats, reference: Floats) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
+    """Yield D (M, n, k), W (M, n, p), tau and mask (M, n) of enough rows to be folded at once."""
+    held: list[tuple[Floats, Floats, Floats, Mask]] = []
+    for number, log in enumerate(stack.logs):
+        for rows in stack.rows_of_log(number):
+            D = _filtered_shapes(rows, log, stack.observer, speed)
+            D[:, :, -1] *= np.abs(rows.W @ reference)
+            held.append((D, rows.W, rows.tau, rows.mask))
+            if sum(len(each[2]) for each in held) >= FOLDED:
+                yield _together(held)
+                held = []
+    if held:
+        yield _together(held)
+
+
+def _together(held: list[tuple[Floats, Floats, Floats, Mask]]) -> tuple[Floats, Floats, Floats, Mask]:
+    D, W, tau, mask = zip(*held, strict=True)
+    return np.concatenate(D), np.concatenate(W), np.concatenate(tau), np.concatenate(mask)
+
+
+def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
+    """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
+    squares, count = np.zeros(n), 0
+    for log in logs:
+        for segment in log.segments:
+            squares += np.sum(segment.qd**2, axis=0)
+            count += len(segment)
+    return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
+
+
+def _projection(base: BaseModel, speed: Floats, reference: Floats, scale: Floats) -> Floats:
+    """Regress the columns on the parameters over random states inside the limits, (n, p, k)."""
+    q, qd, qdd = random_states(base.robot, speed)
+    observer = base.model.observer(base.reduction.base)
+    W = observer.dense(q, qd, qdd)
+    D = shapes_of(q, qd, observer.coulomb_sign(qd), speed)
+    D[:, :, -1] *= np.abs(W @ reference)
+    found = np.zeros((W.shape[1], W.shape[2], D.shape[2]))
+    for j in range(W.shape[1]):
+        seen = np.any(W[:, j] != 0.0, axis=0)
+        found[j, seen] = np.linalg.lstsq(W[:, j, seen], D[:, j] / scale[j], rcond=1e-8)[0]
+    return found
+
+
+def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> tuple[Floats, float]:
+    """Return the sizes of the groups that make the data most likely, and by how much the log evidence gains.
+
+    Args:
+        rows: rows of all joints.
+        K: base parameters as combinations of all parameters, (p, c).
+        x: all parameters, where the prior is approximated, (c,).
+        prior: Hessian of the prior there, (c, c).
+    """
+    from scipy.optimize import minimize
+
+    gram, k = rows.gram(), rows.k
+    spans = np.log(NOTHING), np.log(LARGEST)
+
+    def evidence(size: Floats) -> float:
+        return _log_evidence(gram, k, rows.noise, size, K, x, prior)
+
+    def negative(logs: Floats) -> float:
+        return -evidence(np.exp(np.clip(logs, *spans)))
+
+    none = evidence(np.full(len(LARGEST), NOTHING))
+    options = {"maxfev": EVALUATIONS, "xatol": 0.1, "fatol": 0.2}
+    found = minimize(negative, np.full(len(LARGEST), np.log(FIRST)), method="Nelder-Mead", options=options)
+    return np.exp(np.clip(found.x, *spans)), float(-found.fun - none)
+
+
+def _log_evidence(gram: Floats, k: int, noise: Floats, size: Floats, K: Floats, x: Floats, prior: Floats) -> float:
+    """Return the log evidence of sizes, up to a constant: b and theta are integrated out."""
+    total, log = 0.0, 0.0
+    information: Floats | float = 0.0
+    for G, sigma in zip(gram, noise, strict=True):
+        sd = np.sqrt(size[GROUPS]) * sigma
+        A = sd[:, None] * G[:k, :k] * sd + np.eye(k)
+        L = np.linalg.cholesky(A)
+        log -= float(np.sum(np.log(np.diagonal(L))))
+        part = np.linalg.solve(L, sd[:, None] * G[:k, k:])
+        information = information + G[k:, k:] - part.T @ part
+    S = np.asarray(information)
+    Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
+    theta = K @ x
+    gradient = K.T @ (St - Sw @ theta)
+    rest = total - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
+    H = K.T @ Sw @ K + prior
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    # Why eigenvalues: noise-free rows make H singular in double precision.
+    value, vector = np.linalg.eigh(scale[:, None] * H * scale)
+    value = np.maximum(value, 1e-14)
+    explained = float(np.sum((vector.T @ (scale * gradient)) ** 2 / value))
+    half = 0.5 * float(np.sum(np.log(value)) - 2.0 * np.sum(np.log(scale)))
+    return -0.5 * (rest - explained) + log - half
+
+
+def model_error(
+    rows: Whitened, size: Floats, evidence: float, heads: Floats, theta: Floats, counts: NDArray[np.int64]
+) -> ModelError:
+    """Return the model error that belongs to parameters.
+
+    Args:
+        rows: rows of all joints.
+        size: lambda of each group.
+        evidence: gain of the log evidence.
+        heads: rows of b, (n, k, k + p + 1), from ``Whitened.eliminated``.
+        theta: base parameters, (p,).
+        counts: number of rows of each joint, (n,).
+    """
+    k = rows.k
+    root = np.array([np.linalg.inv(head[:, :k]) for head in heads])
+    slope = -root @ heads[:, :, k:-1]
+    mean = (root @ heads[:, :, -1:])[:, :, 0] + slope @ theta
+    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(LARGEST))), mean], axis=2)
+    torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
+    rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
+    return ModelError(rows.speed, rows.reference, rows.scale, rows.projection, mean, root, slope, size, rms, evidence)

@@ -1,0 +1,189 @@
+"""One distribution of the parameters: the set in force, its covariance, and how far its torques will be off.
+
+From an estimate and the prior: the physically possible set, as heavy as the data say; then the model error, where the
+evidence wants it, and the set again with it. Source: Lee, Wensing, Park 2020 for the prior; Laplace's approximation
+for the covariance; docs/explanation/estimators.md for what was tried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.least_squares import Fit
+from dynid.estimation.model_error import (
+    WANTED,
+    ModelError,
+    Whitened,
+    best_size,
+    covariance_root,
+    model_error,
+    orthogonal,
+    random_states,
+    shapes_of,
+    squares,
+    whitened_rows,
+)
+from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_sized
+from dynid.estimation.stack import Stack
+from dynid.model.base_model import BaseModel
+
+Floats = NDArray[np.float64]
+
+#: Rms speed of an exciting motion, as a share of the velocity limits, and its mean frequency [Hz].
+EXCITING_SPEED, EXCITING_FREQUENCY = 0.2, 0.3
+#: Rms speed of a joint without a velocity limit: turning [rad/s], sliding [m/s].
+FREE_SPEED = {True: 0.5, False: 0.1}
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """The physically possible set with everything that is known about it.
+
+    Attributes:
+        physical: the set, all parameters of the model.
+        theta: its base parameters, (p,).
+        covariance: theirs, (p, p).
+        alone: base parameters of the set that fits best without any model error, (p,).
+        error: the model error, None where the evidence wants none or it was not asked for.
+        rows: rows with the columns of the model error; None where it was not looked for.
+    """
+
+    physical: PhysicalParameters
+    theta: Floats
+    covariance: Floats
+    alone: Floats
+    error: ModelError | None
+    rows: Whitened | None
+
+    def squares(self, stack: Stack) -> Floats:
+        """Return the sum of squared residuals of each joint on the fitted rows, (n,) [N^2 m^2 or N^2]."""
+        if self.error is None or self.rows is None:
+            return squares(stack, self.theta, None)
+        return self.rows.squares(self.theta, self.error)
+
+
+def physical_posterior(
+    base: BaseModel, estimate: Fit, stack: Stack, *, residual_model: bool | None, size: Floats | None = None
+) -> Posterior:
+    """Find the physically possible parameters that data and prior agree on best, and the model error beside them.
+
+    Args:
+        base: model and base parameters.
+        estimate: base parameters from the data.
+        stack: the rows that it was made from.
+        residual_model: look for model error or not; None where the evidence wants it.
+        size: sizes of the groups of columns where they are known already.
+
+    Raises:
+        NotPhysical: the prior of the robot file is itself not physical.
+    """
+    K = base.reduction.K
+    A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
+    R = A @ K
+    fit, constraints = fit_sized(R, A @ estimate.theta, constraints_of(base))
+    alone = K @ fit.x
+    found = _posterior(K, fit, alone, estimate)
+    if residual_model is False or stack.earlier is not None or not stack.logs:
+        return found
+    rows = whitened_rows(stack, base, alone, estimate.noise, estimate.inflation)
+    gain = np.inf
+    if size is None:
+        size, gain = best_size(rows, K, fit.x, fit.hessian - R.T @ R)
+    if residual_model is None and gain < WANTED:
+        return found
+    left, heads = rows.eliminated(size)
+    fit, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints)
+    found = _posterior(K, fit, alone, estimate)
+    error = model_error(rows, size, gain, heads, found.theta, stack.whole[1])
+    return replace(found, error=error, rows=rows)
+
+
+def _posterior(K: Floats, fit: PhysicalParameters, alone: Floats, estimate: Fit) -> Posterior:
+    fit = replace(fit, inflation=estimate.inflation)
+    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, None)
+
+
+# ---------------------------------------------------------------- what a set is worth
+@dataclass(frozen=True)
+class ExpectedError:
+    """How far predicted torques will be off.
+
+    Attributes:
+        fitted_percent: expected relative error on another recording of the fitted motion [%].
+        exciting_percent: the same on an exciting motion inside the arm's limits [%].
+        noise: expected rms of what no parameter explains, per joint, (n,) [N m or N].
+    """
+
+    fitted_percent: float
+    exciting_percent: float
+    noise: Floats
+
+    def facts(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "fitted_motion_percent": self.fitted_percent,
+            "exciting_motion_percent": self.exciting_percent,
+            "noise_nm": self.noise.tolist(),
+        }
+
+    @classmethod
+    def of(cls, facts: dict[str, Any] | None) -> ExpectedError | None:
+        """Return what ``facts`` gave."""
+        if facts is None:
+            return None
+        noise = np.array(facts["noise_nm"])
+        return cls(float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise)
+
+
+def expected_error(
+    base: BaseModel, stack: Stack, theta: Floats, covariance: Floats, error: ModelError | None, rms: Floats
+) -> ExpectedError:
+    """Return how far the torques of a set will be off, on the fitted motion and on an exciting one.
+
+    Args:
+        base: model and base parameters.
+        stack: the fitted rows.
+        theta: base parameters, (p,).
+        covariance: theirs, (p, p).
+        error: the model error, None without.
+        rms: residual of each joint on the fitted rows, (n,) [N m or N].
+    """
+    factors, counts = stack.whole
+    root = covariance_root(covariance)
+    count = np.maximum(counts, 1)
+    spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
+    size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
+    # Why: a fit takes from the residuals what it cannot take from those of another recording.
+    noise = np.sqrt(rms**2 + spread)
+    observer = base.model.observer(base.reduction.base)
+    speed = exciting_speed(base)
+    q, qd, _ = random_states(base.robot, speed, seed=1)
+    qdd = np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
+    W = observer.dense(q, qd, qdd)
+    tau = W @ theta
+    if error is None:
+        variance = np.stack([np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1)
+    else:
+        sign = observer.coulomb_sign(qd)
+        Z = orthogonal(shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection)
+        variance = error.variance(W, Z, covariance)
+        tau = tau + np.einsum("mjk,jk->mj", Z, error.mean)
+    return ExpectedError(
+        _percent(np.sum(noise**2 + spread), np.sum(size)),
+        _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),
+        noise,
+    )
+
+
+def exciting_speed(base: BaseModel) -> Floats:
+    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
+    limits = [(joint.limits.velocity, joint.revolute) for joint in base.robot.joints]
+    return np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
+
+
+def _percent(error: float, torque: float) -> float:
+    return float(100.0 * np.sqrt(error / torque)) if torque > 0.0 else 0.0
