@@ -8,11 +8,13 @@ import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dynid.estimation.result import load
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.workflows.results import load_run
 from dynid.workflows.validate import base_model_of
@@ -76,11 +78,15 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     assert sorted(path.name for path in (shop.folder / "all").iterdir()) == [
         f"kuka_lwr4plus{suffix}" for suffix in (".c", ".m", ".py", ".sdf", ".urdf", ".xml", ".yaml")
     ]
-    refused = shop("export", "out/arm", "--format", "urdf", "--set", "plain", "-o", "plain")
+    stored = load(shop.folder / "out/arm/parameters.npz")
+    bad = shop.folder / "out/bad"
+    bad.mkdir()
+    replace(stored, plain=stored.plain - 3 * np.abs(stored.plain)).save(bad / "parameters.npz")
+    refused = shop("export", "out/bad", "--format", "urdf", "--set", "plain", "-o", "plain")
     assert (refused.status, refused.out) == (1, "")
     assert refused.err.splitlines()[0].startswith("error[E404] no body has the parameters of link ")
     assert not (shop.folder / "plain").exists()
-    allowed = shop("export", "out/arm", "--format", "urdf", "--set", "plain", "-o", "plain", "--allow-infeasible")
+    allowed = shop("export", "out/bad", "--format", "urdf", "--set", "plain", "-o", "plain", "--allow-infeasible")
     assert allowed.status == 0
     assert allowed.err.splitlines()[0].startswith("warning[W409] no body has the parameters of link ")
     assert (shop.folder / "plain/kuka_lwr4plus.urdf").is_file()

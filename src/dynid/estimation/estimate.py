@@ -205,7 +205,9 @@ def _sets(base: BaseModel, plain: Fit, post: Posterior) -> dict[str, tuple[Float
     """
     table, reduction = base.model.parameters, base.reduction
     alone = [len(reduction.terms(i)) == 1 and table[k].kind in POSITIVE for i, k in enumerate(reduction.base)]
-    theta = nonnegative(plain.whitened, plain.theta, np.array(alone, dtype=bool))
+    theta = plain.theta
+    if plain.solution.rank == len(theta):
+        theta = nonnegative(plain.whitened, theta, np.array(alone, dtype=bool))
     return {"plain": (theta, plain.covariance, None), "physical": (post.theta, post.covariance, post.error)}
 
 
