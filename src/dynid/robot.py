@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import shlex
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -258,7 +259,8 @@ class Robot:
         base_xyz: position of frame 0 in the world [m].
         base_rpy: roll, pitch, yaw of frame 0 in the world [rad].
         links: numbers of the links to identify, 1-based; the others keep the prior's values.
-        path: file it was read from, None when made in code.
+        path: file it was read from, None when made in code or from a URDF.
+        source: what a person types for it: name or path; None when made in code.
         known: bounds on masses and centres of mass.
         controller: what follows the commanded motion, None where it is not known.
         findings: what was noticed while reading.
@@ -282,6 +284,7 @@ class Robot:
     known: Known = Known()
     controller: Controller | None = None
     path: Path | None = field(default=None, compare=False)
+    source: str | None = field(default=None, compare=False)
     findings: tuple[Finding, ...] = field(default=(), compare=False)
 
     @property
@@ -317,7 +320,14 @@ class Robot:
         """Name of the folder that its results go to."""
         if self.path is not None:
             return self.path.stem
+        if self.source is not None:
+            return Path(self.source.partition("#")[0]).stem
         return "".join(c if c.isalnum() else "_" for c in self.name.lower()).strip("_")
+
+    @property
+    def word(self) -> str:
+        """What a person types for it on a command line, quoted for a shell."""
+        return shlex.quote(self.source or (self.slug if self.path is None else str(self.path)))
 
     @property
     def identified_links(self) -> tuple[int, ...]:

@@ -9,4 +9,16 @@ POSITION = {"rad": 1.0, "deg": pi / 180.0, "m": 1.0, "mm": 1e-3}
 VELOCITY = {"rad/s": 1.0, "deg/s": pi / 180.0, "m/s": 1.0, "mm/s": 1e-3, "rpm": 2 * pi / 60.0}
 EFFORT = {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3}
 
+#: Units of a turning joint and what they are called at a sliding one.
+SLIDING = {
+    "N m s/rad": "N s/m", "N m (s/rad)^p": "N (s/m)^p", "N m/rad": "N/m", "rad/N m": "m/N", "N m/s": "N/s", "N m": "N",
+    "kg m^2": "kg", "rad/s": "m/s", "1/rad": "1/m", "rad": "m", "mrad": "mm",
+}  # fmt: skip
+
+
+def joint_unit(unit: str, *, revolute: bool) -> str:
+    """Return a unit that is written for turning joints as it is called at this kind of joint."""
+    return unit if revolute else SLIDING.get(unit, unit)
+
+
 FACTORS = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}

@@ -173,8 +173,12 @@ def effect_row(one: GapEffect) -> list[str]:
 def improvement_table(common: Common, gap: Gap) -> None:
     """Print the gap joint by joint."""
     held_out, rows = gap.improvement, []
+    mixed = "N" in gap.torque_units
     for j, (name, unit) in enumerate(zip(gap.joint_names, gap.torque_units, strict=True)):
+        short = " mm" * (mixed and unit == "N") or " mrad" * mixed
         row = [name, *(f"{rms[j]:.3g} {unit}" for rms in (held_out.before, held_out.after, held_out.floor))]
-        rows.append([*row, *(f"{1e3 * error[j]:.2f}" for error in gap.simulation)])
+        rows.append([*row, *(f"{1e3 * error[j]:.2f}{short}" for error in gap.simulation)])
     heads = ["joint", "held out before", "after", "noise"]
-    common.terminal.table(heads + (["simulated before [mrad]", "after"] if len(gap.simulation) else []), rows)
+    common.terminal.table(
+        heads + (["simulated before" + " [mrad]" * (not mixed), "after"] if len(gap.simulation) else []), rows
+    )

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
+from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.identify import IdentifyOptions
@@ -44,7 +44,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @options_from(IdentifyOptions)
 @click.option(
@@ -126,10 +126,10 @@ def run_identify(
         final: print the JSON answer and the next command as well; not when another command goes on.
     """
     from dynid.estimation import result as results
-    from dynid.files.robotfile import load_robot
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import answer_of, find_payload, sensitivity, signals_as
     from dynid.workflows.prior import with_prior
+    from dynid.workflows.robots import load_robot
 
     options = options or IdentifyOptions()
     files = {"loaded": loaded, "prior_file": options.prior, "update": update, "holdout": options.holdout}
@@ -290,7 +290,7 @@ def needed_inputs(
             raise WrongUsage(
                 f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
                 why="without logs, the stack that dynid parameters wrote is used as it is",
-                fix=f"name the logs: dynid identify {robot.slug} LOG --{name.replace('_', '-')} {text}",
+                fix=f"name the logs: dynid identify {robot.word} LOG --{name.replace('_', '-')} {text}",
             )
     return inputs | {key: value for key, value in texts.items() if key not in READING} | hashed
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
+from dynid.cli.robot_argument import robot_argument
 from dynid.errors import StaleCache
 from dynid.workflows.model import ModelOptions
 
@@ -28,7 +28,7 @@ STYLES = {"#": "bold green", "+": "", ".": "red", "": ""}
         "dynid model kuka_lwr4plus --json | jq .rank",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @options_from(ModelOptions)
 @click.option("--reduce/--no-reduce", "reduce_now", default=None, help="Reduce to base parameters without asking.")
 @click.option("--rebuild/--frozen", "rebuild", default=None, help="Rebuild a stored model without asking, or never.")
@@ -40,8 +40,8 @@ STYLES = {"#": "bold green", "+": "", ".": "red", "": ""}
 @click.option("--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function.")
 def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
     """Derive the regressor of an arm from its DH table and group it into base parameters."""
-    from dynid.files.robotfile import load_robot
     from dynid.workflows.model import adapted
+    from dynid.workflows.robots import load_robot
 
     options = options_of(ModelOptions, values)
     while True:
@@ -55,7 +55,7 @@ def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
         answer = ask(common, "P1", given=values["reduce_now"])
         if answer is not Answer.RETRY:
             break
-        click.edit(filename=str(arm.path))
+        click.edit(filename=str(arm.path or robot.partition("#")[0]))
     report(common, derived, reduce(common, derived, options) if answer is Answer.YES else None)
 
 
@@ -68,7 +68,7 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
     path = paths(folder)[0]
     turning = sum(joint.revolute for joint in robot.joints)
     kinds = f"{robot.n} joints ({turning} revolute, {robot.n - turning} prismatic)"
-    terminal.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {robot.path}")
+    terminal.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {robot.path or robot.source}")
     changed = stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
         if rebuild is False:
@@ -109,7 +109,7 @@ def reduce(common: Common, derived: DerivedModel, options: ModelOptions | None =
 
 def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) -> None:
     """Print the answer: the table of classes and the relations, or JSON."""
-    terminal, name = common.terminal, common_name(derived.model.robot)
+    terminal, name = common.terminal, derived.model.robot.word
     terminal.emit_json(derived.facts(reduced))
     if reduced is None:
         terminal.next(f"dynid model {name} --reduce")
@@ -123,14 +123,6 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
         terminal.answer(f"  {relation}")
     terminal.answer(f"  {base.where}" if base.where else "")
     terminal.next(f"dynid trajectory {name}, or with a log: dynid identify {name} LOG")
-
-
-def common_name(robot: Robot) -> str:
-    """Return what a person types for this robot."""
-    from dynid.files.robotfile import known_robots
-
-    names = [name for name, path in known_robots().items() if path == robot.path]
-    return names[0] if names else str(robot.path)
 
 
 def show_relations(common: Common, derived: DerivedModel, form: str, *, at_rest: bool) -> None:

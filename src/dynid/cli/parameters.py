@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.identify import log_inputs
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
+from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.workflows.logs import LogOptions
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @options_from(LogOptions)
 @click.option("--identify/--no-identify", "identify_now", default=None, help="Identify afterwards without asking.")
@@ -41,7 +41,7 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> None:
     """Filter logs, stack the base regressor over them, and say what they excite."""
-    from dynid.files.robotfile import load_robot
+    from dynid.workflows.robots import load_robot
 
     options = options_of(LogOptions, values)  # wrong words end here, before anything is read
     arm = load_robot(robot)

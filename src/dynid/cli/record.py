@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
+from dynid.cli.robot_argument import robot_argument
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.record import RecordOptions
 
@@ -61,7 +61,7 @@ class TerminalOperator:
         "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz     an arm to rehearse with",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @click.argument("trajectory", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--move", metavar="ROBOT_NAME", allow_from_autoenv=False, help="Move without asking for the name.")
 @options_from(RecordOptions)
@@ -79,9 +79,9 @@ def command(
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     from dynid.drivers.ros import raise_priority
     from dynid.estimation import result
-    from dynid.files.robotfile import load_robot
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.workflows.record import record, require_usable
+    from dynid.workflows.robots import load_robot
 
     options, arm = options_of(RecordOptions, values), load_robot(robot)
     _require_name(arm, move, options)
@@ -142,7 +142,7 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
             f"torque {100 * outcome.largest_torque_share:.0f} % of the rating",
         )  # fmt: skip
     terminal.emit_json({**done.facts(), "wrote": [*done.files, *converted(common, done, convert)]})
-    terminal.next(f"dynid identify {done.robot.slug} {done.bag}")
+    terminal.next(f"dynid identify {done.robot.word} {done.bag}")
     return ExitStatus.DONE
 
 
@@ -166,7 +166,7 @@ def converted(common: Common, done: Recording, given: bool | None) -> tuple[Path
 
     assert done.bag is not None
     if ask(common, "P4", given=given) is not Answer.YES:
-        common.terminal.next(f"dynid check {done.bag} --robot {done.robot.slug} --convert")
+        common.terminal.next(f"dynid check {done.bag} --robot {done.robot.word} --convert")
         return ()
     target = convert(done, common.header(input_hashes({"log": done.bag})))
     common.terminal.wrote(target)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.robot_argument import robot_argument
 from dynid.errors import ExitStatus
 from dynid.workflows.sim_driver import SimDriverOptions
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         "dynid sim-driver kinova_gen2 --fault silent@3      what happens when joint states stop?",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @options_from(SimDriverOptions, without=("seed",))
 @click.option(
     "--sent", type=click.Path(dir_okay=False, path_type=Path), metavar="CSV", help="Write all commands that came."
@@ -36,7 +36,7 @@ def command(common: Common, robot: str, sent: Path | None, **values: Any) -> Exi
     import signal
 
     from dynid.drivers.ros import raise_priority
-    from dynid.files.robotfile import load_robot
+    from dynid.workflows.robots import load_robot
     from dynid.workflows.sim_driver import simulate_driver
 
     arm, options = load_robot(robot), options_of(SimDriverOptions, values, seed=common.seed)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
+from dynid.cli.robot_argument import robot_argument
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
 from dynid.trajectory.options import PlanOptions
 
@@ -48,7 +48,7 @@ class View:
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
 )
-@click.argument("robot", type=ROBOT)
+@robot_argument
 @click.argument("plan", required=False, metavar="[PLAN.yaml]", type=_FILE)
 @options_from(PlanOptions, without=("seed", "processes"))
 @click.option(
@@ -79,7 +79,7 @@ class View:
 def command(common: Common, robot: str, plan: Path | None, **values: Any) -> None:  # noqa: ANN401
     """Plan an excitation motion, prove it safe, preview it, and ask."""
     from dynid.files.planfile import PlanFile, read_plan
-    from dynid.files.robotfile import load_robot
+    from dynid.workflows.robots import load_robot
     from dynid.workflows.trajectory import plan_inputs
 
     arm = load_robot(robot)
@@ -159,7 +159,7 @@ def plan_once(
         common.terminal.wrote(text)
     wrote += found.clearance.pictures
     common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
-    common.terminal.next(f"dynid record {arm.slug} {path}       (moves the arm; asks first)")
+    common.terminal.next(f"dynid record {arm.word} {path}       (moves the arm; asks first)")
     return Answer.YES
 
 

@@ -6,7 +6,8 @@ Reads ``robots/*.yaml``, a path, or the files inside the package. The keys are d
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from collections.abc import Iterable
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,23 @@ from dynid.units import ANGLE
 
 #: Gravity on Earth lies between 9.76 and 9.84 m/s^2; the band leaves room for rounded values.
 GRAVITY_BAND = (9.6, 9.9)
+#: Other usual names of arms, without signs, and the robot file that a person probably means.
+USUAL_ROBOTS = {
+    "emika": "franka_panda",
+    "fer": "franka_panda",
+    "franka": "franka_panda",
+    "jaco": "kinova_gen2",
+    "jaco2": "kinova_gen2",
+    "lbr": "iiwa",
+    "lbriiwa": "iiwa",
+    "lwr": "kuka_lwr4plus",
+    "lwr4": "kuka_lwr4plus",
+    "kukalwr": "kuka_lwr4plus",
+    "lbr4": "kuka_lwr4plus",
+    "ufactory": "xarm7",
+}
+#: Other usual names of keys of the DH table.
+USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
 
 
 def packaged(folder: str) -> Path:
@@ -47,15 +65,29 @@ def find_robot(name: str) -> Path:
     if name in known:
         return known[name]
     names = ", ".join(sorted(known))
-    if name.endswith((".yaml", ".yml")) or "/" in name:
+    if name.endswith((".yaml", ".yml", ".urdf")) or "/" in name:
         raise RobotNotFound(f"no robot file '{name}'{closest(name, known)}", where=name, fix=f"known robots: {names}")
-    raise RobotNotFound(f"no robot '{name}'{closest(name, known)}", fix=f"known: {names}; or give a path")
+    raise RobotNotFound(f"no robot '{name}'{suggestion(name, known)}", fix=f"known: {names}; or give a path")
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'x'?`` for the robots that a name may mean, or an empty string."""
+    word = _letters(name)
+    word = _letters(USUAL_ROBOTS.get(word, word))
+    inside = [each for each in sorted(known) if len(word) > 1 and word in _letters(each)]
+    if not inside:
+        return closest(name, known)
+    return f"; did you mean {' or '.join(repr(each) for each in inside[:3])}?"
+
+
+def _letters(name: str) -> str:
+    return "".join(character for character in name.lower() if character.isalnum())
 
 
 def load_robot(name: str | Path) -> Robot:
     """Read a robot by name or path; what was noticed is in ``robot.findings``."""
     path = find_robot(str(name))
-    return _robot(read_yaml(path), path)
+    return replace(_robot(read_yaml(path), path), source=str(name))
 
 
 def parse_robot(text: str, path: Path) -> Robot:
@@ -97,6 +129,7 @@ def _joints(value: Value, context: Context) -> tuple[Joint, ...]:
     items = value.items()
     limits.check("joints", len(items), value.where)
     for number, item in enumerate(items, start=1):
+        item = _usual_keys(item, context.findings)
         keys = item.mapping([key.name for key in JOINT])
         sliding = "type" in keys and keys["type"].choice(("revolute", "prismatic")) == "prismatic"
         own = Context(context.angle_unit, revolute=not sliding, findings=context.findings)
@@ -108,6 +141,25 @@ def _joints(value: Value, context: Context) -> tuple[Joint, ...]:
         if names.count(name) > 1:
             raise WrongRobotFile(f"{value.where}: two joints are called '{name}'", where=value.where)
     return tuple(joints)
+
+
+def _usual_keys(value: Value, findings: list[Finding]) -> Value:
+    """Return a row of the DH table with dynid's names of its keys; say which others were understood (W203)."""
+    import yaml
+
+    if not isinstance(value.node, yaml.MappingNode):
+        return value
+    pairs = []
+    for key, item in value.node.value:
+        usual = USUAL_KEYS.get(str(key.value))
+        if usual is not None:
+            where = f"{value.file}:{key.start_mark.line + 1}"
+            text = f"{where}: `{key.value}:` is taken for `{usual}:`, as dynid calls it"
+            findings.append(Finding("W203", "info", text, {"given": str(key.value), "used": usual}))
+            key = yaml.ScalarNode(key.tag, usual, key.start_mark, key.end_mark)
+        pairs.append((key, item))
+    node = yaml.MappingNode(value.node.tag, pairs, value.node.start_mark, value.node.end_mark)
+    return replace(value, node=node)
 
 
 def _check_gravity(

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.errors import CannotWrite
 from dynid.estimation.effect_columns import scaled, settled
 from dynid.estimation.estimate import HoldOut, estimate
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import stack_base
 from dynid.files.artifact import write_text
+from dynid.files.robotfile import robot_text
 from dynid.gap.problem import GapProblem
 from dynid.gap.record import GapEffect
 from dynid.gap.segments import Mask
@@ -112,9 +112,7 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
     """
     import yaml
 
-    if robot.path is None:
-        raise CannotWrite("the robot was not read from a file, so there is nothing to copy")
-    text = robot.path.read_text(encoding="utf-8").rstrip("\n")
+    text = (robot_text(robot) if robot.path is None else robot.path.read_text(encoding="utf-8")).rstrip("\n")
     entries = [
         {"effect": s.effect, "joints": list(s.joints), "parameters": s.parameters, "std_error": s.std_error}
         for s in (*robot.effects, *specs)

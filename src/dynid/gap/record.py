@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import NotAnArtifact
+from dynid.units import joint_unit
 
 # Why only for types: the options of the command are declared beside what is made from a record, and help must be fast.
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         where=joints_text(one.joints, names),
         values=one.values,
         std_errors=one.std_errors,
-        units=one.units,
+        units={name: joint_unit(unit, revolute=robot.joints[j].revolute) for name, unit in one.units.items()},
         p_value=one.test.p_value,
         joint=names[j],
         rms_before=float(analysis.improvement.before[j]),

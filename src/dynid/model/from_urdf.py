@@ -57,22 +57,34 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
     start = urdf.known_link(base) if base else urdf.root
     if tip:
         return start, urdf.known_link(tip)
-    link = start
+    link, count = start, 0
     while True:
         ahead = _next_moving(urdf, link)
         if len(ahead) != 1:
             break
-        link = ahead[0].child
-    if link == start:
-        choices = ", ".join(joint.child for joint in ahead)
+        link, count = ahead[0].child, count + 1
+    # Why: what hangs on an arm is a hand of short fingers; branches longer than the way to them are arms of their own.
+    if not count or any(_longest(urdf, joint) > count for joint in ahead):
+        tips = ", ".join(end for joint in ahead for end in _tips(urdf, joint))
         raise WrongUrdf(
-            f"{urdf.path}: the joints fork at link '{start}': {choices or 'none'}",
+            f"{urdf.path}: the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
             where=str(urdf.path),
-            fix="name the ends of the arm with --base LINK --tip LINK",
+            fix="name the last link of the arm with --tip LINK, and its first with --base LINK (dynid import)",
         )
     while len(fixed := [joint for joint in urdf.joints if joint.parent == link and not joint.moves]) == 1 and not ahead:
         link = fixed[0].child
     return start, link
+
+
+def _tips(urdf: Urdf, joint: UrdfJoint) -> list[str]:
+    """Return the last moving link of every chain that begins with a joint."""
+    ahead = _next_moving(urdf, joint.child)
+    return [tip for each in ahead for tip in _tips(urdf, each)] if ahead else [joint.child]
+
+
+def _longest(urdf: Urdf, joint: UrdfJoint) -> int:
+    """Return the number of moving joints in the longest chain that begins with one."""
+    return 1 + max((_longest(urdf, each) for each in _next_moving(urdf, joint.child)), default=0)
 
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:

@@ -12,13 +12,14 @@ from dynid.errors import Finding, WrongUsage
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.text import visible
+from dynid.units import joint_unit
 from dynid.workflows.logs import LogOptions, checked_log, read_log
 from dynid.workflows.robots import load_robot
 
 if TYPE_CHECKING:
     from dynid.signals.describe import LogSummary
 
-ROBOT_SUFFIXES = (".yaml", ".yml")
+ROBOT_SUFFIXES = (".yaml", ".yml", ".urdf")
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,7 +95,7 @@ def kind_of(path: str) -> str:
     """Return what a path is taken for: ``"robot"``, ``"result"`` or ``"log"``."""
     from dynid.files.artifact import read_header
 
-    file = Path(path)
+    file = Path(path.partition(".urdf#")[0] + ".urdf" * (".urdf#" in path))
     if file.suffix == ".npz" and file.is_file():
         header = read_header(file)
         plain = header is None and zipfile.is_zipfile(file)
@@ -133,7 +134,7 @@ def check_robot(robot: Robot) -> Checked:
         "gravity_m_s2": list(robot.gravity),
         "key": robot.model_key,
     }
-    return Checked(str(robot.path), "robot", tuple(lines), facts, robot.findings, robot)
+    return Checked(str(robot.path or robot.source), "robot", tuple(lines), facts, robot.findings, robot)
 
 
 def _limits(robot: Robot) -> str:
@@ -147,7 +148,7 @@ def _limits(robot: Robot) -> str:
 
 def _driver(robot: Robot) -> str:
     if robot.driver is None:
-        return "none: logs must have the robot file's joint names, rad and Nm"
+        return "none: logs must have the robot file's joint names, rad and Nm (m and N at sliding joints)"
     topic = robot.driver.topic or "the driver's usual topic"
     return f"{robot.driver.kind}, {topic}, torque from {robot.torque.source}"
 
@@ -241,20 +242,36 @@ def _lines(summary: LogSummary, raw: Log, matched: str, robot: Robot) -> list[tu
     gaps = "no gaps" if not summary.gaps else f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
     rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
     least = summary.least_moving
+    turns = robot.joints[robot.joint_names.index(least)].revolute
     slowest = summary.rms_velocity[robot.joint_names.index(least)]
     return [
         ("log", f"{summary.samples} samples, {summary.duration:.1f} s, {rate}, {gaps}"),
         *([("topic", raw.topic)] if raw.topic else []),
         ("columns", matched),
-        ("units", _units(summary)),
-        ("motion", f"{least} moves least ({slowest:.2f} rad/s rms)"),
+        ("units", _units(summary, robot)),
+        ("motion", f"{least} moves least ({slowest:.2f} {joint_unit('rad/s', revolute=turns)} rms)"),
     ]
 
 
-def _units(summary: LogSummary) -> str:
+def _units(summary: LogSummary, robot: Robot) -> str:
+    if not all(joint.revolute for joint in robot.joints):
+        return _units_by_kind(summary, robot)
     slopes = [value for value in summary.velocity_slope if value is not None]
     velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}" if slopes else "not measured or not used"
     shares = [value for value in summary.torque_share if value is not None]
     share = f", {100 * max(shares):.0f} % of the rating" if shares else ""
     torque = f"torque {summary.torque_unit or 'Nm'} (max {max(summary.torque_max):.1f}{share})"
     return f"position rad (span {max(summary.span):.1f})   velocity rad/s ({velocity})   {torque}"
+
+
+def _units_by_kind(summary: LogSummary, robot: Robot) -> str:
+    """Say the units of an arm with sliding joints, apart for turning and for sliding ones."""
+    words = []
+    for revolute in (True, False):
+        some = [j for j, joint in enumerate(robot.joints) if joint.revolute is revolute]
+        if some:
+            kind, length = ("turning", "rad") if revolute else ("sliding", "m")
+            effort = "A" if summary.torque_unit == "A" else ("Nm" if revolute else "N")
+            span, top = (max(values[j] for j in some) for values in (summary.span, summary.torque_max))
+            words.append(f"{kind} joints {length} (span {span:.2f}), {length}/s, {effort} (max {top:.1f})")
+    return "   ".join(words)

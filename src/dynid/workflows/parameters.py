@@ -208,9 +208,9 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
 
     header = read_header(path) if path.is_file() else None
     if header is None:
-        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.slug} LOG")
+        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG")
     if header.get("key") != robot.model_key:
         raise LogNotFound(
-            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.slug} LOG"
+            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.word} LOG"
         )
     return header

@@ -148,7 +148,7 @@ def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: R
             "--listen-only sends nothing to the arm", fix="leave out --move, --go-to-start and --zero-torques"
         )
     if trajectory is None and not options.listen_only:
-        raise WrongUsage("no trajectory given", fix=f"dynid record {robot.slug} TRAJECTORY, or --listen-only")
+        raise WrongUsage("no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only")
 
 
 def record(
@@ -304,7 +304,7 @@ def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions
     Raises:
         NotReviewed: nobody has, or it was changed afterwards.
     """
-    review, again = planned.review, f"dynid trajectory {robot.slug} --review {planned.source}"
+    review, again = planned.review, f"dynid trajectory {robot.word} --review {planned.source}"
     if planned.reviewed and review is not None:
         return f"by {review.by}, {review.when}"
     if options.accept_unreviewed:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from dynid.errors import WrongUsage
 from dynid.robot import Robot
+
+URDF = ".urdf"
 
 
 def load_robot(source: str | Path, *, base: str | None = None, tip: str | None = None) -> Robot:
     """Return an arm.
 
     Args:
-        source: name of a robot file that comes with dynid, path of a robot file, or path of a URDF.
+        source: name of a robot file that comes with dynid, path of a robot file, or path of a URDF; ``arm.urdf#link``
+            names the last link of the arm as well.
         base: first link of the arm in a URDF; None for its root.
         tip: last link of the arm in a URDF; None for where the chain ends.
 
@@ -21,9 +26,24 @@ def load_robot(source: str | Path, *, base: str | None = None, tip: str | None =
     """
     from dynid.files import robotfile
 
-    path = Path(source)
-    if path.suffix.lower() != ".urdf":
+    file, mark, link = str(source).rpartition("#")
+    path = Path(file if mark and file.lower().endswith(URDF) else source)
+    if path.suffix.lower() != URDF:
+        if tip is not None or base is not None:
+            raise WrongUsage(f"{source} is no URDF: its chain has one tip", fix="leave out --tip")
         return robotfile.load_robot(source)
     from dynid.workflows.import_urdf import ImportOptions, import_urdf
 
-    return import_urdf(path, ImportOptions(base=base, tip=tip)).robot
+    if not path.is_file():
+        robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
+    found = import_urdf(path, ImportOptions(base=base, tip=tip or (link if path != Path(source) else None)))
+    return replace(found.robot, source=str(source), findings=(*found.robot.findings, *found.findings))
+
+
+def robot_hash(source: str | Path) -> str:
+    """Return the sha256 of the file that an arm is read from."""
+    from dynid.files import robotfile
+    from dynid.files.artifact import sha256
+
+    file, mark, _ = str(source).rpartition("#")
+    return sha256(robotfile.find_robot(file if mark and file.lower().endswith(URDF) else str(source)))

@@ -353,15 +353,20 @@ def job_key(job: Job, seed: int) -> str:
     """Return the hash of everything a job depends on: its text, its files, the robot, the program."""
     from dynid.files.artifact import sha256
     from dynid.files.logs import read_log
-    from dynid.files.robotfile import find_robot, load_robot
+    from dynid.workflows.robots import load_robot, robot_hash
 
-    files = [find_robot(job.robot), *job.logs, *job.validate]
+    files = [*job.logs, *job.validate]
     if job.baseline is not None:
         files.append(job.baseline / "parameters.npz" if job.baseline.is_dir() else job.baseline)
     for log in (*job.logs, *job.validate):
         if not log.exists():
             read_log(log, robot=load_robot(job.robot))
-    facts = {"job": asdict(job), "seed": seed, "dynid": __version__, "files": [sha256(file) for file in files]}
+    facts = {
+        "job": asdict(job),
+        "seed": seed,
+        "dynid": __version__,
+        "files": [robot_hash(job.robot), *(sha256(file) for file in files)],
+    }
     return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
 
 

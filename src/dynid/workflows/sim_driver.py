@@ -207,7 +207,7 @@ def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
         plan = str(given).endswith(".npz")
         raise WrongUsage(
             f"--pose {given} is neither a file nor numbers",
-            fix=f"plan it first: dynid trajectory {robot.slug}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
+            fix=f"plan it first: dynid trajectory {robot.word}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
         ) from None
     if len(pose) != robot.n:
         what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"

@@ -1,0 +1,88 @@
+"""An arm is found by every word that a person would type for it."""
+
+import shutil
+
+import pytest
+
+from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
+from dynid.files.robotfile import load_robot as read_robot
+from dynid.robot import Joint, Robot
+from dynid.sim.urdf import write_urdf
+from dynid.units import joint_unit
+from dynid.workflows.robots import load_robot
+
+FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
+<joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>
+{links}</robot>"""
+
+
+def _branch(side):
+    rows, parent = [], "torso"
+    for k in range(2):
+        link = f"{side}_{k}"
+        rows.append(
+            f'<link name="{link}"/><joint name="j_{link}" type="revolute"><parent link="{parent}"/><child link="{link}"/>'
+            f'<origin xyz="{k} 0 1"/><axis xyz="0 {k} {1 - k}"/></joint>'
+        )
+        parent = link
+    return "".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("panda", "franka_panda"), ("ur5", "ur5e"), ("iiwa", "kuka_iiwa14"), ("gen3", "kinova_gen3"), ("LBR-iiwa", "kuka_iiwa7"),
+        ("tx40", "staubli_tx40"), ("jaco2", "kinova_gen2"), ("lwr", "kuka_lwr4plus"), ("ur3", "ur3e"), ("xArm", "xarm7"),
+    ],
+)  # fmt: skip
+def test_an_unknown_name_is_answered_with_the_arm_that_was_meant(word, meant):
+    with pytest.raises(RobotNotFound, match=f"did you mean.*'{meant}'"):
+        load_robot(word)
+
+
+def test_a_urdf_whose_arms_fork_names_its_tips_and_takes_one(tmp_path):
+    path = tmp_path / "two.urdf"
+    path.write_text(FORKED.format(links=_branch("left") + _branch("right")))
+    with pytest.raises(WrongUrdf, match="may end at left_1, right_1") as caught:
+        load_robot(path)
+    assert "--tip" in caught.value.fix
+    robot = load_robot(f"{path}#right_1")
+    assert robot.joint_names == ("lift", "j_right_0", "j_right_1")
+    assert robot.word == f"'{path}#right_1'"
+    assert load_robot(path, tip="left_1").joint_names[-1] == "j_left_1"
+
+
+def test_a_urdf_without_a_fork_needs_no_tip(tmp_path):
+    arm = read_robot("ur5e")
+    write_urdf(arm, None, tmp_path / "mine.urdf")
+    robot = load_robot(tmp_path / "mine.urdf")
+    assert (robot.n, robot.slug) == (6, "mine")
+
+
+def test_a_tip_belongs_to_a_urdf_only():
+    with pytest.raises(WrongUsage, match="is no URDF"):
+        load_robot("ur5e", tip="link_6")
+
+
+def test_the_word_of_an_arm_is_what_was_typed(tmp_path):
+    own = tmp_path / "my arm.yaml"
+    shutil.copy(read_robot("ur5e").path, own)
+    assert load_robot("ur5e").word == "ur5e"
+    assert load_robot(own).word == f"'{own}'"
+    assert Robot("Toy", "standard", (Joint("a"),)).word == "toy"
+
+
+def test_alpha_in_the_dh_table_is_the_twist_and_said(tmp_path):
+    own = tmp_path / "arm.yaml"
+    own.write_text(read_robot("ur5e").path.read_text().replace("twist:", "alpha:"))
+    robot = load_robot(own)
+    assert robot == read_robot("ur5e")
+    assert [finding.code for finding in robot.findings] == ["W203"] * 6
+
+
+@pytest.mark.parametrize(
+    ("turning", "sliding"), [("N m", "N"), ("N m s/rad", "N s/m"), ("rad", "m"), ("rad/s", "m/s"), ("s", "s")]
+)
+def test_units_of_a_sliding_joint_are_those_of_forces(turning, sliding):
+    assert joint_unit(turning, revolute=True) == turning
+    assert joint_unit(turning, revolute=False) == sliding
