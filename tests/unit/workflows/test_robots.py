@@ -21,8 +21,8 @@ def _branch(side):
     for k in range(2):
         link = f"{side}_{k}"
         rows.append(
-            f'<link name="{link}"/><joint name="j_{link}" type="revolute"><parent link="{parent}"/><child link="{link}"/>'
-            f'<origin xyz="{k} 0 1"/><axis xyz="0 {k} {1 - k}"/></joint>'
+            f'<link name="{link}"/><joint name="j_{link}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{link}"/><origin xyz="{k} 0 1"/><axis xyz="0 {k} {1 - k}"/></joint>'
         )
         parent = link
     return "".join(rows)
@@ -31,8 +31,10 @@ def _branch(side):
 @pytest.mark.parametrize(
     ("word", "meant"),
     [
-        ("panda", "franka_panda"), ("ur5", "ur5e"), ("iiwa", "kuka_iiwa14"), ("gen3", "kinova_gen3"), ("LBR-iiwa", "kuka_iiwa7"),
-        ("tx40", "staubli_tx40"), ("jaco2", "kinova_gen2"), ("lwr", "kuka_lwr4plus"), ("ur3", "ur3e"), ("xArm", "xarm7"),
+        ("panda", "franka_panda"), ("ur5", "ur5e"), ("iiwa", "kuka_iiwa14"), ("gen3", "kinova_gen3"),
+        ("LBR-iiwa", "kuka_iiwa7"),
+        ("tx40", "staubli_tx40"), ("jaco2", "kinova_gen2"), ("lwr", "kuka_lwr4plus"),
+        ("ur3", "ur3e"), ("xArm", "xarm7"),
     ],
 )  # fmt: skip
 def test_an_unknown_name_is_answered_with_the_arm_that_was_meant(word, meant):
