@@ -19,6 +19,8 @@ from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters
 from dynid.robot import Controller
+from dynid.signals.conditioned_log import ConditionedLog
+from dynid.signals.same_motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ UNCHANGED = 1e-9
 POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
+#: Samples of each fitted motion that a result keeps, so that a repetition of it is recognised: two minutes.
+LONGEST_MOTION = 600
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -64,6 +68,30 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
     return HoldOut(stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log")
+
+
+def last_motion(stack: Stack, share: float) -> HoldOut:
+    """Hold out all logs of the last motion, or the last share of each log where all are of one motion.
+
+    Args:
+        stack: the stacked logs.
+        share: of each log, between 0 and 1.
+    """
+    numbers = motion_numbers([log_motion(log) for log in stack.logs])
+    last = [k for k, number in enumerate(numbers) if number == max(numbers)]
+    judged = np.isin(stack.log_of_block, last)
+    # Why the size: a motion that is most of the rows has to be fitted.
+    if max(numbers, default=0) == 0 or stack.counts[judged].sum() > 0.5 * stack.counts.sum():
+        found = last_share(stack, share)
+        return replace(found, text=f"{found.text}, the same motion")
+    names = ", ".join(stack.logs[k].name for k in last)
+    return HoldOut(stack.select(~judged), stack.select(judged), f"another motion: {names}")
+
+
+def log_motion(log: ConditionedLog) -> Floats:
+    """Return the positions of a log at the rate at which motions are compared, (M, n) [rad or m]."""
+    t, q = (np.concatenate([getattr(segment, name) for segment in log.segments]) for name in ("t", "q"))
+    return sampled(t, q)
 
 
 def with_earlier(stack: Stack, earlier: Identification) -> Stack:
@@ -186,6 +214,7 @@ def estimate(
             "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
         },
         rigid=base.model.rigid,
+        motions=tuple(log_motion(log)[:LONGEST_MOTION] for log in stack.logs),
         stack=stack,
     )
 

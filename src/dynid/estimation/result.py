@@ -113,6 +113,7 @@ class Identification:
         log_sha256: hashes of the logs that it was made from.
         header: where it comes from: logs, command, inputs.
         path: its file; empty when it was not read from one.
+        motions: positions of each fitted log at 5 Hz, two minutes at most, (M, n) [rad or m].
         rigid: program of the rigid-body columns; None to derive it when it is needed.
         stack: the rows that it was made from; None when it was read from a file.
         draw: draws torques on these logs, None for a result that was read.
@@ -152,6 +153,7 @@ class Identification:
     log_sha256: tuple[str, ...] = ()
     header: dict[str, Any] = field(default_factory=dict)
     path: Path = Path()
+    motions: tuple[Floats, ...] = ()
     rigid: Program | None = None
     stack: Stack | None = None
     draw: Drawing | None = field(default=None, repr=False, compare=False)
@@ -437,6 +439,7 @@ class Identification:
         arrays |= reduction_arrays
         if self.model_error is not None:
             arrays |= {f"error_{key}": getattr(self.model_error, key) for key in ERROR_ARRAYS}
+        arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(self.motions)}
         scalars = {key: getattr(self, key) for key in SCALARS} | {"physical": physical}
         scalars["model_error_evidence"] = None if self.model_error is None else self.model_error.evidence
         scalars["expected"] = None if self.expected is None else self.expected.facts()
@@ -516,6 +519,7 @@ def load(path: Path) -> Identification:
             physical=PhysicalParameters(**full),
             model_error=_model_error(stored["model_error_evidence"], a),
             expected=ExpectedError.of(stored["expected"]),
+            motions=tuple(a[f"motion_{k}"] for k in range(len(a)) if f"motion_{k}" in a),
             cutoff=float(h["cutoff_hz"]),
             delay=float(h.get("delay_applied_s") or 0.0),
             log_sha256=tuple(h["log_sha256"]),

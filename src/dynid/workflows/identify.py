@@ -36,6 +36,8 @@ METHOD_TEXT = {
     "didim": "torques of the arm simulated under its controller, fitted to the measured ones",
     "ridge": "weighted least squares with a penalty on the distance from the prior's base parameters",
 }
+#: Share of each log that is held out where all logs are of one motion.
+AUTO_SHARE = 0.2
 #: Cut-offs that ``sensitivity`` tries, times the chosen one.
 CUTOFFS = (0.5, 2.0)
 #: A change by more standard errors than this is more than noise explains.
@@ -43,9 +45,11 @@ BEYOND = 2.0
 
 
 def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
-    """Return a share, None for ``none``, or a log (its path until it is read)."""
+    """Return a share, ``auto``, None for ``none``, or a log (its path until it is read)."""
     if value is None or value == "none":
         return None
+    if value == "auto":
+        return "auto"
     if isinstance(value, (Log, Path)):
         return value
     text = str(value)
@@ -72,10 +76,11 @@ class IdentifyOptions(PriorOptions, LogOptions):
         "evidence wants it).",
         pair=True,
     )
-    holdout: float | Path | Log | None = option(
-        "20%",
-        "What is kept back to judge the fit: the last share of each log, another log, or nothing.",
-        metavar="SHARE|LOG|none", shown="", read=_holdout,
+    holdout: float | str | Path | Log | None = option(
+        "auto",
+        "What is kept back to judge the fit: the last share of each log, another log, or nothing; auto keeps back the "
+        "last motion where the logs hold several, else the last 20 % of the one.",
+        metavar="auto|SHARE|LOG|none", shown="auto", read=_holdout,
     )  # fmt: skip
     drop_weak: bool = option(False, "Go on when the log does not determine all parameters, or only just.")
 
@@ -191,13 +196,15 @@ def updated(
 def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
     from dynid.estimation.effect_columns import scaled
-    from dynid.estimation.estimate import HoldOut, last_share
+    from dynid.estimation.estimate import HoldOut, last_motion, last_share
     from dynid.estimation.least_squares import weighted
     from dynid.estimation.stack import stack_base
 
     kept, base = options.holdout, seen.base
     if kept is None:
         return None
+    if kept == "auto":
+        return last_motion(stack, AUTO_SHARE)
     if isinstance(kept, float):
         return last_share(stack, kept)
     assert isinstance(kept, Log), "a held-out log is read before it gets here"

@@ -58,6 +58,7 @@ class Validation:
         motion: predicted and measured motion and torques.
         cutoff: cut-off of the filter over torques and columns [Hz].
         expected_percent: the relative error that the result's posterior expects on this motion [%]; None without one.
+        same_motion: whether the log repeats a fitted motion, which tells the noise and not what other motions show.
     """
 
     robot: Robot
@@ -69,6 +70,7 @@ class Validation:
     motion: EstimatedMotion
     cutoff: float
     expected_percent: float | None = None
+    same_motion: bool = False
 
     def expectation(self) -> str:
         """Return whether the error that was expected of this motion came true; "" where none was."""
@@ -77,7 +79,8 @@ class Validation:
         ratio = self.relative_error_percent / self.expected_percent
         word = "as expected" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse" if ratio > 1 else "better"
         than = "" if word == "as expected" else " than expected"
-        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion"
+        again = "; it is a motion that was fitted" if self.same_motion else ""
+        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion{again}"
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
@@ -135,6 +138,7 @@ class Validation:
             "robot": self.robot.name,
             "relative_error_percent": self.relative_error_percent,
             "expected_relative_error_percent": self.expected_percent,
+            "same_motion": self.same_motion,
             "joints": [
                 {
                     "joint": j.joint,
@@ -225,7 +229,9 @@ def validate(
     """
     from dynid.estimation import prediction
     from dynid.estimation.effect_columns import scaled
+    from dynid.estimation.estimate import log_motion
     from dynid.estimation.observation_rows import rows_of
+    from dynid.signals.same_motion import same_motion
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
     base = base or base_model_of(result)
@@ -242,12 +248,13 @@ def validate(
     rows = list(rows_of(replayed, observer))
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, theta, error, observer)
+    again = any(same_motion(fitted, log_motion(replayed)) for fitted in result.motions)
     expected = expected_on(result, error, replayed, rows, observer)
     baseline, what = baseline_torque(base, result, rows, motion)
     joints, total = prediction.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or log.name)
     return Validation(
-        base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff, expected
+        base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff, expected, again
     )
 
 

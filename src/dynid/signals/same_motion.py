@@ -1,0 +1,71 @@
+"""Whether two recordings are of the same commanded motion: they count as one motion, for they teach and judge alike.
+
+A second recording of a command repeats everything that the model lacks along with everything that it has. It tells the
+noise; it does not tell what the parameters are worth on other motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Rate at which positions are compared [Hz].
+RATE = 5.0
+#: Two motions are the same when the positions of every joint differ by at most this share of its range ...
+ALIKE = 0.05
+#: ... over at least this share of the shorter one, wherever in the other it begins.
+OVERLAP = 0.7
+#: A joint that moves by less than this share of the largest range counts as still.
+STILL = 0.02
+
+
+def sampled(t: Floats, q: Floats, rate: float = RATE) -> Floats:
+    """Return positions at the rate at which motions are compared, (M, n) [rad or m].
+
+    Args:
+        t: time, (N,) [s].
+        q: positions, (N, n) [rad or m].
+        rate: [Hz].
+    """
+    grid = np.arange(t[0], t[-1], 1.0 / rate)
+    return np.column_stack([np.interp(grid, t, column) for column in q.T])
+
+
+def same_motion(one: Floats, other: Floats) -> bool:
+    """Return whether two motions are one command, at whatever time either recording began.
+
+    Args:
+        one: positions from ``sampled``, (M, n) [rad or m].
+        other: the same of another recording, (K, n).
+    """
+    if one.shape[1] != other.shape[1] or min(len(one), len(other)) < 2:
+        return False
+    reach = np.maximum(np.ptp(one, axis=0), np.ptp(other, axis=0))
+    moving = reach > STILL * max(float(reach.max()), 1e-12)
+    a, b = (x[:, moving] / reach[moving] for x in (one, other))
+    needed = max(2, int(np.ceil(OVERLAP * min(len(a), len(b)))))
+    for lag in range(needed - len(b), len(a) - needed + 1):
+        first, second = a[max(0, lag) : lag + len(b)], b[max(0, -lag) : len(a) - lag]
+        if np.all(np.sqrt(np.mean((first - second) ** 2, axis=0)) < ALIKE):
+            return True
+    return False
+
+
+def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:
+    """Return the number of the motion that each recording is of: equal numbers, equal commands.
+
+    Args:
+        motions: positions of each recording from ``sampled``.
+    """
+    firsts: list[int] = []
+    numbers = []
+    for k, motion in enumerate(motions):
+        same = next((n for n, first in enumerate(firsts) if same_motion(motions[first], motion)), len(firsts))
+        if same == len(firsts):
+            firsts.append(k)
+        numbers.append(same)
+    return tuple(numbers)

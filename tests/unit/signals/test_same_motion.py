@@ -1,0 +1,27 @@
+"""The same command is recognised at any beginning and with noise; another one, or another speed of it, is not it."""
+
+import numpy as np
+
+from dynid.signals.same_motion import motion_numbers, same_motion, sampled
+
+
+def motion(seed, seconds=25.0, begin=0.0, speed=1.0, noise=0.0):
+    rng = np.random.default_rng(seed)
+    f, a, phase = rng.uniform(0.05, 0.5, 6), rng.uniform(0.3, 1.2, 6), rng.uniform(0, 6, 6)
+    t = np.arange(0, seconds, 0.005)
+    q = a * np.sin(2 * np.pi * f * speed * (t[:, None] + begin) + phase)
+    return sampled(t, q + noise * np.random.default_rng(9).normal(size=q.shape))
+
+
+def test_the_same_command_a_little_later_is_one_motion_and_another_command_is_not():
+    recordings = [motion(1), motion(1, begin=3.2, noise=1e-3), motion(2), motion(1, seconds=18.0, begin=1.0)]
+    assert motion_numbers(recordings) == (0, 0, 1, 0)
+
+
+def test_a_slower_run_is_another_motion_and_a_still_joint_decides_nothing():
+    assert not same_motion(motion(1), motion(1, speed=0.8))
+    still = motion(1)
+    still[:, 3] = 0.1 + 1e-4 * np.random.default_rng(0).normal(size=len(still))
+    other = still.copy()
+    other[:, 3] += 2e-4
+    assert same_motion(still, other)
