@@ -39,6 +39,9 @@ BOUND_WEIGHT = 1e-5
 POOLING_ROUNDS, POOLED, POOLING_TOLERANCE = 10, 0.03, 0.03
 #: Rounds in which the prior's bodies get their common size, and change of its logarithm at which they end.
 SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
+#: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
+#: first links, comes from the prior as it is, unless the data contradict its size.
+SIZE_GAIN = 30.0
 #: Share of a standard deviation within which base parameters are kept, on the way to "exactly".
 COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 #: A parameter comes from the data when these take away at least this share of what the prior left open.
@@ -200,8 +203,8 @@ def fit_sized(
     Returns:
         The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
     """
-    for _ in range(SIZE_ROUNDS):
-        fit, found = fit_pooled(R, r, constraints, gamma)
+    fit, found = as_given = fit_pooled(R, r, constraints, gamma)
+    for _ in range(SIZE_ROUNDS if fit.cost > SIZE_GAIN else 0):
         P = pseudo_inertia(fit.x[constraints.bodies])
         ratios = np.einsum("lab,lba->l", np.linalg.inv(constraints.prior_pseudo_inertia), P) / 4
         size = float(np.mean(ratios)) if len(ratios) else 1.0
@@ -210,7 +213,8 @@ def fit_sized(
         prior = constraints.prior.copy()
         prior[constraints.bodies] *= size
         constraints = replace(constraints, prior=prior)
-    return fit, found
+        fit, found = fit_pooled(R, r, constraints, gamma)
+    return (fit, found) if as_given[0].cost - fit.cost > SIZE_GAIN else as_given
 
 
 def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
