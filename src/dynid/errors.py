@@ -175,7 +175,7 @@ class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""
 
     code, status = "E301", ExitStatus.INPUT
-    why = "a log is a .bag, .npz or .csv file, or a folder with position.txt and torque.txt"
+    why = "a log is a .bag, .db3, .mcap, .npz, .csv, .tsv or .parquet file, or a folder of rosbag2 or of text files"
     fix = "check the path"
 
 
@@ -567,6 +567,7 @@ WARNINGS: dict[str, str] = {
     "W325": "Samples repeat the one before them while the arm moves, as the driver held them; they are left out.",
     "W326": "Samples are in an earlier recording too: the same log was given twice; they are left out.",
     "W327": "Positions are so noisy that parameters are biased and their intervals too narrow.",
+    "W328": "The time stamps are not in seconds; they were converted.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

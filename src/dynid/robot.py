@@ -162,6 +162,8 @@ class DriverSpec:
         joint_names: names of the log's columns in chain order, () for the robot's own joint names.
         map: signs and offsets, in SI units.
         units: unit of ``position``, ``velocity`` and ``effort`` in the log.
+        effort_topic: topic of the torques where they are published apart, None where they come with the positions.
+        columns: patterns of column names in tables, by ``time``, ``position``, ``velocity``, ``effort``, ``reference``.
     """
 
     kind: str
@@ -169,6 +171,8 @@ class DriverSpec:
     joint_names: tuple[str, ...]
     map: JointMap
     units: dict[str, str] = field(default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"})
+    effort_topic: str | None = None
+    columns: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Reads record by record (``bag_records``), writes with rosbags; what is damaged c
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,14 +13,12 @@ import numpy as np
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
-from dynid.drivers.registry import driver_of
-from dynid.errors import BagTruncated, CannotWrite, Finding, JointNamesDiffer, LogNotFound, WrongMessageType
+from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
 from dynid.files.bag_records import MAGIC, BrokenBag, Connection, read_index, scan
-from dynid.files.messages import KINOVA_TYPES, BrokenMessage, Collector
+from dynid.files.cdr import MULTI_ARRAY, multi_array_ros1
+from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
 from dynid.log import Log
-from dynid.robot import Robot
 from dynid.scratch import scratch_folder
-from dynid.units import POSITION
 
 #: First bytes of a ROS bag of any version.
 START = b"#ROSBAG"
@@ -99,90 +97,7 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]
     groups = {name: found for name, collector in collectors.items() if (found := collector.logs())}
     if not groups:
         raise _nothing_readable(path)
-    return groups, (_recovered(path, reason, groups),)
-
-
-def read_bag(path: Path, robot: Robot, topic: str | None = None) -> Log:
-    """Read the joint states of a robot from a bag.
-
-    Args:
-        path: the bag.
-        robot: the robot, whose driver chooses the topic, and whose joint names the messages.
-        topic: topic of the joint states, None for the robot file's or the driver's.
-
-    Raises:
-        TopicMissing: the topic is not in the bag.
-        WrongMessageType: the topic holds no positions or no torques.
-        JointNamesDiffer: the messages name no joints.
-        BagTruncated: nothing is readable.
-    """
-    topics = {name: found.type for name, found in list_topics(path).items()}
-    driver = driver_of(robot)
-    if JOINT_STATE not in topics.values() and (pair := _kinova_pair(topics, topic)):
-        return _read_kinova_pair(path, robot, *pair)
-    chosen = driver.choose_topic(topics, topic, robot, path.name)
-    groups, findings = read_topics(path, [chosen])
-    log = _of_robot(groups.get(chosen, []), robot, chosen)
-    for key in ("position", "effort"):
-        if key in log.extra["absent"]:
-            raise WrongMessageType(f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name)
-    if log.extra["clock"] == "arrival":
-        findings = (*findings, _arrival(chosen))
-    return replace(log, source=path, findings=findings)
-
-
-def _of_robot(groups: Sequence[Log], robot: Robot, topic: str) -> Log:
-    """Return the log whose names cover the robot's; other nodes may publish on the same topic."""
-    for names in (robot.log_names, robot.joint_names):
-        for log in groups:
-            if set(names) <= set(log.names):
-                return log
-    if not groups:
-        raise WrongMessageType(f"{topic} has no messages", where=topic)
-    if not groups[0].names:
-        raise JointNamesDiffer(
-            f"the messages of {topic} name no joints",
-            where=topic,
-            fix="make the driver fill the names of its JointState",
-        )
-    return groups[0]
-
-
-def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] | None:
-    """Return the topics of angles and torques of a bag that has only Kinova's own messages."""
-    own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
-    angles = [name for name in own if name.endswith("joint_angles")]
-    torques = [name for name in own if name.endswith("joint_torques")]
-    if not angles or not torques or (asked is not None and asked not in (angles[0], torques[0])):
-        return None
-    return angles[0], torques[0]
-
-
-def _read_kinova_pair(path: Path, robot: Robot, angles: str, torques: str) -> Log:
-    """Read angles and torques from two topics; each angle gets the torque at its time of arrival."""
-    groups, findings = read_topics(path, [angles, torques])
-    if angles not in groups or torques not in groups:
-        raise WrongMessageType(f"{path.name} needs messages on both {angles} and {torques}", where=path.name)
-    position, torque = groups[angles][0], groups[torques][0]
-    # Unit: these messages have no stamps, so that both logs count from the arrival of their own first message.
-    grid = torque.t + (torque.extra["arrival_ns"][0] - position.extra["arrival_ns"][0]) * 1e-9
-    both = (position.t >= grid[0]) & (position.t <= grid[-1])
-    if not both.any():
-        raise WrongMessageType(f"{angles} and {torques} share no time", where=path.name)
-    t, n = position.t[both], min(robot.n, 7)
-    unit = robot.driver.units["position"] if robot.driver else "rad"
-    # Unit: these messages are in degrees by definition; the log is handed over in the unit that the robot file expects.
-    q = position.q[both, :n] * POSITION["deg"] / POSITION[unit]
-    tau = np.column_stack([np.interp(t, grid, torque.q[:, j]) for j in range(n)])
-    return Log(
-        t - t[0], q, tau, robot.log_names[:n], source=path, topic=angles,
-        findings=(*findings, _arrival(f"{angles} and {torques}")), extra={"clock": "arrival"},
-    )  # fmt: skip
-
-
-def _arrival(topic: str) -> Finding:
-    text = f"{topic} has no usable time stamps: the time of arrival in the bag is used, which jitters more"
-    return Finding("W304", "warning", text)
+    return groups, (recovered(path, reason, groups),)
 
 
 def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
@@ -223,14 +138,21 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
 def _collect(messages: Iterator[tuple[Connection, int, bytes]], *, lenient: bool = False) -> dict[str, Collector]:
     found: dict[str, Collector] = {}
     for connection, time, raw in messages:
+        if numbers := connection.type == MULTI_ARRAY:
+            connection = replace(connection, type=JOINT_STATE, definition="", md5=CHECKSUMS[JOINT_STATE])
         collector = found.get(connection.topic)
         if collector is None:
             collector = found[connection.topic] = Collector(connection, lenient=lenient)
-        collector.add(time, raw)
+        try:
+            collector.add(time, multi_array_ros1(raw) if numbers else raw)
+        except BrokenMessage:
+            if not lenient:
+                raise
     return found
 
 
-def _recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
+def recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
+    """Return finding W305: what of a damaged recording is used."""
     logs = [log for found in groups.values() for log in found]
     count = sum(len(log) for log in logs)
     seconds = float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9

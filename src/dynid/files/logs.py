@@ -6,6 +6,7 @@ A further format is a file with a reader, an entry in ``READERS``, and a row in 
 from __future__ import annotations
 
 import difflib
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from dynid.errors import Finding, LogNotFound
+from dynid.files import bag, rosbag2, tablelog
 from dynid.files.artifact import sha256
-from dynid.files.bag import START, read_bag
+from dynid.files.bag import START
+from dynid.files.joint_states import read_joint_states
 from dynid.files.npzlog import read_npz_log
-from dynid.files.textlog import read_csv, read_folder
+from dynid.files.textlog import read_folder
 from dynid.log import Log
 from dynid.robot import Robot
 
@@ -25,7 +28,15 @@ Reader = Callable[[Path, Robot, str | None, float | None], Log]
 
 
 def _bag(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
-    return read_bag(path, robot, topic)
+    return read_joint_states(path, robot, topic, bag)
+
+
+def _rosbag2(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
+    return read_joint_states(path, robot, topic, rosbag2)
+
+
+def _table(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
+    return tablelog.read_table(path, robot.log_names, robot.driver.columns if robot.driver else None, rate)
 
 
 #: Reader of each suffix; a bag without one of these is known by its first bytes.
@@ -33,7 +44,8 @@ READERS: dict[str, Reader] = {
     ".bag": _bag,
     ".active": _bag,
     ".npz": lambda path, robot, topic, rate: read_npz_log(path),
-    ".csv": lambda path, robot, topic, rate: read_csv(path, rate),
+    **dict.fromkeys(tablelog.SUFFIXES, _table),
+    **dict.fromkeys(rosbag2.SUFFIXES, _rosbag2),
 }
 #: A log that starts later than this [s] is stamped with a calendar clock; its time is counted from the first sample.
 EPOCH = 1e6
@@ -57,7 +69,7 @@ def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float 
     """
     path = Path(path)
     read = _reader(path)
-    log = replace(read(path, robot, topic, rate), sha256=sha256(path))
+    log = replace(read(path, robot, topic, rate), sha256=hash_of(path))
     if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > EPOCH:
         log = replace(log, t=log.t - log.t[0], extra={**log.extra, "t0": float(log.t[0])})
     if not log.names:
@@ -70,6 +82,8 @@ def _reader(path: Path) -> Reader:
     if not path.exists():
         raise LogNotFound(f"no such file {path}{_nearby(path)}", where=str(path))
     if path.is_dir():
+        if rosbag2.is_recording(path):
+            return _rosbag2
         return lambda path, robot, topic, rate: read_folder(path, rate)
     if path.suffix in READERS:
         return READERS[path.suffix]
@@ -79,11 +93,21 @@ def _reader(path: Path) -> Reader:
                 return _bag
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+    if rosbag2.is_recording(path):
+        return _rosbag2
     raise LogNotFound(
         f"{path} is not a log",
         where=str(path),
-        fix="give a .bag, .npz or .csv file, or a folder with position.txt and torque.txt",
+        fix=f"give a {', '.join(READERS)} file, or a folder of rosbag2 or with position.txt and torque.txt",
     )
+
+
+def hash_of(path: Path) -> str:
+    """Return the SHA-256 of a file; of a folder of rosbag2 that of its recordings, one after the other."""
+    if not path.is_dir() or not rosbag2.is_recording(path):
+        return sha256(path)
+    parts = rosbag2.parts_of(path)
+    return sha256(parts[0]) if len(parts) == 1 else hashlib.sha256("".join(map(sha256, parts)).encode()).hexdigest()
 
 
 def _nearby(path: Path) -> str:

@@ -263,27 +263,27 @@ def _ordered(values: NDArray[Any], own: tuple[str, ...], names: tuple[str, ...],
 def _log(names: tuple[str, ...], columns: Columns, topic: str) -> Log:
     """Return messages as a raw log.
 
-    ``extra`` names the ``clock`` of its time, the first and last ``arrival_ns``, and as ``absent`` the fields that no
-    message has; absent positions and efforts are NaN.
+    ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
+    and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
-    t, clock = _time(columns["stamp"], columns["arrival"])
+    ns, clock = _time(columns["stamp"], columns["arrival"])
+    t = (ns - ns[0]) * 1e-9
     n = max(len(names), *(columns[key].shape[1] for key in FIELDS))
     q, qd, tau = (columns[key] if columns[key].shape[1] else np.full((len(t), n), np.nan) for key in FIELDS)
     absent = tuple(key for key in FIELDS if not columns[key].shape[1])
     span = (int(columns["arrival"][0]), int(columns["arrival"][-1]))
     return Log(
         t=t, q=q, tau=tau, names=names, qd=None if "velocity" in absent else qd, topic=topic,
-        extra={"clock": clock, "arrival_ns": span, "absent": absent},
+        extra={"clock": clock, "start_ns": int(ns[0]), "arrival_ns": span, "absent": absent},
     )  # fmt: skip
 
 
-def _time(stamp: Times, arrival: Times) -> tuple[NDArray[np.float64], str]:
-    """Return the time since the first message, (N,) [s], and which clock it is: ``"header"`` or ``"arrival"``.
+def _time(stamp: Times, arrival: Times) -> tuple[Times, str]:
+    """Return the time of each message, (N,) [ns], and which clock it is: ``"header"`` or ``"arrival"``.
 
     Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
     with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed.
     """
     ticking = len(np.unique(stamp)) >= max(2, LEAST_DISTINCT * len(stamp))
     sane = bool(np.all(stamp > 0)) and ticking
-    ns = stamp if sane else arrival
-    return (ns - ns[0]) * 1e-9, "header" if sane else "arrival"
+    return (stamp, "header") if sane else (arrival, "arrival")

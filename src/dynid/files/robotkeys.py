@@ -305,6 +305,11 @@ def _simulator(value: Value, context: Context) -> JointMap:
 
 def _driver(value: Value, context: Context) -> DriverSpec:
     given = read_keys(value, DRIVER, context)
+    for key, pattern in given.get("columns", {}).items():
+        if key != "time" and "{name}" not in pattern and "{i}" not in pattern and context.n > 1:
+            raise WrongRobotFile(
+                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}", where=value.where
+            )
     return DriverSpec(**{"topic": None, "joint_names": (), "map": _joint_map(given, context), **given})
 
 
@@ -411,6 +416,20 @@ SIMULATOR = (
     Key("offset", per_joint(COORDINATE), "0", "Offset of each joint: q_dh = sign * q + offset.", _JOINT_UNIT),
 )  # fmt: skip
 
+COLUMNS = (
+    Key("time", TEXT, "`t`, `time`, ...", "Name of the column of time stamps."),
+    Key(
+        "position",
+        TEXT,
+        "`q_{name}`",
+        "Pattern of the columns of positions: `{name}` stands for a name of "
+        "`joint_names`, `{i}` for the number of the joint, counted from 0 or 1.",
+    ),
+    Key("velocity", TEXT, "`qd_{name}`", "Pattern of the columns of velocities."),
+    Key("effort", TEXT, "`tau_{name}` or `i_{name}`", "Pattern of the columns of torques or currents."),
+    Key("reference", TEXT, "`q_ref_{name}`", "Pattern of the columns of commanded positions."),
+)
+
 DRIVER = (
     Key("kind", choice(*DRIVERS), REQUIRED, "The driver that made the log."),
     Key("topic", TEXT, "that of the driver", "ROS topic of the joint states.", nullable=True),
@@ -420,6 +439,10 @@ DRIVER = (
     Key("offset", SIMULATOR[1].kind, "0", "Offset of each joint: q_dh = sign * q_log + offset.", _JOINT_UNIT),
     Key("units", Kind("mapping", _units, UNITS), "rad, rad/s, Nm", "Units of the log's columns; those that a log "
         "itself declares go before them."),
+    Key("effort_topic", TEXT, "none", "Topic of the torques where they are published apart from the positions: "
+        "`sensor_msgs/JointState` or `std_msgs/Float64MultiArray`.", nullable=True),
+    Key("columns", mapping(COLUMNS, dict), "see [logs](log-format.md)", "Names of the columns of CSV, TSV and Parquet "
+        "files."),
 )  # fmt: skip
 
 BODY = (

@@ -1,4 +1,4 @@
-"""Text logs: the paper's folder of position.txt, velocity.txt, torque.txt, and CSV with one column a quantity.
+"""Text logs: the paper's folder of position.txt, velocity.txt, torque.txt.
 
 Reads text, writes nothing. One row per sample, one column per joint; white space or commas; an optional line of names.
 """
@@ -73,41 +73,6 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
 
 
-def read_csv(path: Path, rate: float | None = None) -> Log:
-    """Read a CSV log: t, q_<name>, optional qd_<name>, and tau_<name> (or i_<name> for currents in A)."""
-    table = _read_table(path)
-    if not table.names:
-        raise LogLayout(f"{path.name}:1: no header; expected t, q_<joint>, tau_<joint>", where=f"{path}:1")
-    columns = {name: table.values[:, i] for i, name in enumerate(table.names)}
-    time = next((name for name in table.names if name.lower() in TIME_NAMES), None)
-    if time is None and rate is None:
-        raise LogLayout(
-            f"{path.name}:1: no column 't'; it has {', '.join(table.names)}",
-            where=f"{path}:1",
-            fix="add the column t, or give --rate",
-        )
-    names = tuple(name[2:] for name in table.names if name.startswith("q_"))
-    if not names:
-        raise LogLayout(f"{path.name}:1: no column q_<joint>; it has {', '.join(table.names)}", where=f"{path}:1")
-    torque = "tau" if f"tau_{names[0]}" in columns else "i"
-    for name in names:
-        if f"{torque}_{name}" not in columns:
-            missing = f"tau_{name}"
-            raise LogLayout(f"{path.name}:1: joint '{name}' has q_{name} but no {missing}", where=f"{path}:1")
-    measured = all(f"qd_{name}" in columns for name in names)
-    n_rows = len(table.values)
-    t = columns[time] if time is not None else np.arange(n_rows) / _positive(rate)
-    return Log(
-        t,
-        np.column_stack([columns[f"q_{name}"] for name in names]),
-        np.column_stack([columns[f"{torque}_{name}"] for name in names]),
-        names,
-        np.column_stack([columns[f"qd_{name}"] for name in names]) if measured else None,
-        source=path,
-        tau_unit="A" if torque == "i" else "",
-    )
-
-
 def _read_table(path: Path) -> _Table:
     """Read one text file block by block; its first line may hold names."""
     names: tuple[str, ...] = ()
@@ -117,7 +82,7 @@ def _read_table(path: Path) -> _Table:
     try:
         with limits.open_file(path) as stream:
             limits.check("text_bytes", os.fstat(stream.fileno()).st_size, path)
-            for number, line in _lines(stream, path):
+            for number, line in lines_of(stream, path):
                 if not first:
                     first = number
                     bare = line.lstrip("#% ")
@@ -146,7 +111,7 @@ def _read_table(path: Path) -> _Table:
     return _Table(path, names, blocks[0] if len(blocks) == 1 else np.concatenate(blocks))
 
 
-def _lines(stream: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
+def lines_of(stream: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines that hold something, with their numbers, each no longer than the limit."""
     most = int(limits.limit("line_bytes"))
     text = io.TextIOWrapper(stream, encoding="utf-8-sig")
@@ -213,10 +178,15 @@ def _time(path: Path, position: _Table, rate: float | None) -> tuple[Floats, _Ta
             why="derivatives need the time of each sample",
             fix="give the sample rate: --rate 100",
         )
-    return np.arange(len(position.values)) / _positive(rate), position
+    return np.arange(len(position.values)) / positive_rate(rate), position
 
 
-def _positive(rate: float | None) -> float:
+def positive_rate(rate: float | None) -> float:
+    """Return the sample rate that the user gave [Hz].
+
+    Raises:
+        WrongUsage: it is none.
+    """
     if rate is None or not np.isfinite(rate) or rate <= 0:
         raise WrongUsage(f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100")
     return rate

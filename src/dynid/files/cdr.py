@@ -1,0 +1,127 @@
+"""ROS 2 messages (CDR) as the same messages of ROS 1, so that everything behind the container is the same.
+
+Only sensor_msgs/JointState and std_msgs/Float64MultiArray are known, both endiannesses. Source: OMG DDS-XTypes 1.3,
+section 7.4 (plain CDR, versions 1 and 2).
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from dynid import limits
+from dynid.files.messages import BrokenMessage
+
+MULTI_ARRAY = "std_msgs/Float64MultiArray"
+#: Kind of the encapsulation (second byte) -> byte order and largest alignment.
+_KINDS = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4)}
+_SEQUENCE = b"\0\0\0\0"
+
+
+class _Reader:
+    """Walks over one message; alignment counts from behind the four bytes of the encapsulation."""
+
+    def __init__(self, raw: bytes) -> None:
+        if len(raw) < 4 or raw[0] != 0 or raw[1] not in _KINDS:
+            raise BrokenMessage("a message is not plain CDR")
+        self.raw, self.at = raw, 4
+        self.order, self.widest = _KINDS[raw[1]]
+
+    def _align(self, size: int) -> None:
+        size = min(size, self.widest)
+        self.at += -(self.at - 4) % size
+
+    def number(self) -> int:
+        self._align(4)
+        try:
+            (value,) = struct.unpack_from(f"{self.order}I", self.raw, self.at)
+        except struct.error:
+            raise BrokenMessage("a message is too short for its type") from None
+        self.at += 4
+        return int(value)
+
+    def text(self) -> bytes:
+        """Return a string without its closing zero."""
+        size = self.number()
+        if self.at + size > len(self.raw):
+            raise BrokenMessage("a message is too short for its type")
+        self.at += size
+        return self.raw[self.at - size : self.at].rstrip(b"\0")
+
+    def floats(self) -> bytes:
+        """Return a sequence of doubles as ROS 1 writes it: count, then little-endian numbers."""
+        count = self.number()
+        if not count:
+            return _SEQUENCE
+        self._align(8)
+        end = self.at + 8 * count
+        if end > len(self.raw):
+            raise BrokenMessage("a message is too short for its type")
+        part, self.at = self.raw[self.at : end], end
+        body = part if self.order == "<" else np.frombuffer(part, ">f8").astype("<f8").tobytes()
+        return struct.pack("<I", count) + body
+
+
+def _string(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text
+
+
+def joint_state(raw: bytes) -> bytes:
+    """Return a sensor_msgs/msg/JointState in CDR as the sensor_msgs/JointState of ROS 1.
+
+    Raises:
+        BrokenMessage: the bytes are not such a message.
+        TooLarge: more names, or longer ones, than the limits.
+    """
+    reader = _Reader(raw)
+    head = struct.pack("<III", 0, reader.number(), reader.number()) + _string(reader.text())
+    count = reader.number()
+    limits.check("columns", min(count, len(raw) // 4), "a JointState")
+    names = [_string(reader.text()) for _ in range(count)]
+    fields = [reader.floats() for _ in range(3)]
+    return b"".join([head, struct.pack("<I", count), *names, *fields])
+
+
+def multi_array(raw: bytes) -> bytes:
+    """Return a std_msgs/msg/Float64MultiArray in CDR as a JointState of ROS 1 without names and stamp.
+
+    Raises:
+        BrokenMessage: the bytes are not such a message.
+        TooLarge: more dimensions than columns may be.
+    """
+    reader = _Reader(raw)
+    count = reader.number()
+    limits.check("columns", min(count, len(raw) // 4), "a Float64MultiArray")
+    for _ in range(count):
+        reader.text()
+        reader.number(), reader.number()
+    reader.number()
+    return _nameless(reader.floats())
+
+
+def multi_array_ros1(raw: bytes) -> bytes:
+    """Return a std_msgs/Float64MultiArray of ROS 1 as a JointState without names and stamp.
+
+    Raises:
+        BrokenMessage: the bytes are not such a message.
+        TooLarge: more dimensions than columns may be.
+    """
+    try:
+        (count,) = struct.unpack_from("<I", raw, 0)
+        limits.check("columns", min(count, len(raw) // 4), "a Float64MultiArray")
+        at = 4
+        for _ in range(count):
+            (size,) = struct.unpack_from("<I", raw, at)
+            at += 12 + size
+        (numbers,) = struct.unpack_from("<I", raw, at + 4)
+    except struct.error:
+        raise BrokenMessage("a message is too short for its type") from None
+    if len(raw) < at + 8 + 8 * numbers:
+        raise BrokenMessage("a message is too short for its type")
+    return _nameless(raw[at + 4 : at + 8 + 8 * numbers])
+
+
+def _nameless(numbers: bytes) -> bytes:
+    # Unit: sequence number, stamp (two words), length of the frame's name, number of names.
+    return b"\0" * 20 + numbers + _SEQUENCE + _SEQUENCE

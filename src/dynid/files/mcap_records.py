@@ -1,0 +1,278 @@
+"""An MCAP file -> its messages, by one linear walk over its records; a damaged one gives what is still readable.
+
+Memory holds one chunk at a time, whatever the file says. The summary at the end, where there is one, tells topics and
+counts, and which chunks may be passed over. Source: mcap.dev/spec, version 0.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from dynid import limits
+
+MAGIC = b"\x89MCAP0\r\n"
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
+#: Bytes of the footer record and the magic behind it.
+_TAIL = 9 + 20 + len(MAGIC)
+#: Part of a chunk before its compressed records, without the name of the compression.
+_CHUNK_HEAD = struct.Struct("<QQQI")
+
+
+class BrokenMcap(Exception):
+    """The file is cut, was not closed, or has damaged records; says what was met."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One publisher of one topic.
+
+    Attributes:
+        topic: topic name.
+        schema: message type, as the file writes it.
+        encoding: how messages are written: ``"cdr"``, ``"ros1"`` or something else.
+        definition: text of the message definition, "" where there is none.
+        definition_encoding: such as ``"ros2msg"``.
+    """
+
+    topic: str
+    schema: str
+    encoding: str
+    definition: str
+    definition_encoding: str
+
+
+@dataclass
+class Summary:
+    """What the end of a closed file says.
+
+    Attributes:
+        channels: by their number.
+        counts: messages of each channel.
+        chunks: for each chunk, by its place in the file, the channels that it holds.
+    """
+
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    chunks: dict[int, frozenset[int]] = field(default_factory=dict)
+
+    def take(self, op: int, data: bytes, path: Path) -> None:
+        """Remember a schema or a channel.
+
+        Raises:
+            BrokenMcap: the record is not whole.
+            TooLarge: there are more of them than the limit.
+        """
+        reader = _Fields(data)
+        if op == _SCHEMA:
+            number, name, encoding = reader.short(), reader.text(), reader.text()
+            self.schemas[number] = (name, encoding, reader.text())
+        else:
+            number, schema, topic, encoding = reader.short(), reader.short(), reader.text(), reader.text()
+            name, kind, definition = self.schemas.get(schema, ("", "", ""))
+            self.channels[number] = Channel(topic, name, encoding, definition, kind)
+        limits.check("connections", max(len(self.schemas), len(self.channels)), path)
+
+
+class _Fields:
+    """The fields of one record, one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def _take(self, form: str) -> int:
+        try:
+            (value,) = struct.unpack_from(form, self.data, self.at)
+        except struct.error:
+            raise BrokenMcap("a record is shorter than its fields") from None
+        self.at += struct.calcsize(form)
+        return int(value)
+
+    def short(self) -> int:
+        return self._take("<H")
+
+    def word(self) -> int:
+        return self._take("<I")
+
+    def long(self) -> int:
+        return self._take("<Q")
+
+    def text(self) -> str:
+        size = self.word()
+        if self.at + size > len(self.data):
+            raise BrokenMcap("a record is shorter than its fields")
+        self.at += size
+        return self.data[self.at - size : self.at].decode("utf-8", "replace")
+
+
+def read_summary(path: Path) -> Summary:
+    """Return what the end of a file says about it.
+
+    Raises:
+        BrokenMcap: there is no summary, or it is damaged.
+    """
+    with limits.open_file(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        if end < len(MAGIC) + _TAIL:
+            raise BrokenMcap("it was never closed: there is no summary")
+        stream.seek(end - _TAIL)
+        tail = stream.read(_TAIL)
+        if tail[0] != _FOOTER or not tail.endswith(MAGIC):
+            raise BrokenMcap("it was never closed: there is no summary")
+        (start,) = struct.unpack_from("<Q", tail, 9)
+        if not len(MAGIC) <= start < end:
+            raise BrokenMcap("it has no summary")
+        found = Summary()
+        for op, data, _ in _records(stream, start, end - _TAIL, path, whole=True):
+            if op in (_SCHEMA, _CHANNEL):
+                found.take(op, data, path)
+            elif op == _STATISTICS:
+                _take_counts(found, data)
+            elif op == _CHUNK_INDEX:
+                _take_chunk(found, data)
+        if not found.channels or not found.counts:
+            raise BrokenMcap("its summary names no channels")
+        return found
+
+
+def _take_counts(found: Summary, data: bytes) -> None:
+    # Unit: three counts and the times take 42 bytes before the map of counts.
+    (size,) = struct.unpack_from("<I", data, 42) if len(data) >= 46 else (0,)
+    found.counts.update(struct.iter_unpack("<HQ", data[46 : 46 + size // 10 * 10]))
+
+
+def _take_chunk(found: Summary, data: bytes) -> None:
+    if len(data) < 36:
+        return
+    place, size = struct.unpack_from("<Q", data, 16)[0], struct.unpack_from("<I", data, 32)[0]
+    if size:
+        pairs = struct.iter_unpack("<HQ", data[36 : 36 + size // 10 * 10])
+        found.chunks[place] = frozenset(channel for channel, _ in pairs)
+
+
+def scan(
+    path: Path, topics: Collection[str] | None = None, summary: Summary | None = None
+) -> Iterator[tuple[Channel, int, bytes]]:
+    """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file.
+
+    Args:
+        path: the file.
+        topics: only these, None for all.
+        summary: what the end of the file says, so that chunks without these topics can be passed over.
+
+    Raises:
+        BrokenMcap: what comes behind the last message that was yielded cannot be read.
+        TooLarge: a chunk or a message is beyond the limit.
+    """
+    known = Summary()
+    with limits.open_file(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise BrokenMcap("it does not begin like an MCAP file")
+        skip: frozenset[int] = frozenset()
+        if summary is not None and topics is not None:
+            wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
+            skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
+            # Why: channels may be told only in the chunks that are passed over.
+            known.schemas, known.channels = dict(summary.schemas), dict(summary.channels)
+        for op, data, _ in _records(stream, len(MAGIC), end, path, skip=skip):
+            if op == _DATA_END:
+                return
+            parts = _unpacked(data, path) if op == _CHUNK else [(op, data)]
+            for inner, content in parts:
+                if inner in (_SCHEMA, _CHANNEL):
+                    known.take(inner, content, path)
+                elif inner == _MESSAGE:
+                    if len(content) < 22:
+                        raise BrokenMcap("a message is shorter than its head")
+                    number, _, arrival = struct.unpack_from("<HIQ", content)
+                    channel = known.channels.get(number)
+                    if channel is None:
+                        raise BrokenMcap("a message belongs to no channel")
+                    if topics is None or channel.topic in topics:
+                        yield channel, arrival, content[22:]
+        raise BrokenMcap("it was never closed")
+
+
+def _records(
+    stream: IO[bytes], start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
+) -> Iterator[tuple[int, bytes, int]]:
+    """Yield kind, content and place of the records that matter; the others are passed over unread."""
+    at = start
+    wanted = {_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END} | ({_STATISTICS, _CHUNK_INDEX} if whole else set())
+    while at < end:
+        stream.seek(at)
+        head = stream.read(9)
+        if len(head) < 9:
+            raise BrokenMcap("it ends inside a record")
+        op, size = head[0], struct.unpack("<Q", head[1:])[0]
+        if size > end - at - 9:
+            raise BrokenMcap("it ends inside a record")
+        if op == 0:
+            raise BrokenMcap("a record has no kind")
+        if op in wanted and at not in skip:
+            limits.check("message_bytes" if op == _MESSAGE else "chunk_bytes", size, path)
+            yield op, stream.read(size), at
+        at += 9 + size
+
+
+def _unpacked(data: bytes, path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the records in a chunk."""
+    if len(data) < _CHUNK_HEAD.size + 4:
+        raise BrokenMcap("a chunk is shorter than its head")
+    _, _, size, checksum = _CHUNK_HEAD.unpack_from(data)
+    fields = _Fields(data)
+    fields.at = _CHUNK_HEAD.size
+    compression, packed = fields.text(), fields.long()
+    body = data[fields.at : fields.at + packed]
+    limits.check("chunk_bytes", size, path)
+    limits.check_expansion(len(body), size, path)
+    records = unpack(body, compression, size)
+    if len(records) != size or (checksum and zlib.crc32(records) != checksum):
+        raise BrokenMcap("a chunk does not have its checksum")
+    at = 0
+    while at + 9 <= size:
+        op, length = records[at], struct.unpack_from("<Q", records, at + 1)[0]
+        if length > size - at - 9:
+            raise BrokenMcap("a record is longer than its chunk")
+        if op == _MESSAGE:
+            limits.check("message_bytes", length, path)
+        yield op, records[at + 9 : at + 9 + length]
+        at += 9 + length
+
+
+def unpack(body: bytes, compression: str, size: int) -> bytes:
+    """Return unpacked data of at most a known size.
+
+    Raises:
+        BrokenMcap: the data is damaged, or packed in a way that is not known.
+    """
+    if compression == "":
+        return body
+    try:
+        if compression == "zstd":
+            return _unpack_zstd(body, size)
+        if compression == "lz4":
+            import lz4.frame
+
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size))
+    except (RuntimeError, ValueError, EOFError) as error:
+        raise BrokenMcap(f"a chunk cannot be unpacked: {error}") from None
+    raise BrokenMcap(f"its chunks are packed with {compression[:20]!r}, which is not known")
+
+
+def _unpack_zstd(body: bytes, size: int) -> bytes:
+    import zstandard
+
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(body) as reader:
+            return bytes(reader.read(size))
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from None

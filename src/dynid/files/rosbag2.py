@@ -1,0 +1,315 @@
+"""Recordings of ROS 2, and MCAP files of either ROS: folders with metadata.yaml, single .db3 and .mcap files.
+
+Reads message by message; hands over the same logs as ``bag`` does for ROS 1. What is damaged comes with finding W305.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from dynid import limits
+from dynid.drivers.interface import JOINT_STATE
+from dynid.errors import BagTruncated, Finding, LogNotFound, TooLarge, WrongMessageType
+from dynid.files import cdr, mcap_records
+from dynid.files.bag import Topic, recovered
+from dynid.files.bag_records import Connection
+from dynid.files.mcap_records import BrokenMcap
+from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
+from dynid.log import Log
+
+SQLITE = b"SQLite format 3\0"
+SUFFIXES = (".db3", ".mcap")
+#: Fields of the ROS 2 definitions that the decoders were written for; other types in them follow after a line of ``=``.
+_FIELDS = {
+    JOINT_STATE: ("Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
+    cdr.MULTI_ARRAY: ("MultiArrayLayout layout", "float64[] data"),
+}
+
+
+@dataclass(frozen=True)
+class _Message:
+    """One message as the container holds it.
+
+    Attributes:
+        topic: topic name.
+        kind: message type, as ROS 1 writes it.
+        encoding: ``"cdr"`` or ``"ros1"``.
+        definition: text of the definition, "" where the container has none.
+        arrival: time of arrival [ns].
+        raw: the bytes.
+    """
+
+    topic: str
+    kind: str
+    encoding: str
+    definition: str
+    arrival: int
+    raw: bytes
+
+
+class Broken(Exception):
+    """A part of the recording cannot be read; says what was met."""
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a path is a folder of rosbag2, or a single .db3 or .mcap file, by its content."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() or any(part.suffix in SUFFIXES for part in path.iterdir())
+    return path.suffix in SUFFIXES or _start(path).startswith((SQLITE, mcap_records.MAGIC))
+
+
+def list_topics(path: Path) -> dict[str, Topic]:
+    """Return the topics of a recording by name; those of a damaged one as far as it can be read.
+
+    Raises:
+        BagTruncated: nothing is readable.
+        LogNotFound: not a recording.
+    """
+    found: dict[str, Topic] = {}
+    for part in parts_of(path):
+        for name, kind, count in _topics(part):
+            before = found[name].count if name in found else 0
+            found[name] = Topic(name, kind, before + count)
+    if not found:
+        raise _nothing(path)
+    return found
+
+
+def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+    """Read topics of a recording.
+
+    Returns:
+        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+
+    Raises:
+        BagTruncated: nothing of these topics is readable.
+        WrongMessageType: the layout of the messages is not the known one of their type.
+        TooLarge: a chunk, a message or a name is larger than the limit.
+    """
+    try:
+        collectors, reasons = _collected(path, names, lenient=False)
+        groups = {name: logs for name, collector in collectors.items() if (logs := collector.logs())}
+    except BrokenMessage as error:
+        collectors, reasons = _collected(path, names, lenient=True)
+        groups = {name: logs for name, collector in collectors.items() if (logs := collector.logs())}
+        reasons = [str(error), *reasons]
+    if reasons and not groups:
+        raise _nothing(path, reasons[0])
+    return groups, (recovered(path, "; ".join(reasons[:3]), groups),) if reasons else ()
+
+
+def _collected(path: Path, names: Collection[str], *, lenient: bool) -> tuple[dict[str, Collector], list[str]]:
+    """Return the numbers of some topics, and why parts of the recording could not be read."""
+    collectors: dict[str, Collector] = {}
+    reasons = []
+    for part in parts_of(path):
+        try:
+            for message in _messages(part, names):
+                _collect(message, collectors, lenient=lenient)
+        except Broken as error:
+            reasons.append(f"{part.name}: {error}" if part != path else str(error))
+    return collectors, reasons
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Return the files of a recording in the order of time.
+
+    Raises:
+        LogNotFound: a folder without any.
+    """
+    if not path.is_dir():
+        return [path]
+    parts = [part for part in path.iterdir() if part.suffix in SUFFIXES and part.is_file()]
+    if not parts:
+        packed = [part.name for part in path.iterdir() if part.name.endswith(".zstd")]
+        fix = f"unpack it with: zstd -d {path / packed[0]}" if packed else "check the path"
+        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=str(path), fix=fix)
+
+    def place(part: Path) -> tuple[list[int], str]:
+        # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
+        return [int(number) for number in re.findall(r"\d+", part.stem)[-1:]], part.name
+
+    return sorted(parts, key=place)
+
+
+def _collect(message: _Message, collectors: dict[str, Collector], *, lenient: bool) -> None:
+    """Hand a message on as one of ROS 1; a damaged one is passed over if ``lenient``."""
+    limits.check("message_bytes", len(message.raw), message.topic)
+    collector = collectors.get(message.topic)
+    if collector is None:
+        _check_definition(message)
+        kind, md5 = message.kind, ""
+        if message.encoding == "cdr" or kind == cdr.MULTI_ARRAY:
+            kind, md5 = JOINT_STATE, CHECKSUMS[JOINT_STATE]
+        connection = Connection(message.topic, kind, message.definition, md5)
+        collector = collectors[message.topic] = Collector(connection, lenient=lenient)
+    try:
+        if message.kind == cdr.MULTI_ARRAY:
+            convert = cdr.multi_array if message.encoding == "cdr" else cdr.multi_array_ros1
+            collector.add(message.arrival, convert(message.raw))
+        elif message.encoding == "cdr":
+            collector.add(message.arrival, cdr.joint_state(message.raw))
+        else:
+            collector.add(message.arrival, message.raw)
+    except (BrokenMessage, TooLarge):
+        if not lenient:
+            raise
+
+
+def _check_definition(message: _Message) -> None:
+    """Raise when messages cannot be decoded: another type, or another layout than the known one."""
+    if message.encoding == "ros1" and message.kind != cdr.MULTI_ARRAY:
+        return  # the collector compares these definitions
+    if message.kind not in _FIELDS or message.encoding not in ("cdr", "ros1"):
+        text = f"{message.topic} has messages of the type {message.kind} ({message.encoding})"
+        raise WrongMessageType(text, where=message.topic)
+    lines = []
+    for raw in message.definition.splitlines():
+        line = " ".join(raw.partition("#")[0].split())
+        if line and set(line) == {"="}:
+            break
+        if line:
+            lines.append(line.replace("std_msgs/msg/", "").replace("std_msgs/", ""))
+    if lines and tuple(lines) != _FIELDS[message.kind]:
+        raise WrongMessageType(
+            f"the {message.kind} of {message.topic} has another layout than the known one",
+            where=message.topic,
+            why="only the known layout is decoded",
+            fix="record with the standard definition of this message",
+        )
+
+
+def _start(path: Path) -> bytes:
+    try:
+        with limits.open_file(path) as stream:
+            return stream.read(16)
+    except OSError as error:
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+
+
+def _is_sqlite(part: Path) -> bool:
+    start = _start(part)
+    if not start:
+        raise BagTruncated(f"{part.name} is empty: nothing was recorded", where=str(part), fix="record again")
+    if start.startswith(SQLITE):
+        return True
+    if start.startswith(mcap_records.MAGIC):
+        return False
+    raise LogNotFound(f"{part.name} is neither an SQLite nor an MCAP file", where=str(part))
+
+
+def _ros1_name(kind: str) -> str:
+    return kind.replace("/msg/", "/")
+
+
+# ---------------------------------------------------------------- either container
+def _topics(part: Path) -> list[tuple[str, str, int]]:
+    """Return name, type and number of messages of the topics of one file."""
+    if _is_sqlite(part):
+        try:
+            with closing(_open(part)) as base:
+                names = _table(base, part)
+                counts = dict(base.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        except sqlite3.Error:
+            return _counted(part)
+        return [(name, _ros1_name(kind), counts.get(number, 0)) for number, (name, kind, _) in names.items()]
+    try:
+        summary = mcap_records.read_summary(part)
+    except (BrokenMcap, TooLarge):
+        return _counted(part)
+    return [
+        (channel.topic, _ros1_name(channel.schema), summary.counts.get(number, 0))
+        for number, channel in summary.channels.items()
+    ]
+
+
+def _counted(part: Path) -> list[tuple[str, str, int]]:
+    """Count the messages that can be read one by one."""
+    counts: dict[tuple[str, str], int] = {}
+    try:
+        for message in _messages(part, None):
+            key = (message.topic, message.kind)
+            counts[key] = counts.get(key, 0) + 1
+    except Broken:
+        pass
+    return [(*key, count) for key, count in counts.items()]
+
+
+def _messages(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
+    """Yield the messages of some topics (all when None).
+
+    Raises:
+        Broken: what follows cannot be read.
+    """
+    if _is_sqlite(part):
+        yield from _rows(part, names)
+        return
+    try:
+        summary = mcap_records.read_summary(part)
+    except BrokenMcap:
+        summary = None
+    try:
+        for channel, arrival, raw in mcap_records.scan(part, names, summary):
+            kind = _ros1_name(channel.schema)
+            text = channel.definition if channel.definition_encoding in ("ros2msg", "ros1msg") else ""
+            yield _Message(channel.topic, kind, channel.encoding, text, arrival, raw)
+    except BrokenMcap as error:
+        raise Broken(str(error)) from None
+
+
+def _open(part: Path) -> sqlite3.Connection:
+    """Open a store to read, with what its journal holds where that can be read."""
+    quoted = part.resolve().as_uri()
+    journal = part.with_name(part.name + "-wal").exists()
+    base = sqlite3.connect(f"{quoted}?mode=ro" + ("" if journal else "&immutable=1"), uri=True)
+    base.execute("PRAGMA trusted_schema = OFF")
+    return base
+
+
+def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, str]]:
+    """Return name, type and serialisation of the topics by their number.
+
+    Raises:
+        Broken: it is not a store of rosbag2.
+    """
+    # Why: a view could be made to compute for ever; the recorder makes plain tables.
+    plain = {
+        str(name) for name, text in base.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")
+        if str(text).upper().startswith("CREATE TABLE")
+    }  # fmt: skip
+    if not {"topics", "messages"} <= plain:
+        raise LogNotFound(f"{part.name} has no tables of rosbag2", where=str(part))
+    rows = base.execute("SELECT id, name, type, serialization_format FROM topics")
+    found = {}
+    for number, name, kind, form in rows:
+        found[int(number)] = (str(name), str(kind), str(form))
+        limits.check("connections", len(found), part)
+    return found
+
+
+def _rows(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
+    try:
+        with closing(_open(part)) as base:
+            topics = _table(base, part)
+            wanted = [number for number, (name, _, _) in topics.items() if names is None or name in names]
+            marks = ", ".join("?" * len(wanted))
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
+            for number, arrival, raw in base.execute(query, wanted):
+                name, kind, form = topics[number]
+                if isinstance(raw, bytes) and isinstance(arrival, int):
+                    yield _Message(name, _ros1_name(kind), form, "", arrival, raw)
+    except (sqlite3.Error, OverflowError) as error:
+        raise Broken(str(error)) from None
+
+
+def _nothing(path: Path, reason: str = "") -> BagTruncated:
+    tail = f": {reason}" if reason else ""
+    return BagTruncated(
+        f"{path.name}: nothing is readable{tail}", where=str(path),
+        fix="record again, or try: ros2 bag reindex FOLDER; mcap recover FILE",
+    )  # fmt: skip

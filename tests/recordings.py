@@ -1,0 +1,135 @@
+"""The same joint states in every container that people have, written with other people's libraries."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+from makelogs import STORE as ROS1
+from makelogs import joint_state
+from makelogs import write_bag as write_ros1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dynid.log import Log
+
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+KIND = "sensor_msgs/msg/JointState"
+ARRAY = "std_msgs/msg/Float64MultiArray"
+
+
+def stamps(log: Log, start: int = 1_700_000_000_000_000_000) -> list[int]:
+    return (start + np.round(log.t * 1e9).astype(np.int64)).tolist()
+
+
+def ros2_state(ns, names, q, qd=(), tau=()):
+    types = ROS2.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "base")
+    return types[KIND](header, list(names), *(np.asarray(x, dtype=float) for x in (q, qd, tau)))
+
+
+def ros2_array(values):
+    types = ROS2.types
+    layout = types["std_msgs/msg/MultiArrayLayout"]([types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0)
+    return types[ARRAY](layout, np.asarray(values, dtype=float))
+
+
+def cdr(message, little: bool = True) -> bytes:
+    return bytes(ROS2.serialize_cdr(message, message.__msgtype__, little_endian=little))
+
+
+def write_rosbag2(folder: Path, messages, storage: str = "sqlite3", little: bool = True, compress: bool = False) -> Path:
+    """Write (topic, arrival [ns], message) as a folder of rosbag2."""
+    plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
+    writer = Writer(folder, version=9, storage_plugin=plugin)
+    if compress:
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    connections = {}
+    with writer:
+        for topic, ns, message in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=ROS2)
+            writer.write(connections[topic], ns, cdr(message, little))
+    return folder
+
+
+def single(folder: Path, target: Path) -> Path:
+    """Copy the only storage file of a rosbag2 folder."""
+    (part,) = [path for path in folder.iterdir() if path.suffix in (".db3", ".mcap")]
+    shutil.copy(part, target)
+    return target
+
+
+def write_mcap(path: Path, messages, profile: str = "ros1", compression: str = "zstd", chunk: int = 1 << 16) -> Path:
+    """Write (topic, arrival [ns], message) with the mcap library; ``profile`` is ros1 or ros2."""
+    from mcap.writer import CompressionType, Writer as McapWriter
+
+    ros1 = profile == "ros1"
+    store, encoding = (ROS1, "ros1msg") if ros1 else (ROS2, "ros2msg")
+    kind = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}[compression]
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=chunk, compression=kind)
+        writer.start(profile, "test")
+        channels = {}
+        for topic, ns, message in messages:
+            name = message.__msgtype__
+            if topic not in channels:
+                text, _ = store.generate_msgdef(name, ros_version=1 if ros1 else 2)
+                schema = writer.register_schema(name.replace("/msg/", "/") if ros1 else name, encoding, text.encode())
+                channels[topic] = writer.register_channel(topic, "ros1" if ros1 else "cdr", schema)
+            raw = bytes(store.serialize_ros1(message, name)) if ros1 else cdr(message)
+            writer.add_message(channels[topic], ns, raw, ns)
+        writer.finish()
+    return path
+
+
+def of_ros1(log: Log, topic: str):
+    return [(topic, ns, joint_state(ns, log.names, q, (), tau)) for ns, q, tau in zip(stamps(log), log.q, log.tau)]
+
+
+def of_ros2(log: Log, topic: str):
+    return [(topic, ns, ros2_state(ns, log.names, q, (), tau)) for ns, q, tau in zip(stamps(log), log.q, log.tau)]
+
+
+def write_bag(path: Path, log: Log, topic: str) -> Path:
+    return write_ros1(path, of_ros1(log, topic))
+
+
+def write_text(path: Path, log: Log, delimiter: str = ",", comma: bool = False, head: str = "", pattern=None, unit=1.0):
+    """Write a table in one dialect; ``pattern`` gives the names of the columns: position, effort, time."""
+    position, effort, time = pattern or ("q_{name}", "tau_{name}", "t")
+    words = [time]
+    for form in (position, effort):
+        words += [form.replace("{name}", name).replace("{i}", str(i)) for i, name in enumerate(log.names)]
+    rows = np.column_stack([log.t, log.q, log.tau])
+    lines = [head + delimiter.join(words)]
+    for row in rows.tolist():
+        cells = [repr(row[0]) if unit == 1.0 else str(round(row[0] * unit)), *map(repr, row[1:])]
+        lines.append(delimiter.join(cell.replace(".", ",") if comma else cell for cell in cells))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_parquet(path: Path, log: Log) -> Path:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = {"t": log.t}
+    columns |= {f"q_{name}": log.q[:, k] for k, name in enumerate(log.names)}
+    columns |= {f"tau_{name}": log.tau[:, k] for k, name in enumerate(log.names)}
+    parquet.write_table(pa.table(columns), path)
+    return path
+
+
+def add_view(path: Path) -> None:
+    """Put a view without end where a table of rosbag2 belongs."""
+    base = sqlite3.connect(path)
+    base.execute("ALTER TABLE messages RENAME TO kept")
+    base.execute(
+        "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) "
+        "SELECT 1 AS id, 1 AS topic_id, i AS timestamp, x'00' AS data FROM n"
+    )
+    base.commit()
+    base.close()
