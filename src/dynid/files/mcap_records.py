@@ -185,20 +185,24 @@ def scan(
         for op, data, _ in _records(stream, len(MAGIC), end, path, skip=skip):
             if op == _DATA_END:
                 return
-            parts = _unpacked(data, path) if op == _CHUNK else [(op, data)]
-            for inner, content in parts:
+            for inner, content in _unpacked(data, path) if op == _CHUNK else [(op, data)]:
                 if inner in (_SCHEMA, _CHANNEL):
                     known.take(inner, content, path)
                 elif inner == _MESSAGE:
-                    if len(content) < 22:
-                        raise BrokenMcap("a message is shorter than its head")
-                    number, _, arrival = struct.unpack_from("<HIQ", content)
-                    channel = known.channels.get(number)
-                    if channel is None:
-                        raise BrokenMcap("a message belongs to no channel")
+                    channel, arrival = _head(content, known)
                     if topics is None or channel.topic in topics:
                         yield channel, arrival, content[22:]
         raise BrokenMcap("it was never closed")
+
+
+def _head(content: bytes, known: Summary) -> tuple[Channel, int]:
+    """Return the channel of a message and its time of arrival [ns]."""
+    if len(content) < 22:
+        raise BrokenMcap("a message is shorter than its head")
+    number, _, arrival = struct.unpack_from("<HIQ", content)
+    if number not in known.channels:
+        raise BrokenMcap("a message belongs to no channel")
+    return known.channels[number], arrival
 
 
 def _records(
