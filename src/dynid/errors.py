@@ -326,6 +326,14 @@ class TooLarge(DynidError):
     fix = "raise the limit with --limit NAME=VALUE; docs/reference/limits.md lists them"
 
 
+class WrongMapping(DynidError):
+    """The robot file does not describe the arm that made the log: an edit of it explains the torques far better."""
+
+    code, status = "E324", ExitStatus.INPUT
+    why = "the model explains little more than a constant and friction"
+    fix = "correct the DH convention, signs, offsets or order of the columns in the robot file, or go on with --anyway"
+
+
 # ---------------------------------------------------------------- 4: what the data can answer
 class JointStill(DynidError):
     """A joint never moves in the log."""
@@ -568,6 +576,7 @@ WARNINGS: dict[str, str] = {
     "W326": "Samples are in an earlier recording too: the same log was given twice; they are left out.",
     "W327": "Positions are so noisy that parameters are biased and their intervals too narrow.",
     "W328": "The time stamps are not in seconds; they were converted.",
+    "W329": "Another mapping of the columns explains the log far better; --anyway went on all the same.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

@@ -33,6 +33,10 @@ USUAL = {
 #: Median step between samples, in each unit of time, of recorders from 20 Hz to 10 kHz; the ranges do not overlap.
 STEPS = {"s": (1e-4, 0.08), "ms": (0.1, 80.0), "us": (100.0, 8e4), "ns": (1e5, 8e7)}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Seconds since 1970 of 2001 and of 2100.
+CALENDAR = (1e9, 4.1e9)
+#: Fewer stamps than this do not tell their unit.
+TOLD = 20
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns).
 _UNIT = re.compile(r"(?:^|[_\s\[(./])(ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$", re.IGNORECASE)
@@ -126,7 +130,7 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     named = _UNIT.search(name)
     unit = {"msec": "ms", "usec": "us", "µs": "us", "nsec": "ns", "nanosec": "ns"}.get(
         named.group(1).lower(), named.group(1).lower()
-    ) if named else next((unit for unit, (low, high) in STEPS.items() if low <= usual < high), "s")  # fmt: skip
+    ) if named else _unit_of(finite, usual)  # fmt: skip
     if unit == "s":
         return t, ()
     # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
@@ -137,6 +141,15 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     said = f"as the name of {name} says" if named else f"a step of {usual:.4g} in {name} can be nothing else"
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
     return seconds, (Finding("W328", "info" if named else "warning", text, {"unit": unit, "seconds": span}),)
+
+
+def _unit_of(t: Floats, step: float) -> str:
+    """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
+    for unit, factor in SECONDS.items():
+        if len(t) and CALENDAR[0] < t[0] * factor < CALENDAR[1]:
+            return unit
+    told = next((unit for unit, (low, high) in STEPS.items() if low <= step < high), "s")
+    return told if len(t) >= TOLD else "s"
 
 
 def suggested(names: Sequence[str]) -> dict[str, str]:

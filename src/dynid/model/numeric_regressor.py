@@ -1,4 +1,4 @@
-"""The regressor of any DH table on a few samples, straight from Newton and Euler's equations, without deriving it first.
+"""The regressor of any DH table on a few samples, straight from Newton and Euler, without deriving it first.
 
 For questions that are asked of many tables at once, such as which mistake a robot file has; the derived program
 (``regressor``) is faster for one table and many samples. The two share only the kinematics.

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.drivers.registry import driver_of
-from dynid.errors import Finding
+from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.columns import in_si, joint_of_motor, robot_columns, to_dh
+from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot_columns, to_dh
 from dynid.signals.gravity import check_gravity, check_zero
+from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
 from dynid.signals.repeats import without_stale
 from dynid.signals.stamps import (
@@ -47,6 +48,7 @@ def prepare(
     exclude: Sequence[tuple[float, float]] = (),
     sort_time: bool = False,
     identify: bool = True,
+    anyway: bool = False,
 ) -> Log:
     """Return the log in DH quantities of the robot, checked.
 
@@ -56,7 +58,9 @@ def prepare(
         robot: the arm, with its driver map.
         exclude: intervals to leave out, first and last time in the log's own clock [s].
         sort_time: whether samples are put in the order of their stamps.
-        identify: whether the log must also move enough to identify from (E313, E401).
+        identify: whether the log must also move enough to identify from (E313, E401), and agree with the robot file
+            (E324).
+        anyway: whether a robot file that disagrees with the log is used all the same (W329).
 
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
@@ -71,11 +75,12 @@ def prepare(
         if identify:
             check_amount(log, robot)
         return log
+    named = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
     log = _usable_velocity(robot_columns(log, robot), robot)
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
-    log = without_stale(in_si(log, robot), robot)
+    log = columns = without_stale(in_si(log, robot), robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped_samples(log, robot)
     log = with_even_clock(unwrapped(to_dh(log, robot), robot))
@@ -84,10 +89,16 @@ def prepare(
     check_torque_scale(log, robot)
     check_rate(log, robot)
     findings += check_repeats(log, robot) + check_position_noise(log, robot)
-    check_gravity(log, robot)
+    try:
+        check_gravity(log, robot)
+    except GravityRemoved:
+        # Why: torques that seem not to change with the weight may only be mapped wrongly.
+        check_mapping(columns, robot, named)
+        raise
     findings += check_zero(log, robot)
     if identify:
         check_amount(log, robot)
+        findings += check_mapping(columns, robot, named, anyway=anyway)
     log = replace(log, checked=True, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 

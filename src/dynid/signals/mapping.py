@@ -9,24 +9,24 @@ some mistakes whole; those do no harm and are not named.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.registry import driver_of
+from dynid.errors import Finding, WrongMapping
 from dynid.log import Log
 from dynid.model.numeric_regressor import body_regressor
-from dynid.robot import Robot
+from dynid.robot import DriverSpec, JointMap, Robot
 from dynid.signals.columns import in_si, matching_columns, robot_columns
 from dynid.signals.gravity import expected_torque
-from dynid.signals.motion import MOVING_SPEED, bandwidth, moving, per_joint
+from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
 
 Floats = NDArray[np.float64]
 
 #: Samples that hypotheses are fitted to, and those that a first choice among them is made with.
-SAMPLES = 400
+SAMPLES = 250
 #: Longest time that positions are smoothed over before they are differentiated [s]; a third of the fastest period.
 SMOOTHING = 0.15
 #: Samples from the middle of a long log.
@@ -36,11 +36,17 @@ CLEAR = 0.12
 #: A further edit has to earn so much more than the one before it.
 FURTHER = 0.06
 #: Hypotheses that are taken further with a second edit, and a third.
-BEAM = 6
+BEAM = 3
 #: A robot file that leaves less than this share of what constant and friction leave is not questioned.
-GOOD = 0.02
+GOOD = 0.1
 #: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
 RANK = 1e-9
+#: Usual sizes of the ten parameters of a link [kg, kg m, kg m^2]: much larger values come from fitting noise.
+USUAL = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
+#: Samples that follow each other say the same: so many count as one.
+ALIKE = 10.0
+#: Torques are never modelled better than to this share of what a joint's change at all.
+MODELLED = 0.01
 #: Weight of implausible inertias and frictions in the comparison, where two hypotheses explain alike.
 IMPLAUSIBLE = 0.05
 
@@ -64,21 +70,29 @@ class Hypothesis:
 
     Attributes:
         edits: what is changed.
-        score: mean over joints of the logarithm of the residual, relative to that of constant and friction; lower is
-            better.
-        unexplained: what it leaves of the torques that constant and friction leave, root mean square over joints.
-        implausible: share of negative inertias and frictions.
+        left: what it leaves of each joint's torque, root mean square, (n,) [N m or N].
+        floor: what a constant, friction and rotor inertia alone leave, (n,) [N m or N].
+        implausible: share of joints with negative inertia or friction.
     """
 
     edits: tuple[Edit, ...]
-    score: float
-    unexplained: float
+    left: Floats
+    floor: Floats
     implausible: float
 
     @property
-    def rank(self) -> float:
-        """What hypotheses are ordered by: fit, plausibility, few edits."""
-        return self.score + IMPLAUSIBLE * self.implausible + 0.5 * FURTHER * len(self.edits)
+    def unexplained(self) -> float:
+        """Share that it leaves of what constant, friction and rotor inertia leave, over all joints."""
+        return float(np.linalg.norm(self.left) / np.linalg.norm(self.floor))
+
+    def rank(self, noise: float) -> float:
+        """What hypotheses are ordered by, lower is better: fit, plausibility, few edits.
+
+        Args:
+            noise: what the best hypothesis leaves of the torques [N m or N]; less than this says nothing.
+        """
+        share = np.hypot(self.left, noise) / np.hypot(self.floor, noise)
+        return float(np.mean(np.log(share))) + IMPLAUSIBLE * self.implausible + 0.5 * FURTHER * len(self.edits)
 
 
 @dataclass(frozen=True)
@@ -122,14 +136,12 @@ class _Judge:
 
     def __init__(self, robot: Robot, motion: _Motion, names: Sequence[str], mapped: bool) -> None:
         self.robot, self.motion, self.names, self.mapped = robot, motion, names, mapped
-        sign, offset = robot.driver.map.sign if robot.driver else (1.0,) * robot.n, (
-            robot.driver.map.offset if robot.driver else (0.0,) * robot.n
-        )
-        self.sign, self.offset = (np.array(sign), np.array(offset)) if mapped else (np.ones(robot.n), np.zeros(robot.n))
+        map_ = robot.driver.map if robot.driver and mapped else JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+        self.sign, self.offset = np.array(map_.sign), np.array(map_.offset)
         self.coupling = np.array(robot.coupling.matrix) if robot.coupling is not None and mapped else None
-        friction = self._friction(*self._dh(())[0][1:], ())
-        self.floor = np.array([_left(friction[j], self._dh(())[1][:, j]) for j in range(robot.n)])
-        self.floor = np.maximum(self.floor, 1e-9)
+        x, tau = self._dh(())
+        friction = self._friction(x[1], x[2])
+        self.floor = np.maximum([_left(friction[j], tau[:, j]) for j in range(robot.n)], 1e-9)
 
     # ------------------------------------------------------------ one hypothesis
     def _dh(self, edits: Sequence[Edit]) -> tuple[Floats, Floats]:
@@ -155,13 +167,11 @@ class _Judge:
     def _robot(self, edits: Sequence[Edit]) -> Robot:
         robot = self.robot
         for edit in edits:
-            if edit.kind == "convention":
-                robot = replace(robot, convention="modified" if robot.convention == "standard" else "standard")
-            elif edit.kind == "gravity":
-                robot = replace(robot, gravity=edit.value)  # type: ignore[arg-type]
+            if edit.kind in ("convention", "gravity"):
+                robot = edited(robot, edit)
         return replace(robot, gravity=(0.0, 0.0, 0.0)) if robot.torque.source == "gravity_free" else robot
 
-    def _friction(self, qd: Floats, qdd: Floats, edits: Sequence[Edit]) -> list[Floats]:
+    def _friction(self, qd: Floats, qdd: Floats) -> list[Floats]:
         """Return the columns of rotor inertia and friction of each joint, n of (N, 4)."""
         slow = per_joint(MOVING_SPEED, self.robot)
         return [
@@ -174,18 +184,14 @@ class _Judge:
         x, tau = self._dh(edits)
         robot = self._robot(edits)
         bodies = body_regressor(robot, *x)
-        friction = self._friction(x[1], x[2], edits)
+        friction = self._friction(x[1], x[2])
         if self.motion.apart:
             left = np.array([_left(np.hstack([friction[j], bodies[:, j]]), tau[:, j]) for j in range(robot.n)])
             theta = np.zeros(bodies.shape[2])
             own: list[Floats] = []
         else:
             left, theta, own = _shared(bodies, friction, tau)
-        share = left / self.floor
-        # Why the floor: a joint whose torque is friction alone has nothing that a robot file could explain.
-        score = float(np.mean(np.log(np.maximum(share, 1e-4))))
-        unexplained = float(np.sqrt(np.mean(np.minimum(share, 2.0) ** 2)))
-        return Hypothesis(edits, score, unexplained, self._implausible(robot, x[0], theta, own))
+        return Hypothesis(edits, left, self.floor, self._implausible(robot, x[0], theta, own))
 
     def _implausible(self, robot: Robot, q: Floats, theta: Floats, own: list[Floats]) -> float:
         """Return the share of joints with negative inertia (mean over poses) or negative friction."""
@@ -224,8 +230,8 @@ class _Judge:
             for quarter in (1.0, -1.0, 2.0):
                 if robot.joints[j].revolute:
                     yield Edit("offset", (float(j), quarter))
-        for factor in (math.pi / 180, 180 / math.pi):
-            yield Edit("unit", (factor,))
+        degrees = robot.driver is not None and robot.driver.units["position"] == "deg"
+        yield Edit("unit", (180 / math.pi if degrees else math.pi / 180,))
         yield from self.orders()
 
     def orders(self) -> Iterator[Edit]:
@@ -234,9 +240,7 @@ class _Judge:
         same = list(range(n))
         seen = {tuple(same)}
         whole = [same[::-1], [*same[1:], 0], [n - 1, *same[:-1]], self._sorted(), self._unsorted(), self._alike()]
-        swaps = [
-            [b if k == a else a if k == b else k for k in same] for a in range(n) for b in range(a + 1, n)
-        ]
+        swaps = [[b if k == a else a if k == b else k for k in same] for a in range(n) for b in range(a + 1, n)]
         for order in [*swaps, *whole]:
             if sorted(order) == same and tuple(order) not in seen:
                 seen.add(tuple(order))
@@ -262,54 +266,61 @@ class _Judge:
         cost = np.abs(np.log(have / have.mean())[None, :] - np.log(wanted / wanted.mean())[:, None])
         for j, joint in enumerate(robot.joints):
             if joint.limits.position is not None and self.coupling is None:
-                low, high = sorted(
-                    (np.array(joint.limits.position) - self.offset[j]) * self.sign[j]
-                )
+                low, high = sorted((np.array(joint.limits.position) - self.offset[j]) * self.sign[j])
                 outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
                 cost[j] += 3.0 * outside
         return [int(k) for k in linear_sum_assignment(cost)[1]]
 
 
-def diagnose(log: Log, robot: Robot, *, always: bool = False) -> Diagnosis | None:
+def diagnose(log: Log, robot: Robot, names: Sequence[str] = (), *, always: bool = False) -> Diagnosis | None:
     """Return what a log says about a robot file; None where the file explains the log well, or nothing can be said.
 
     Args:
-        log: raw, or in DH quantities; with increasing time and finite numbers.
+        log: the robot's columns in SI units, with increasing time and finite numbers.
         robot: the arm.
+        names: names of the columns in the log, in chain order; () where it names none.
         always: whether hypotheses are also tried where the file explains the log well.
     """
-    judge = _judge(log, robot)
+    judge = judge_of(log, robot, names)
     if judge is None:
         return None
     given = judge.fit(())
-    if given.score < math.log(GOOD) and not always:
+    if given.unexplained < GOOD and not always:
         return None
-    found = {hypothesis.edits: hypothesis for hypothesis in map(judge.fit, ((edit,) for edit in judge.single()))}
-    front = sorted(found.values(), key=lambda each: each.rank)[:BEAM]
+    found = {hypothesis.edits: hypothesis for hypothesis in map(judge.fit, [(), *((e,) for e in judge.single())])}
     for _ in range(2):
-        if not front or front[0].rank > given.rank - CLEAR:
-            # Why: two mistakes may each hide what the repair of the other one gains.
-            front = front[: BEAM // 2] if not front else front
-        further: dict[tuple[Edit, ...], Hypothesis] = {}
-        for start in front:
-            for edit in judge.single():
-                edits = _with(start.edits, edit)
-                if edits is not None and edits not in found and edits not in further:
-                    further[edits] = judge.fit(edits)
-        found |= further
-        best = min(front, key=lambda each: each.rank)
-        front = sorted(further.values(), key=lambda each: each.rank)[:BEAM]
-        if not front or front[0].rank > best.rank - FURTHER:
+        ranked = _ranked(found.values())
+        if ranked[0].unexplained < GOOD:
             break
-    ranked = sorted(found.values(), key=lambda each: each.rank)
-    return Diagnosis(given, tuple(ranked[:5]), ranked[0].rank < given.rank - CLEAR)
+        further = {
+            edits
+            for start in ranked[:BEAM]
+            for edit in judge.single()
+            if (edits := _with(start.edits, edit)) is not None
+        } - set(found)
+        found |= {edits: judge.fit(edits) for edits in sorted(further, key=str)}
+        if _ranked(found.values())[0] is ranked[0]:
+            break
+    ranked = _ranked(found.values())
+    noise = _noise(found.values())
+    return Diagnosis(given, tuple(ranked[:5]), ranked[0].rank(noise) < given.rank(noise) - CLEAR)
+
+
+def _noise(found: Iterable[Hypothesis]) -> float:
+    return min(float(np.sqrt(np.mean(each.left**2))) for each in found)
+
+
+def _ranked(found: Iterable[Hypothesis]) -> list[Hypothesis]:
+    noise = _noise(found)
+    return sorted(found, key=lambda each: each.rank(noise))
 
 
 def _with(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
     """Return edits with one more, None where that says nothing new."""
     for before in edits:
         if before.kind == edit.kind and (
-            edit.kind in ("convention", "gravity", "unit") or before.value[0] == edit.value[0] and edit.kind != "order"
+            edit.kind in ("convention", "gravity", "unit")
+            or (before.value[0] == edit.value[0] and edit.kind != "order")
         ):
             return None
     if edit.kind == "order":
@@ -327,13 +338,129 @@ def _place(edit: Edit) -> tuple[str, tuple[float, ...]]:
     return edit.kind, edit.value
 
 
-def _judge(log: Log, robot: Robot) -> _Judge | None:
-    raw = in_si(robot_columns(log, robot), robot)
-    names = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else list(robot.log_names)
-    motion = _motion(raw, robot)
-    if motion is None:
-        return None
-    return _Judge(robot, motion, names, not log.dh)
+def edited(robot: Robot, edit: Edit) -> Robot:
+    """Return a robot file with one edit."""
+    if edit.kind == "convention":
+        return replace(robot, convention="modified" if robot.convention == "standard" else "standard")
+    if edit.kind == "gravity":
+        return replace(robot, gravity=edit.value)  # type: ignore[arg-type]
+    n = robot.n
+    driver = robot.driver or DriverSpec("generic", None, robot.joint_names, JointMap((1.0,) * n, (0.0,) * n))
+    sign, offset = list(driver.map.sign), list(driver.map.offset)
+    if edit.kind == "sign":
+        sign[int(edit.value[0])] *= -1
+    elif edit.kind == "offset":
+        j = int(edit.value[0])
+        turned = offset[j] + edit.value[1] * math.pi / 2
+        offset[j] = math.remainder(turned, 2 * math.pi) if robot.joints[j].revolute else turned
+    elif edit.kind == "order":
+        names = robot.log_names
+        driver = replace(driver, joint_names=tuple(names[int(k)] for k in edit.value))
+    elif edit.kind == "unit":
+        unit = "deg" if driver.units["position"] == "rad" else "rad"
+        driver = replace(driver, units={**driver.units, "position": unit})
+    return replace(robot, driver=replace(driver, map=JointMap(tuple(sign), tuple(offset))))
+
+
+def check_mapping(log: Log, robot: Robot, names: Sequence[str], *, anyway: bool = False) -> tuple[Finding, ...]:
+    """Raise when another mapping of the columns, or another table, would explain a log far better than the robot file.
+
+    Args:
+        log: the robot's columns in SI units, not yet in DH quantities, checked but for this.
+        robot: the arm.
+        names: names of the columns in the log, in chain order; () where it names none.
+        anyway: whether to go on with finding W329.
+
+    Raises:
+        WrongMapping: names the likeliest mistake, with the edit.
+    """
+    found = diagnose(log, robot, names)
+    if found is None or not found.wrong:
+        return ()
+    best = found.best[0]
+    now, then = (f"{100 * each.unexplained:.0f} %" for each in (found.given, best))
+    what = (
+        f"the robot file leaves {now} of the torques unexplained that are more than friction; "
+        f"it would be {then} with {' and '.join(said(edit, robot) for edit in best.edits)}"
+    )
+    evidence = {
+        "unexplained": found.given.unexplained,
+        "hypotheses": [
+            {"edits": [said(e, robot) for e in each.edits], "unexplained": each.unexplained} for each in found.best
+        ],
+    }
+    if anyway:
+        return (Finding("W329", "warning", what, evidence),)
+    others = [" and ".join(said(e, robot) for e in each.edits) for each in found.best[1:3] if each.edits]
+    raise WrongMapping(
+        what,
+        why="the model explains little more than a constant and friction"
+        + (f"; next likely: {'; '.join(others)}" if others else ""),
+        fix=f"in {robot.path or 'the robot file'}: {pasted(best.edits, robot, bool(names))}; or go on with --anyway",
+    )
+
+
+def said(edit: Edit, robot: Robot) -> str:
+    """Return an edit in words."""
+    if edit.kind == "convention":
+        return "the other DH convention"
+    if edit.kind == "gravity":
+        return f"gravity along {'-' if sum(edit.value) < 0 else '+'}{'xyz'[int(np.argmax(np.abs(edit.value)))]}"
+    if edit.kind == "unit":
+        return "positions in the other unit"
+    if edit.kind == "order":
+        moved = [robot.joint_names[k] for k, source in enumerate(edit.value) if source != k]
+        return f"the columns of {', '.join(moved)} in another order"
+    name = robot.joint_names[int(edit.value[0])]
+    return f"{name} reversed" if edit.kind == "sign" else f"{name} offset by {90 * edit.value[1]:+.0f} deg"
+
+
+def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
+    """Return edits as lines of a robot file."""
+    changed = robot
+    for edit in edits:
+        changed = edited(changed, edit)
+    kinds = {edit.kind for edit in edits}
+    lines = []
+    if "convention" in kinds:
+        lines.append(f"`convention: {changed.convention}`")
+    if "gravity" in kinds:
+        lines.append(f"`gravity: [{', '.join(f'{g:g}' for g in changed.gravity)}]`")
+    spec = changed.driver
+    if spec is None or not kinds & {"order", "sign", "offset", "unit"}:
+        return " and ".join(lines)
+    if "order" in kinds and not named:
+        lines.append(f"put the columns of the log in the order {', '.join(spec.joint_names)}")
+    return " and ".join([*lines, *_driver_keys(spec, kinds, robot.driver is not None, named)])
+
+
+def _driver_keys(spec: DriverSpec, kinds: set[str], there: bool, named: bool) -> list[str]:
+    keys = {
+        "order": f"joint_names: [{', '.join(spec.joint_names)}]" if named else "",
+        "sign": f"sign: [{', '.join(f'{s:g}' for s in spec.map.sign)}]",
+        "offset": f"offset: [{', '.join(map(_angle, spec.map.offset))}]",
+        "unit": f"units: {{position: {spec.units['position']}}}",
+    }
+    inside = ", ".join(text for kind, text in keys.items() if kind in kinds and text)
+    if not inside:
+        return []
+    return [f"under `driver:` `{inside}`" if there else f"`driver: {{kind: generic, {inside}}}`"]
+
+
+def _angle(value: float) -> str:
+    return f"{math.degrees(value):.6g} deg" if value else "0"
+
+
+def driver_columns(log: Log, robot: Robot) -> tuple[Log, list[str]]:
+    """Return a log as ``diagnose`` takes it, and the names of its columns in chain order."""
+    names = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
+    return in_si(robot_columns(log, robot), robot), names
+
+
+def judge_of(log: Log, robot: Robot, names: Sequence[str]) -> _Judge | None:
+    """Return what fits hypotheses to a log; None where the log hardly moves."""
+    motion = _motion(log, robot)
+    return None if motion is None else _Judge(robot, motion, names or robot.log_names, not log.dh)
 
 
 def _motion(log: Log, robot: Robot) -> _Motion | None:
@@ -363,12 +490,10 @@ def _motion(log: Log, robot: Robot) -> _Motion | None:
     x1 = smooth(slope(x0))
     clock = np.convolve(clock, kernel, "valid")
     x2 = smooth(slope(x1))
-    inner = slice(len(kernel) // 2, -(len(kernel) // 2) or None)
     twice = smooth(smooth(smooth(tau)))
     count = len(x2)
     edge = (len(x0) - count) // 2, (len(x1) - count) // 2
     position, velocity = x0[edge[0] : edge[0] + count], x1[edge[1] : edge[1] + count]
-    del inner
     span = len(kernel)
     reach = t[3 * (span - 1) :][:count] - t[:count]
     whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
@@ -412,12 +537,10 @@ def _shared(bodies: Floats, friction: list[Floats], tau: Floats) -> tuple[Floats
     for _ in range(3):
         G = sum(gram / s**2 for gram, s in zip(grams, rms, strict=True))
         side = sum(side / s**2 for side, s in zip(sides, rms, strict=True))
-        size = np.sqrt(np.maximum(np.diag(G), 1e-24))
-        value, vector = np.linalg.eigh(G / np.outer(size, size))
-        kept = value > RANK * value[-1]
-        theta = (vector[:, kept] @ ((vector[:, kept].T @ (side / size)) / value[kept])) / size
+        theta = np.linalg.solve(G / ALIKE + np.diag(np.tile(USUAL**-2.0, p // 10)), side / ALIKE)
         quads = np.array([float(theta @ gram @ theta - 2 * theta @ s) for gram, s in zip(grams, sides, strict=True)])
         rms = np.sqrt(np.maximum((energies + quads) / len(tau), 1e-12 * energies / len(tau) + 1e-18))
+        rms = np.maximum(rms, MODELLED * np.sqrt(energies / len(tau)))
     own = [
         np.linalg.lstsq(R, Q.T @ (tau[:, j] - bodies[:, j] @ theta), rcond=1e-9)[0] for j, (Q, R) in enumerate(bases)
     ]

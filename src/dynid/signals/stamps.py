@@ -20,6 +20,10 @@ Floats = NDArray[np.float64]
 GAP_SAMPLES = 5.0
 #: With more than one sample in twenty missing the resampled grid is mostly interpolation where it matters.
 LOST_SHARE = 0.05
+#: A step longer than this [s] is a pause of the recording, not samples that were lost.
+PAUSE = 0.5
+#: Between two pauses at least this long [s], on average, a recording is in segments and not in tatters.
+LEAST_SEGMENT = 5.0
 #: Two stamps in a hundred may fall together on a busy machine; one in five means that the clock is too coarse.
 DUPLICATE_SHARE = 0.2
 #: Below this rate [Hz] the step of the friction at a reversal falls between two samples.
@@ -187,7 +191,13 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     wanted = np.zeros(len(step), dtype=bool)
     for start, end in exclude:
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
-    kept = step[~wanted]
+    pauses = np.flatnonzero((step > max(PAUSE, GAP_SAMPLES * usual)) & ~wanted)
+    recorded = float(np.sum(step[step <= PAUSE]))
+    if recorded < LEAST_SEGMENT * (len(pauses) + 1):
+        pauses = pauses[:0]
+    counted = ~wanted
+    counted[pauses] = False
+    kept = step[counted]
     lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
     lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
@@ -202,6 +212,12 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
         )
     if not len(gaps):
         return ()
+    if len(pauses) == len(gaps):
+        places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
+        more = f" and {len(pauses) - 5} more" if len(pauses) > 5 else ""
+        text = f"the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments, not bridged"
+        evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
+        return (Finding("W312", "warning", text, evidence),)
     evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
     text = f"{len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
     return (Finding("W312", "warning", text, evidence),)

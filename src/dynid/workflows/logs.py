@@ -48,6 +48,9 @@ class LogOptions(Options):
     rate: float | None = option(
         None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
     )
+    anyway: bool = option(
+        False, "Go on although another mapping of the columns explains the log far better (E324); the result says so."
+    )
     sort_time: bool = option(False, "Put samples whose time stamps are only shuffled in order.")
 
 
@@ -94,7 +97,9 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
     if options.velocity == "derived":
         log = replace(log, qd=None)
     with located(str(log.source or "log")):
-        log = prepare(log, robot, exclude=options.exclude, sort_time=options.sort_time, identify=identify)
+        log = prepare(
+            log, robot, exclude=options.exclude, sort_time=options.sort_time, identify=identify, anyway=options.anyway
+        )
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
     if options.velocity == "measured" and log.qd is None:
