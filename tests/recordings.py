@@ -7,13 +7,13 @@ import sqlite3
 from pathlib import Path
 
 import numpy as np
-from makelogs import STORE as ROS1
-from makelogs import joint_state
-from makelogs import write_bag as write_ros1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dynid.log import Log
+from makelogs import STORE as ROS1
+from makelogs import joint_state
+from makelogs import write_bag as write_ros1
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 KIND = "sensor_msgs/msg/JointState"
@@ -40,7 +40,7 @@ def cdr(message, little: bool = True) -> bytes:
     return bytes(ROS2.serialize_cdr(message, message.__msgtype__, little_endian=little))
 
 
-def write_rosbag2(folder: Path, messages, storage: str = "sqlite3", little: bool = True, compress: bool = False) -> Path:
+def write_rosbag2(folder: Path, messages, storage="sqlite3", little=True, compress=False) -> Path:
     """Write (topic, arrival [ns], message) as a folder of rosbag2."""
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
     writer = Writer(folder, version=9, storage_plugin=plugin)
@@ -64,7 +64,8 @@ def single(folder: Path, target: Path) -> Path:
 
 def write_mcap(path: Path, messages, profile: str = "ros1", compression: str = "zstd", chunk: int = 1 << 16) -> Path:
     """Write (topic, arrival [ns], message) with the mcap library; ``profile`` is ros1 or ros2."""
-    from mcap.writer import CompressionType, Writer as McapWriter
+    from mcap.writer import CompressionType
+    from mcap.writer import Writer as McapWriter
 
     ros1 = profile == "ros1"
     store, encoding = (ROS1, "ros1msg") if ros1 else (ROS2, "ros2msg")
@@ -86,11 +87,17 @@ def write_mcap(path: Path, messages, profile: str = "ros1", compression: str = "
 
 
 def of_ros1(log: Log, topic: str):
-    return [(topic, ns, joint_state(ns, log.names, q, (), tau)) for ns, q, tau in zip(stamps(log), log.q, log.tau)]
+    return [
+        (topic, ns, joint_state(ns, log.names, q, (), tau))
+        for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True)
+    ]
 
 
 def of_ros2(log: Log, topic: str):
-    return [(topic, ns, ros2_state(ns, log.names, q, (), tau)) for ns, q, tau in zip(stamps(log), log.q, log.tau)]
+    return [
+        (topic, ns, ros2_state(ns, log.names, q, (), tau))
+        for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True)
+    ]
 
 
 def write_bag(path: Path, log: Log, topic: str) -> Path:

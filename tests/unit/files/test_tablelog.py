@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogLayout
-from dynid.files.tablelog import read_table
+from dynid.files.tablelog import in_seconds, read_table, suggested
 
 
 def test_a_csv_is_read_by_its_header_whatever_the_order(tmp_path):
@@ -34,3 +34,42 @@ def test_an_empty_cell_is_not_a_number(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,q_a,tau_a\n0,1,2\n1,,3\n")
     assert np.isnan(read_table(path, ()).q[1, 0])
+
+
+def test_columns_are_found_by_number_from_0_or_1(tmp_path):
+    patterns = {"time": "timestamp", "position": "actual_q_{i}", "effort": "i_{name}"}
+    for first in (0, 1):
+        path = tmp_path / f"from{first}.csv"
+        path.write_text(f"timestamp,actual_q_{first},actual_q_{first + 1},i_a,i_b\n0,1,2,3,4\n0.1,5,6,7,8\n")
+        log = read_table(path, ("a", "b"), patterns)
+        np.testing.assert_array_equal(log.q, [[1, 2], [5, 6]])
+        np.testing.assert_array_equal(log.tau, [[3, 4], [7, 8]])
+        assert log.names == ("a", "b")
+
+
+def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
+    path = tmp_path / "ur.csv"
+    path.write_text("timestamp;actual_q_0;actual_q_1;actual_current_0;actual_current_1\n0;1;2;3;4\n")
+    with pytest.raises(LogLayout) as caught:
+        read_table(path, ("a", "b"))
+    assert 'columns: {time: "timestamp", position: "actual_q_{i}", effort: "actual_current_{i}"}' in caught.value.fix
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_stamps_tell_their_unit(unit, factor, start):
+    seconds, findings = in_seconds((start + np.arange(100) * 0.008) * factor, "t", "log.csv")
+    np.testing.assert_allclose(np.diff(seconds), 0.008, atol=1e-6)
+    assert [finding.evidence["unit"] for finding in findings] == [unit]
+
+
+def test_stamps_in_seconds_stay_as_they_are():
+    t = 1.7e9 + np.arange(100) * 0.5
+    seconds, findings = in_seconds(t, "t", "log.csv")
+    np.testing.assert_array_equal(seconds, t)
+    assert findings == ()
+
+
+def test_names_suggest_their_columns():
+    names = ["time_ms", *(f"joint{i}_pos" for i in range(1, 7)), *(f"joint{i}_torque" for i in range(1, 7))]
+    assert suggested(names) == {"time": "time_ms", "position": "joint{i}_pos", "effort": "joint{i}_torque"}

@@ -1,0 +1,108 @@
+"""The same joint states give the same log, whatever they were recorded in; damaged recordings give what is readable."""
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import DynidError, WrongMessageType
+from dynid.files.logs import read_log
+from dynid.signals.stamps import take_samples
+from makelogs import lwr, lwr_log
+from recordings import (
+    add_view,
+    of_ros1,
+    of_ros2,
+    ros2_array,
+    ros2_state,
+    single,
+    stamps,
+    write_bag,
+    write_mcap,
+    write_parquet,
+    write_rosbag2,
+    write_text,
+)
+
+TOPIC = "/lwr/joint_states"
+FORMATS = {
+    "rosbag2 with SQLite": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC)),
+    "rosbag2 with MCAP": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), "mcap"),
+    "packed MCAP": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), "mcap", compress=True),
+    "big endian": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), little=False),
+    "single .db3": lambda log, at: single(write_rosbag2(at / "bag", of_ros2(log, TOPIC)), at / "one.db3"),
+    "MCAP, ROS 1, zstd": lambda log, at: write_mcap(at / "a.mcap", of_ros1(log, TOPIC), "ros1", "zstd"),
+    "MCAP, ROS 1, lz4": lambda log, at: write_mcap(at / "a.mcap", of_ros1(log, TOPIC), "ros1", "lz4"),
+    "MCAP, ROS 2": lambda log, at: write_mcap(at / "a.mcap", of_ros2(log, TOPIC), "ros2", "none"),
+    "ROS 1 bag": lambda log, at: write_bag(at / "a.bag", log, TOPIC),
+    "CSV": lambda log, at: write_text(at / "a.csv", log),
+    "CSV, semicolons, decimal commas": lambda log, at: write_text(at / "a.csv", log, ";", True, "# of a lab\n"),
+    "CSV, header in a comment, ns": lambda log, at: write_text(at / "a.csv", log, ",", False, "# ", unit=1e9),
+    "TSV": lambda log, at: write_text(at / "a.tsv", log, "\t", True),
+    "Parquet": lambda log, at: write_parquet(at / "a.parquet", log),
+    "npz": lambda log, at: log.save(at / "a.npz"),
+}
+
+
+@pytest.fixture(scope="module")
+def log():
+    some = take_samples(lwr_log(), np.arange(600))
+    return replace(some, t=np.arange(600) * 0.005, qd=None, findings=(), extra={})
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_format_gives_the_same_numbers(kind, log, tmp_path):
+    found = read_log(FORMATS[kind](log, tmp_path), robot=lwr())
+    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(found.q, log.q)
+    np.testing.assert_array_equal(found.tau, log.tau)
+    assert set(lwr().log_names) <= set(found.names)
+    assert len(found.sha256) == 64
+
+
+def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(log, tmp_path):
+    states = [(TOPIC, ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    torques = [("/tau", ns, ros2_array(tau)) for ns, tau in zip(stamps(log), log.tau, strict=True)]
+    path = write_rosbag2(tmp_path / "bag", sorted(states + torques, key=lambda entry: entry[1]))
+    robot = replace(lwr(), driver=replace(lwr().driver, effort_topic="/tau", joint_names=log.names))
+    found = read_log(path, robot=robot)
+    np.testing.assert_allclose(found.tau, log.tau, atol=1e-5 * np.abs(log.tau).max())
+    elsewhere = replace(robot, driver=replace(robot.driver, effort_topic="/nowhere"))
+    with pytest.raises(WrongMessageType, match="/nowhere, is not there"):
+        read_log(path, robot=elsewhere)
+
+
+@pytest.mark.parametrize("kind", ["single .db3", "MCAP, ROS 1, zstd", "MCAP, ROS 2"])
+def test_a_damaged_recording_gives_an_error_or_what_is_readable(kind, log, tmp_path):
+    path = FORMATS[kind](log, tmp_path)
+    whole, chance = path.read_bytes(), random.Random(0)
+    read = 0
+    for k in range(60):
+        data = bytearray(whole[: chance.randrange(20, len(whole))] if k % 2 else whole)
+        for _ in range(chance.randrange(1, 20) if k % 3 else 0):
+            data[chance.randrange(16, len(data))] = chance.randrange(256)
+        path.write_bytes(data)
+        try:
+            found = read_log(path, robot=lwr())
+        except DynidError:
+            continue
+        read += 1
+        assert len(found) <= 2 * len(log)
+    assert read > 5
+
+
+def test_a_cut_mcap_gives_the_samples_before_the_cut_and_says_so(log, tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", of_ros2(log, TOPIC), "ros2")
+    path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
+    found = read_log(path, robot=lwr())
+    assert 100 < len(found) < len(log)
+    assert [finding.code for finding in found.findings] == ["W305"]
+    np.testing.assert_array_equal(found.q, log.q[: len(found)])
+
+
+def test_a_view_without_end_in_the_place_of_a_table_is_refused(log, tmp_path):
+    path = FORMATS["single .db3"](log, tmp_path)
+    add_view(path)
+    with pytest.raises(DynidError):
+        read_log(path, robot=lwr())

@@ -1,0 +1,72 @@
+"""A mistake in a robot file is named with the edit that takes it out; right files are left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import WrongMapping
+from dynid.files.robotfile import load_robot
+from dynid.model.numeric_regressor import body_regressor
+from dynid.model.regressor import build_model
+from dynid.signals.checks import prepare
+from dynid.signals.mapping import Edit, diagnose, driver_columns, edited, pasted
+from makelogs import lwr, lwr_log
+
+
+def columns(robot):
+    raw, names = driver_columns(lwr_log(), robot)
+    return raw, robot, names
+
+
+@pytest.mark.parametrize("name", ["scara", "kuka_lwr4plus", "staubli_tx40"])
+def test_the_numeric_regressor_is_the_derived_one(name):
+    robot = load_robot(name)
+    model = build_model(robot)
+    motion = np.random.default_rng(1).standard_normal((3, 20, robot.n))
+    bodies = [k for k, parameter in enumerate(model.parameters) if parameter.of_body]
+    np.testing.assert_allclose(body_regressor(robot, *motion), model.regressor(*motion)[:, :, bodies], atol=1e-12)
+
+
+def test_a_right_file_is_not_questioned():
+    assert diagnose(*columns(lwr())) is None
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        Edit("convention", ()),
+        Edit("sign", (1.0,)),
+        Edit("offset", (1.0, 1.0)),
+        Edit("order", (0.0, 3.0, 2.0, 1.0, 4.0, 5.0, 6.0)),
+        Edit("gravity", (9.81, 0.0, 0.0)),
+    ],
+    ids=lambda edit: edit.kind,
+)
+def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
+    wrong = edited(lwr(), mistake)
+    found = diagnose(*columns(wrong))
+    assert found is not None
+    assert found.wrong
+    repaired = wrong
+    for edit in found.best[0].edits:
+        repaired = edited(repaired, edit)
+    assert diagnose(*columns(repaired)) is None
+
+
+def test_check_stops_with_the_edit_and_goes_on_when_asked():
+    wrong = edited(lwr(), Edit("sign", (1.0,)))
+    with pytest.raises(WrongMapping) as caught:
+        prepare(lwr_log(), wrong)
+    assert "lwr_1_joint reversed" in caught.value.what
+    assert pasted([Edit("sign", (1.0,))], wrong) in caught.value.fix
+    log = prepare(lwr_log(), wrong, anyway=True)
+    assert "W329" in [finding.code for finding in log.findings]
+
+
+def test_a_pause_cuts_the_recording_and_is_listed():
+    log = lwr_log()
+    t = np.where(np.arange(len(log)) < len(log) // 2, log.t, log.t + 5.0)
+    found = prepare(replace(log, t=t), lwr())
+    (said,) = [finding for finding in found.findings if finding.code == "W312"]
+    assert "cut into 2 segments" in said.text
