@@ -163,7 +163,8 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for key, words in _WORDS.items():
         for pattern, numbers in families.items():
-            told = re.search(rf"(^|[^a-z])({words})s?([^a-z]|$)", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", pattern.replace("{i}", "0")).lower())
+            plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", pattern.replace("{i}", "0")).lower()
+            told = re.search(rf"(^|[^a-z])({words})s?([^a-z]|$)", plain)
             if told and len(numbers) == most > 1 and pattern not in found.values() and key not in found:
                 found[key] = pattern
     time = next((name for name in names if _is_time(name)), None)
