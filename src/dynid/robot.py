@@ -175,6 +175,10 @@ class DriverSpec:
     columns: dict[str, str] = field(default_factory=dict)
 
 
+#: Gains of data sheets are 5 to 10 % off: what is assumed of motor currents.
+CURRENT_GAIN_ERROR = 0.05
+
+
 @dataclass(frozen=True)
 class TorqueSource:
     """What the effort column is.
@@ -184,12 +188,21 @@ class TorqueSource:
         gain: N m per A of each joint; None where unknown.
         relative: whether only the ratios of the gains are known; torques are then counted as amperes.
         noise: standard deviation of each joint's torque [N m or N]; None where it is not known.
+        gain_error: standard deviation of the torque's scale, as a share; None for the default of the source.
     """
 
     source: str = "joint_sensor"
     gain: tuple[float | None, ...] | None = None
     relative: bool = False
     noise: tuple[float, ...] | None = None
+    gain_error: float | None = None
+
+    @property
+    def scale_error(self) -> float:
+        """Return the standard deviation of the torque's scale, as a share: 5 % of motor currents where none is given."""
+        if self.gain_error is not None:
+            return self.gain_error
+        return CURRENT_GAIN_ERROR if self.source == "motor_current" else 0.0
 
     @property
     def complete(self) -> bool:

@@ -8,7 +8,7 @@ have changed since (load, warmth), so it is taken from the loaded log alone. Doc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,14 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
         )
     information = of_change(_information(unloaded), _information(loaded), friction(unloaded.base))
     covariance = unloaded.plain_covariance + loaded.plain_covariance
-    return fitted_body(K, loaded.plain - unloaded.plain, information, covariance)
+    body = fitted_body(K, loaded.plain - unloaded.plain, information, covariance)
+    return _with_scale(body, loaded.robot.torque.scale_error)
+
+
+def _with_scale(found: IdentifiedPayload, scale_error: float) -> IdentifiedPayload:
+    """Widen mass and inertia by what nobody knows of the torque's scale; the centre of mass does not depend on it."""
+    scaled = np.array([found.body.mass, 0.0, 0.0, 0.0, *found.body.inertia_com])
+    return replace(found, std_error=np.hypot(found.std_error, scale_error * scaled))
 
 
 def _information(found: Identification) -> Floats:

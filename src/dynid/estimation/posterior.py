@@ -33,6 +33,9 @@ from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 
+#: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
+#: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
+BEYOND = 1.2
 #: Rms speed of an exciting motion, as a share of the velocity limits, and its mean frequency [Hz].
 EXCITING_SPEED, EXCITING_FREQUENCY = 0.2, 0.3
 #: Rms speed of a joint without a velocity limit: turning [rad/s], sliding [m/s].
@@ -158,7 +161,7 @@ def expected_error(
     spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + spread)
+    noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else BEYOND)
     observer = base.model.observer(base.reduction.base)
     speed = exciting_speed(base)
     q, qd, _ = random_states(base.robot, speed, seed=1)

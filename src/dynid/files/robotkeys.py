@@ -278,6 +278,17 @@ def _links(value: Value, context: Context) -> tuple[int, ...]:
     return tuple(sorted(set(numbers)))
 
 
+def _share(value: Value, _: Context) -> float:
+    text = value.text().strip()
+    try:
+        found = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        found = -1.0
+    if not 0.0 <= found < 1.0:
+        raise _wrong(value, f" = {text} must be a share from 0 to below 100 %", "such as 5%")
+    return found
+
+
 def _torque(value: Value, context: Context) -> TorqueSource:
     if not value.is_mapping:
         return TorqueSource(value.choice(TORQUE_SOURCES))
@@ -402,6 +413,8 @@ TORQUE = (
     Key("noise", Kind(_NOISE.words, _noise), "0.3 % of the rating, 0.1 N m for a joint without one",
         "Standard deviation of the torque, used to plan motions and to predict errors before anything is measured.",
         "N m or N"),
+    Key("gain_error", Kind("share", _share), "5 % of motor currents, 0 of other sources",
+        "Standard deviation of the torque's scale, such as `5%`; a load's mass and inertia are as uncertain."),
 )  # fmt: skip
 
 UNITS = (
