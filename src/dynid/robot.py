@@ -199,7 +199,7 @@ class TorqueSource:
 
     @property
     def scale_error(self) -> float:
-        """Return the standard deviation of the torque's scale, as a share: 5 % of motor currents where none is given."""
+        """Return the standard deviation of the torque's scale as a share, 5 % of motor currents where none is given."""
         if self.gain_error is not None:
             return self.gain_error
         return CURRENT_GAIN_ERROR if self.source == "motor_current" else 0.0
