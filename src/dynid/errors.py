@@ -456,6 +456,22 @@ class TorqueHigh(DynidError):
     fix = "look at the arm; use --speed 50%, or plan with a smaller --alpha"
 
 
+class PlanTeachesLittle(DynidError):
+    """The best motion found excites so little that identification would refuse its log."""
+
+    code, status = "E511", ExitStatus.UNSAFE
+    why = "noise would be amplified by the condition number; E402 refuses such logs"
+    fix = "give the search more time or room: --seconds, --duration, --segments, --floor none, thinner links"
+
+
+class LimitsAssumed(DynidError):
+    """The motion was planned with limits that nobody gave."""
+
+    code, status = "E512", ExitStatus.UNSAFE
+    why = "the arm's own limits may be lower"
+    fix = "write `limits:` of every joint into the robot file and plan again"
+
+
 class GoalRefused(DynidError):
     """The arm's controller did not accept the motion, or gave it up."""
 
@@ -588,6 +604,7 @@ WARNINGS: dict[str, str] = {
     "W411": "A body on the last link does not explain what has changed between the two logs.",
     "W501": "Torque sensors were not zeroed in this session.",
     "W604": "There is no display: the preview was saved as pictures instead.",
+    "W606": "Limits that the robot file leaves out were assumed for the plan; `dynid record` refuses assumed rates.",
     "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
 }
 

@@ -217,9 +217,9 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
     some = Motion(motion.t[few], motion.q[few], motion.qd[few], motion.qdd[few])
     try:
         with urdf_of(robot, urdf) as shapes:
-            found = measure_poses(some.t, some.q, robot, shapes, scene, Drawing())
+            found = measure_poses(some.t, some.q, robot, shapes, scene, Drawing(), guessed=urdf is None).least
     except PackageMissing:
-        found = sphere_distances(Spheres(robot, scene), some)
+        found = sphere_distances(Spheres(robot, scene), some).least
     judged = replace(scene, self_distance=scene.self_distance - ROUNDING, distance=scene.distance - ROUNDING)
     require_clear(tuple(d for d in found if d.time < played.approach), judged, fix=APPROACH_FIX)
     require_clear(found, judged)

@@ -139,11 +139,15 @@ class World:
         found = self._bullet.getClosestPoints(self._arm, other, FAR, a, b)
         return min((float(row[8]) for row in found), default=FAR)
 
-    def pairs_to_check(self, poses: Floats) -> list[tuple[str, int, int, int]]:
-        """Return what can collide: (name, other body, link, other link), without what touches in most poses.
+    def pairs_to_check(self, poses: Floats, near: float) -> tuple[list[tuple[str, int, int, int]], list[str]]:
+        """Return what can collide, (name, other body, link, other link), and the names of the links that are left out.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
         apart. The foot stands on the floor.
+
+        Args:
+            poses: random poses, (K, n) [rad or m].
+            near: links that are as near as this in usual poses are left out [m]; 0 for those that touch.
         """
         candidates = [(f"{self._names[a]} - {self._names[b]}", self._arm, a, b) for a, b in self._pairs()]
         for name, body in self._things.items():
@@ -151,11 +155,13 @@ class World:
         touching = np.zeros(len(candidates))
         for q in poses:
             self.set_pose(q)
-            touching += [self._distance(*row[1:]) <= 0 for row in candidates]
+            touching += [self._distance(*row[1:]) <= (near if row[1] == self._arm else 0) for row in candidates]
         # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
         fixed = len(poses) - 0.5
         shares = [USUAL * len(poses) if row[1] == self._arm else fixed for row in candidates]
-        return [row for row, count, most in zip(candidates, touching, shares, strict=True) if count < most]
+        kept = [count < most for count, most in zip(touching, shares, strict=True)]
+        left_out = [row[0] for row, keep in zip(candidates, kept, strict=True) if not keep and row[1] == self._arm]
+        return [row for row, keep in zip(candidates, kept, strict=True) if keep], left_out
 
     def distances(self, poses: Floats, checked: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
         """Return the least distance [m] of every checked pair over poses, (N, n) [rad or m], the closest pair first."""
@@ -224,7 +230,8 @@ def run(job_path: Path) -> None:
         job_path.with_suffix(".ready").touch()
         world.play(times, poses)
     elif errors is None:
-        answer["distances"] = world.distances(poses, world.pairs_to_check(random[:POSES]))
+        pairs, answer["left_out"] = world.pairs_to_check(random[:POSES], job["near"])
+        answer["distances"] = world.distances(poses, pairs)
         _draw(world, job, times, poses)
     job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
 

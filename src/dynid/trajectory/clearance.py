@@ -143,6 +143,8 @@ class Spheres:
         touching = self._pair_distance(points, first, second)[0] < self.scene.self_distance
         names = self.links[first] * self.robot.n + self.links[second]
         usual = [name for name in np.unique(names) if touching[:, names == name].any(axis=1).mean() >= USUAL]
+        #: Pairs of links that are near in usual poses, as spheres of the guessed thickness, and are not watched.
+        self.left_out = tuple(f"link {k // self.robot.n + 1} - link {k % self.robot.n + 1}" for k in usual)
         kept = ~np.isin(names, usual)
         self._first, self._second = first[kept], second[kept]
         floor = -np.inf if self.scene.floor is None else self.scene.floor
@@ -235,6 +237,19 @@ class Spheres:
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
         effort: Floats = np.sum(frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2)
         return effort
+
+    def keeps_clear(self, q: Floats) -> NDArray[np.bool_]:
+        """Return at which poses, (N, n) [rad or m], everything keeps its wanted distance, (N,)."""
+        points, frames = self.points(q)
+        clear = np.all(self._pair_distance(points, self._first, self._second)[0] >= self.scene.self_distance, axis=1)
+        if self.scene.floor is not None:
+            clear &= np.all(self._floor_distance(points) >= self._above_floor, axis=1)
+        for box in self.scene.obstacles:
+            clear &= np.all(self._box_distance(points, box)[0] >= self.scene.distance, axis=1)
+        if self.scene.workspace is not None:
+            tool, inside = frames.p[:, -1], self.scene.workspace
+            clear &= np.all((tool >= inside.lower) & (tool <= inside.upper), axis=1)
+        return np.asarray(clear)
 
     def contacts(self, q: Floats) -> list[Contact]:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.

@@ -7,6 +7,7 @@ goes through the scaling, so the search needs no penalties for positions, speeds
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,27 @@ class Bounds:
     velocity: Floats
     acceleration: Floats
     torque: Floats
+
+
+def assumed_limits(robot: Robot) -> tuple[str, ...]:
+    """Say which limits the robot file leaves out and what a plan takes in their place, one sentence for each kind."""
+    found = []
+    kinds = (
+        ("position", "half a turn, or pi m, each way", ""),
+        ("velocity", f"{DEFAULT_VELOCITY:g}", " rad/s or m/s"),
+        ("acceleration", f"{DEFAULT_ACCELERATION:g}", " rad/s^2 or m/s^2"),
+    )
+    for kind, stand_in, unit in kinds:
+        joints = [joint.name for joint in robot.joints if getattr(joint.limits, kind) is None]
+        if joints:
+            which = "all joints" if len(joints) == robot.n else ", ".join(joints)
+            found.append(f"{kind} of {which}: {stand_in}{unit}")
+    return tuple(found)
+
+
+def unsafe_to_play(assumed: Sequence[str]) -> tuple[str, ...]:
+    """Return the assumed limits with which no motion is played: rates; a joint without end needs no range."""
+    return tuple(text for text in assumed if not text.startswith("position"))
 
 
 def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) -> Bounds:

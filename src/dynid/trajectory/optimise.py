@@ -43,6 +43,8 @@ HOPELESS = 0.35
 LANES = 8
 #: No cost of a motion that determines all parameters is so large; penalties are.
 PENALISED = 50.0
+#: Share of the time limit that the search may use; clearance and checks need the rest.
+SEARCH_SHARE = 0.6
 #: Seconds between two reports of the best so far.
 REPORT = 0.5
 
@@ -113,7 +115,7 @@ def optimise(problem: PlanProblem, search: PlanOptions, progress: Progress = SIL
     finished: set[int] = set()
     ended: End = "all starts" if search.replay is None else "replay"
     begin = time.monotonic()
-    limit = search.seconds if search.replay is None else np.inf
+    limit = SEARCH_SHARE * search.seconds if search.replay is None else np.inf
     with _workers(problem, search) as (reports, running):
         try:
             while any(process.is_alive() for process in running) or not reports.empty():
@@ -130,8 +132,8 @@ def optimise(problem: PlanProblem, search: PlanOptions, progress: Progress = SIL
                         best[start] = met
                 if best:
                     least = min(met.value for met in best.values())
-                    done = min(time.monotonic() - begin, search.seconds)
-                    progress.advance(done, search.seconds, f"best {describe(problem, least)}")
+                    done = min(time.monotonic() - begin, limit)
+                    progress.advance(done, limit, f"best {describe(problem, least)}")
         except KeyboardInterrupt:
             if not best:
                 raise

@@ -6,8 +6,10 @@ a clear pose until it passes. PyBullet is asked last, because it is the slowest.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_base_parameters
+from dynid.model.prior import DEFAULT_CYLINDERS, prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -47,6 +49,11 @@ SHRINK = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
 SAMPLES_A_SEGMENT, SAMPLES = 12, 200
 #: Rate at which contact is checked on the spheres [Hz] and random poses among which a clear one is looked for.
 CONTACT_RATE, CLEAR_POSES = 50.0, 400
+#: Share of random poses that shall be clear inside the range that is searched, their number, and the half range that
+#: is not narrowed any more [rad or m].
+ROOMY, ROOMY_POSES, NARROW = 0.85, 200, 0.4
+#: Poses that are tried as the middle of that range, and how far around them it shall be clear [rad or m].
+MIDDLES, SIXTH = 100, np.pi / 3
 #: Random motions among which one is taken without a search.
 RANDOM_STARTS = 20
 
@@ -129,7 +136,7 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         context.base.model,
         context.base.reduction.base,
         basis_of(options),
-        context.limits,
+        roomy_limits(context),
         cost,
         noise=context.noise if kind in ("i", "d") or context.known is not None else None,
         known=context.known,
@@ -138,6 +145,32 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         penalties=(context.spheres,),
         samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
     )
+
+
+def roomy_limits(context: PlanningContext) -> Bounds:
+    """Return the limits for the search; joints of more than a turn are narrowed to where the arm is clear.
+
+    Every motion of the search reaches a limit of each joint. An arm whose joints all turn twice would sweep through
+    itself and the floor all the time; so the range of the joint that helps most is narrowed until most poses are clear.
+    """
+    limits, spheres = context.limits, context.spheres
+    if np.all(limits.upper - limits.lower <= 2 * np.pi):
+        return limits
+    rng = np.random.default_rng(0)
+    half = np.minimum((limits.upper - limits.lower) / 2, np.pi)
+    unit = rng.uniform(-1, 1, (ROOMY_POSES, len(half)))
+    around = unit * np.minimum(half, SIXTH)
+    middles = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (MIDDLES, len(half)))
+    middle = middles[int(np.argmax([spheres.keeps_clear(pose + around).mean() for pose in middles]))]
+    share = float(spheres.keeps_clear(middle + unit * half).mean())
+    while share < ROOMY and half.max() > NARROW:
+        tried = []
+        for j in np.flatnonzero(half > NARROW):
+            less = np.where(np.arange(len(half)) == j, 0.8 * half, half)
+            tried.append((float(spheres.keeps_clear(middle + unit * less).mean()), j))
+        share, j = max(tried)
+        half[j] *= 0.8
+    return replace(limits, lower=np.maximum(middle - half, limits.lower), upper=np.minimum(middle + half, limits.upper))
 
 
 @dataclass(frozen=True)
@@ -163,7 +196,7 @@ def search_motions(context: PlanningContext, progress: Progress = SILENT) -> Sea
 
 
 def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
-    """Yield motions at the wanted speed factor, the most promising first, each with its repaired versions after it.
+    """Yield motions at the wanted speed factor, the most promising first, their repaired versions after them.
 
     Args:
         context: the arm and what is wanted.
@@ -172,8 +205,8 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
     options, basis = context.options, basis_of(context.options)
     candidates = list(_random(context, basis)) if found is None else found.candidates
     home = clear_pose(context)
-    for one in candidates:
-        for share in SHRINK:
+    for share in SHRINK:
+        for one in candidates:
             drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
             yield Proposal(Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share)
 
@@ -219,18 +252,26 @@ class Clearance:
     """How far a motion stays away from everything.
 
     Attributes:
-        distances: least distance of every pair, the closest pair first.
+        distances: least distance of every watched pair, the closest pair first.
+        left_out: pairs of links that are near in usual poses because of their guessed thickness, and not watched.
         pictures: files that were drawn.
         findings: what is worth a warning.
     """
 
     distances: tuple[Distance, ...]
+    left_out: tuple[str, ...] = ()
     pictures: tuple[Path, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
 def require_clear_motion(
-    context: PlanningContext, trajectory: Trajectory, urdf: Path | None, drawing: Drawing
+    context: PlanningContext,
+    trajectory: Trajectory,
+    urdf: Path | None,
+    drawing: Drawing,
+    progress: Progress = SILENT,
+    *,
+    given: bool = True,
 ) -> Clearance:
     """Let PyBullet measure and draw a motion; without PyBullet the distances of the spheres stand.
 
@@ -239,38 +280,83 @@ def require_clear_motion(
         trajectory: the motion.
         urdf: the user's own shapes; cylinders along the DH table when None.
         drawing: what to draw.
+        progress: told that pictures are drawn.
+        given: whether a person gave the motion, who wants to see it also when it is refused.
 
     Raises:
         Collision: something comes too near.
         PackageMissing: PyBullet is missing and was asked for.
     """
+    scene, guessed = context.options.scene, urdf is None
     try:
         with urdf_of(context.robot, urdf) as shapes:
-            found = measure_trajectory(trajectory, context.robot, shapes, context.options.scene, drawing)
+            # Why: pictures take seconds; of the motions of a search only one that keeps clear is worth them.
+            found = measure_trajectory(trajectory, context.robot, shapes, scene, Drawing(), guessed=guessed)
+            try:
+                require_clear(
+                    found.least,
+                    scene,
+                    drawing.picture if given else None,
+                    clearance_fix(context.robot, guessed=guessed),
+                )
+            except Collision:
+                if given and drawing.picture is not None:
+                    measure_trajectory(trajectory, context.robot, shapes, scene, drawing, guessed=guessed)
+                raise
+            if drawing.picture is not None or drawing.animation is not None:
+                progress.stage("draw")
+                measure_trajectory(trajectory, context.robot, shapes, scene, drawing, guessed=guessed)
     except PackageMissing:
         if drawing.needed:
             raise
         motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
         text = "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn"
-        return Clearance(sphere_distances(context.spheres, motion), findings=(Finding("W605", "warning", text),))
-    require_clear(found, context.options.scene, drawing.picture)
-    return Clearance(found, tuple(path for path in (drawing.picture, drawing.animation) if path is not None))
+        found = sphere_distances(context.spheres, motion)
+        return Clearance(found.least, found.left_out, findings=(Finding("W605", "warning", text),))
+    pictures = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
+    return Clearance(found.least, found.left_out, pictures)
+
+
+def clearance_fix(robot: Robot, *, guessed: bool) -> str:
+    """Return what helps against a motion that comes too near; of guessed shapes, where their thickness is set."""
+    usual = "plan again with another --seed, or move the waypoints, --floor or --obstacle"
+    return f"{usual}; {thickness(robot)}; or give --urdf" if guessed else usual
+
+
+def thickness(robot: Robot) -> str:
+    """Say how thick the links are taken to be, and where that is set."""
+    given = robot.prior.cylinders if robot.prior else None
+    radius = (given or DEFAULT_CYLINDERS).radius
+    where = f"`prior: {{cylinders: {{radius: ...}}}}` in {robot.path or 'the robot file'}"
+    return f"links are cylinders of radius {radius:g} m, {'set' if given else 'a guess; set it'} by {where}"
 
 
 Judgement = TypeVar("Judgement")
 
 
 def first_accepted(
-    candidates: Iterable[Proposal], judge: Callable[[Trajectory], Judgement]
+    candidates: Iterable[Proposal],
+    judge: Callable[[Trajectory], Judgement],
+    until: float = math.inf,
+    progress: Progress = SILENT,
 ) -> tuple[Proposal, Judgement]:
     """Return the first motion that is not refused, with what the judge found.
+
+    Args:
+        candidates: motions, the most promising first.
+        judge: raises what is wrong with a motion.
+        until: when the time is over, by ``time.monotonic``; the motion at hand is still judged [s].
+        progress: told which motion is judged.
 
     Raises:
         LimitBroken: no motion passed; this is why the last one failed.
         Collision: the same.
     """
     reason: DynidError | None = None
-    for candidate in candidates:
+    for k, candidate in enumerate(candidates):
+        if reason is not None and time.monotonic() > until:
+            break
+        progress.advance(k, 0, f"motion {k + 1}, {100 * candidate.share:.0f} % of its size")
         try:
             return candidate, judge(candidate.trajectory)
         except (LimitBroken, Collision) as error:

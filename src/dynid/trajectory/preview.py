@@ -59,6 +59,19 @@ class Distance:
 
 
 @dataclass(frozen=True)
+class Distances:
+    """What was measured along a motion.
+
+    Attributes:
+        least: least distance of every watched pair, the closest pair first.
+        left_out: pairs of links that are near in usual poses because of their guessed thickness, and not watched.
+    """
+
+    least: tuple[Distance, ...]
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Drawing:
     """What to draw.
 
@@ -76,8 +89,8 @@ class Drawing:
 
 
 def measure_trajectory(
-    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing
-) -> tuple[Distance, ...]:
+    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing, *, guessed: bool = False
+) -> Distances:
     """Measure distances all along a motion and draw it.
 
     Args:
@@ -86,6 +99,7 @@ def measure_trajectory(
         urdf: its URDF; a user's own may have other link frames, but must have the same joint axes.
         scene: floor, obstacles, wanted distances.
         drawing: what to draw.
+        guessed: whether the shapes are cylinders along the DH table, whose thickness nobody has measured.
 
     Returns:
         The least distance of every checked pair, the closest pair first; distances end at 0.3 m.
@@ -94,14 +108,14 @@ def measure_trajectory(
         PackageMissing: PyBullet is not there.
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    return measure_poses(*_poses(trajectory), robot, urdf, scene, drawing)
+    return measure_poses(*_poses(trajectory), robot, urdf, scene, drawing, guessed=guessed)
 
 
 def measure_poses(
-    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing
-) -> tuple[Distance, ...]:
+    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing, *, guessed: bool = False
+) -> Distances:
     """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
-    with _job(t, q, robot, urdf, scene, drawing) as job:
+    with _job(t, q, robot, urdf, scene, drawing, scene.self_distance if guessed else 0.0) as job:
         log = job.with_suffix(".log")
         with log.open("wb") as stream:
             child = subprocess.run(
@@ -114,13 +128,15 @@ def measure_poses(
         found = json.loads(answer.read_text(encoding="utf-8"))
     _require_axes(robot, found["axis_errors"], urdf)
     rows = found["distances"]
-    return tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]]), d["room_m"]) for d in rows)
+    least = tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]]), d["room_m"]) for d in rows)
+    return Distances(least, tuple(found["left_out"]) if guessed else ())
 
 
-def sphere_distances(spheres: Spheres, motion: Motion) -> tuple[Distance, ...]:
+def sphere_distances(spheres: Spheres, motion: Motion) -> Distances:
     """Return the least clearances that spheres along the links have during a motion, the closest first."""
     near = sorted(spheres.contacts(motion.q), key=lambda contact: contact.distance)
-    return tuple(Distance(contact.what, contact.distance, float(motion.t[contact.index])) for contact in near)
+    least = tuple(Distance(contact.what, contact.distance, float(motion.t[contact.index])) for contact in near)
+    return Distances(least, spheres.left_out)
 
 
 @contextmanager
@@ -218,7 +234,9 @@ def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
 
 
 @contextmanager
-def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None) -> Iterator[Path]:
+def _job(
+    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None, near: float = 0.0
+) -> Iterator[Path]:
     """Write a job for the child into a folder that is removed afterwards."""
     lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in robot.joints]).T
     random = np.random.default_rng(0).uniform(lower, upper, (300, robot.n))
@@ -238,6 +256,7 @@ def _job(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: 
         "animation": str(drawing.animation.resolve()) if drawing and drawing.animation else None,
         "title": drawing.title if drawing else "",
         "window": drawing is None,
+        "near": near,
         "maps": _maps(robot),
     }
     with scratch_folder() as folder:

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from dynid.errors import Declined, DynidError, NotReviewed, StartPoseOff, WrongUsage
+from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, StartPoseOff, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -142,6 +142,7 @@ def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: R
 
     Raises:
         WrongUsage: they do.
+        LimitsAssumed: the motion was planned with rates that nobody gave (E512).
     """
     if options.listen_only and (options.go_to_start or options.zero_torques):
         raise WrongUsage(
@@ -149,6 +150,11 @@ def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: R
         )
     if trajectory is None and not options.listen_only:
         raise WrongUsage("no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only")
+    from dynid.trajectory.feasible import unsafe_to_play
+
+    assumed = unsafe_to_play(trajectory.facts.get("assumed_limits", ())) if trajectory is not None else ()
+    if assumed:
+        raise LimitsAssumed(f"the motion was planned with assumed limits: {'; '.join(assumed)}")
 
 
 def record(

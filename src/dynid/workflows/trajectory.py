@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding
+from dynid.errors import Finding, PlanTeachesLittle
 from dynid.files.planfile import Waypoints
 from dynid.files.trajectoryfile import Review, StoredTrajectory
 from dynid.motion import Motion
@@ -21,6 +22,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.table import Table
 from dynid.trajectory.clearance import Scene
+from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
 
@@ -38,6 +40,8 @@ Floats = NDArray[np.float64]
 
 #: PyBullet measures no distance beyond this [m].
 FAR = 0.3
+#: A motion shorter than this at full speed is named as too short when it teaches little [s].
+SHORT = 10.0
 #: How many of the closest pairs the JSON answer lists.
 CLOSEST = 5
 #: How a search can end, in words; ``{done}`` says how many starts finished.
@@ -125,7 +129,10 @@ class Plan:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is worth a warning."""
-        return self.clearance.findings
+        assumed = assumed_limits(self.robot)
+        text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
+        more = (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
+        return (*self.clearance.findings, *more)
 
     @property
     def std_errors(self) -> dict[str, float]:
@@ -162,6 +169,8 @@ class Plan:
             "collisions": [],
             "closest_m": min((d.distance for d in distances), default=None),
             "closest": [{"pair": d.pair, "distance_m": d.distance, "time_s": d.time} for d in distances[:CLOSEST]],
+            "left_out_pairs": list(self.clearance.left_out),
+            "assumed_limits": list(assumed_limits(self.robot)),
             "predicted_std_error": self.std_errors,
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
@@ -192,6 +201,8 @@ class Plan:
                 "rate_hz": self.options.rate,
                 "seed": self.options.seed,
                 "scene": scene_facts(self.options, self.urdf),
+                "assumed_limits": list(assumed_limits(self.robot)),
+                "left_out_pairs": list(self.clearance.left_out),
             },
             selected=self.selected,
         )
@@ -278,6 +289,13 @@ class Plan:
             least = "at least " * (near.distance >= FAR)
             size = f"{least}{1000 * near.distance:.0f} mm"
             yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
+        if self.clearance.left_out and self.urdf is None:
+            from dynid.trajectory.planning import thickness
+
+            pairs = ", ".join(self.clearance.left_out)
+            yield "left out", f"near in usual poses whatever the motion: {pairs}; {thickness(self.robot)}"
+        if assumed := assumed_limits(self.robot):
+            yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
 
     def _alpha_lines(self) -> Iterator[tuple[str, str]]:
         """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
@@ -347,12 +365,14 @@ def plan_trajectory(
     Raises:
         LimitBroken: no motion keeps all limits (E501).
         Collision: something comes too near (E502).
+        PlanTeachesLittle: what the search found excites too little (E511).
     """
     from dynid.trajectory.planning import first_accepted, planning_context, proposals, require_safe, search_motions
     from dynid.workflows.model import base_model
 
     options = replace(options, **changes)
     base = base or base_model(robot, progress=progress)
+    begin = time.monotonic()
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
     noise, source = torque_noise(robot, options.noise, before)
     context = planning_context(base, options, noise, earlier_information(base, before, noise, progress))
@@ -361,11 +381,50 @@ def plan_trajectory(
     if candidates is None:
         found = search_motions(context, progress)
         candidates = proposals(context, found)
+    progress.stage("clearance")
+    given = waypoints is not None or path is not None
     chosen, (check, clearance) = first_accepted(
-        candidates, lambda motion: (require_safe(context, motion), _clearance(context, motion, urdf, drawing))
+        candidates,
+        lambda motion: (
+            require_safe(context, motion),
+            _clearance(context, motion, urdf, drawing, progress, given=given),
+        ),
+        np.inf if given or options.replay else begin + options.seconds,
+        progress,
     )
     search = _search_record(options, chosen, found)
-    return _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+    plan = _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+    if found is not None and not before:
+        require_teaching(plan, context)
+    return plan
+
+
+def require_teaching(plan: Plan, context: PlanningContext) -> None:
+    """Refuse a plan whose log identification would refuse even at full speed.
+
+    Args:
+        plan: what was found.
+        context: the arm and what is wanted.
+
+    Raises:
+        PlanTeachesLittle: its condition number is beyond the limit (E511); the message says what limits it.
+    """
+    from dynid.estimation.findings import LARGE_CONDITION
+    from dynid.trajectory.predict import predict
+
+    fast = replace(plan.trajectory, alpha=1.0).sampled(plan.options.rate)
+    base = context.base
+    full = predict(base.model, base.reduction.base, fast, context.noise, context.other, context.known)
+    condition = full.figures.condition_scaled
+    if condition <= LARGE_CONDITION:
+        return
+    reasons = [f"weakest is {plan.weakest}"]
+    if plan.search is not None and plan.search.share < 1:
+        reasons.insert(0, f"to keep clear it was drawn in to {100 * plan.search.share:.0f} %")
+    if plan.options.duration < SHORT:
+        reasons.insert(0, f"it has {plan.options.duration:g} s")
+    limit = f"{condition:.3g} at full speed with columns of equal length; identify accepts {LARGE_CONDITION:g}"
+    raise PlanTeachesLittle(f"the best motion has a condition number of {limit}: {', '.join(reasons)}")
 
 
 def _given_path(
@@ -395,14 +454,20 @@ def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
 
 
 def _clearance(
-    context: PlanningContext, trajectory: Trajectory, urdf: Path | None, drawing: Drawing | None
+    context: PlanningContext,
+    trajectory: Trajectory,
+    urdf: Path | None,
+    drawing: Drawing | None,
+    progress: Progress = SILENT,
+    *,
+    given: bool = True,
 ) -> Clearance:
     from dynid.trajectory.planning import require_clear_motion
     from dynid.trajectory.preview import Drawing
 
     name = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
     wanted = replace(drawing or Drawing(), title=name)
-    return require_clear_motion(context, trajectory, urdf, wanted)
+    return require_clear_motion(context, trajectory, urdf, wanted, progress, given=given)
 
 
 def _search_record(options: PlanOptions, chosen: Proposal, found: SearchOutcome | None) -> SearchRecord | None:

@@ -64,14 +64,14 @@ def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth
     robot = request.getfixturevalue(arm).robot
     found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene(), NOTHING)
     with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
-        require_clear(found, Scene())
+        require_clear(found.least, Scene())
 
 
 def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, urdf):
     plan = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
     found = measure_trajectory(plan, lwr.robot, urdf(lwr.robot), Scene(floor=0.1), NOTHING)
-    require_clear(found, Scene(floor=-0.5))
-    lowest = next(d for d in found if d.pair == "link_7 - floor")
+    require_clear(found.least, Scene(floor=-0.5))
+    lowest = next(d for d in found.least if d.pair == "link_7 - floor")
     height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
     assert lowest.distance == pytest.approx(min(height, 0.3), abs=0.005)
 
@@ -81,8 +81,8 @@ def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
     away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
     with pytest.raises(Collision, match="obstacle 1"):
-        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
-    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene, NOTHING), scene)
+        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene, NOTHING).least, scene)
+    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene, NOTHING).least, scene)
 
 
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):

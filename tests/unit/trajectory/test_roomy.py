@@ -1,0 +1,58 @@
+"""Arms with joints of more than a turn, guessed thickness and missing limits are planned for, and said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import LimitsAssumed
+from dynid.files.robotfile import load_robot
+from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.motion import Motion
+from dynid.robot import Limits
+from dynid.trajectory.clearance import Spheres
+from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
+from dynid.trajectory.planning import thickness
+from dynid.workflows.record import RecordOptions, require_usable
+
+
+def without(robot, **limits):
+    return replace(robot, joints=tuple(replace(j, limits=replace(j.limits, **limits)) for j in robot.joints))
+
+
+def test_what_the_robot_file_leaves_out_is_said_with_what_stands_in_for_it():
+    robot = load_robot("ur5e")
+    assert assumed_limits(robot) == ()
+    bare = replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
+    assert [text.split(":")[0] for text in assumed_limits(bare)] == [
+        "position of all joints", "velocity of all joints", "acceleration of all joints",
+    ]  # fmt: skip
+    assert assumed_limits(without(robot, velocity=None))[0] == "velocity of all joints: 1 rad/s or m/s"
+
+
+@pytest.mark.parametrize(("limits", "refused"), [({"velocity": None}, True), ({"position": None}, False)])
+def test_record_refuses_assumed_rates_and_takes_a_joint_without_end(limits, refused):
+    robot = without(load_robot("ur5e"), **limits)
+    zero = np.zeros((2, 6))
+    motion = Motion(np.array([0.0, 1.0]), zero, zero, zero)
+    facts = {"assumed_limits": list(assumed_limits(robot))}
+    planned = StoredTrajectory("ur5e", robot.joint_names, motion, 1.0, {}, zero, facts=facts)
+    if refused:
+        with pytest.raises(LimitsAssumed, match="velocity of all joints"):
+            require_usable(robot, planned, RecordOptions())
+    else:
+        require_usable(robot, planned, RecordOptions())
+        assert unsafe_to_play(facts["assumed_limits"]) == ()
+
+
+def test_links_of_the_wrist_that_are_near_as_thick_cylinders_are_left_out_and_named():
+    assert "link 3 - link 5" in Spheres(load_robot("ur5e")).left_out
+    assert "radius 0.06 m, a guess" in thickness(load_robot("ur5e"))
+
+
+def test_clear_poses_are_those_without_a_contact_below_the_wanted_distance():
+    spheres = Spheres(load_robot("ur5e"))
+    q = np.random.default_rng(1).uniform(-np.pi, np.pi, (60, 6))
+    one_by_one = [all(c.distance >= c.wanted for c in spheres.contacts(pose[None])) for pose in q]
+    assert spheres.keeps_clear(q).tolist() == one_by_one
+    assert 0 < sum(one_by_one) < 60
