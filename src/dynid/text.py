@@ -8,7 +8,7 @@ around it. Letters, digits, ``_``, ``-``, ``.`` and the space stay as they are e
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 #: What a name may hold in source code without being written out; ASCII, because compilers guess the encoding.
@@ -21,8 +21,8 @@ _LATEX = {
 }  # fmt: skip
 #: A sign that starts a formula, where a spreadsheet may start a cell: at the beginning or behind a separator.
 _FORMULA = re.compile(r"(^|[;|\t])(\s*)(?=[=+\-@＝＋－＠])")
-#: Longest label of a figure and longest name of a file, in characters; what is longer is cut.
-LABEL_LENGTH, FILE_LENGTH = 60, 100
+#: Longest label and title of a figure and longest name of a file, in characters; what is longer is cut.
+LABEL_LENGTH, TITLE_LENGTH, FILE_LENGTH = 60, 120, 100
 
 
 def printable(text: str) -> str:
@@ -96,6 +96,16 @@ def csv_cell(text: str) -> str:
     return _FORMULA.sub(r"\1'\2", printable(text))
 
 
+def csv_row(cells: Iterable[object]) -> str:
+    """Return a line of a CSV file without its end: numbers as they are, text by ``csv_cell``, None as nothing."""
+    import csv
+    import io
+
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="").writerow(csv_cell(c) if isinstance(c, str) else c for c in cells)
+    return stream.getvalue()
+
+
 def yaml_text(document: Mapping[str, Any], head: str) -> str:
     """Return a YAML document under one line of comment; text in it is read back exactly.
 
@@ -113,8 +123,8 @@ def yaml_text(document: Mapping[str, Any], head: str) -> str:
     return f"# {printable(head)}\n{body}"
 
 
-def label(text: str) -> str:
-    """Return a label of a figure: one line of limited length without the ``$`` that would start a formula."""
+def label(text: str, most: int = LABEL_LENGTH) -> str:
+    """Return a label of a figure: one line of at most so many characters, without the ``$`` that starts a formula."""
     line = printable(text)
-    line = line if len(line) <= LABEL_LENGTH else f"{line[: LABEL_LENGTH - 1]}…"
+    line = line if len(line) <= most else f"{line[: most - 1]}…"
     return line.replace("$", r"\$")

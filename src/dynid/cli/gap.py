@@ -11,6 +11,7 @@ from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.text import shell
 from dynid.workflows.gap import GapOptions
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path 
         ask_to_overwrite(common, copy)
     path = (common.out or Path("out") / copy.stem) / "parameters.npz"
     gap.apply(chosen, robot_file=copy).save(path)
-    common.terminal.next(f"dynid validate {path} LOG      (a log that was not used here)")
+    common.terminal.next(f"{shell('dynid', 'validate', path)} LOG      (a log that was not used here)")
     return [copy, path]
 
 

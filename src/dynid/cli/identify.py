@@ -15,6 +15,7 @@ from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.text import shell
 from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
@@ -170,7 +171,9 @@ def run_identify(
         show_sensitivity(common, facts["explain"], len(base.reduction.base_names))
     if show and final:
         common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
-        common.terminal.next(f"dynid validate {folder / 'parameters.npz'} LOG      (a log that was not used here)")
+        common.terminal.next(
+            f"{shell('dynid', 'validate', folder / 'parameters.npz')} LOG      (a log that was not used here)"
+        )
     return facts
 
 

@@ -11,6 +11,7 @@ import click
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
+from dynid.text import shell
 from dynid.workflows.import_urdf import ImportOptions
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def command(common: Common, urdf: Path, **values: Any) -> ExitStatus:  # noqa: A
         common.terminal.wrote(path)
     common.terminal.emit_json(import_facts(found, path))
     show(common, found)
-    common.terminal.next(f"dynid check {path}")
+    common.terminal.next(shell("dynid", "check", path))
     return ExitStatus.DONE
 
 

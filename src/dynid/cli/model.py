@@ -11,6 +11,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.cli.robot_argument import robot_argument
 from dynid.errors import StaleCache
+from dynid.text import shell
 from dynid.workflows.model import ModelOptions
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     terminal, name = common.terminal, derived.model.robot.word
     terminal.emit_json(derived.facts(reduced))
     if reduced is None:
-        terminal.next(f"dynid model {name} --reduce")
+        terminal.next(shell("dynid", "model", name, "--reduce"))
         return
     base = reduced.base
     table = base.class_table()
@@ -122,7 +123,7 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     for relation in base.relations.values():
         terminal.answer(f"  {relation}")
     terminal.answer(f"  {base.where}" if base.where else "")
-    terminal.next(f"dynid trajectory {name}, or with a log: dynid identify {name} LOG")
+    terminal.next(f"{shell('dynid', 'trajectory', name)}, or with a log: {shell('dynid', 'identify', name)} LOG")
 
 
 def show_relations(common: Common, derived: DerivedModel, form: str, *, at_rest: bool) -> None:

@@ -14,6 +14,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
+from dynid.text import shell
 from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def command(
 
         run_identify(common, robot, (), show=not common.json)
     else:
-        common.terminal.next(f"dynid identify {robot}")
+        common.terminal.next(shell("dynid", "identify", robot))
 
 
 def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.text import shell
 from dynid.workflows.record import RecordOptions
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
             f"torque {100 * outcome.largest_torque_share:.0f} % of the rating",
         )  # fmt: skip
     terminal.emit_json({**done.facts(), "wrote": [*done.files, *converted(common, done, convert)]})
-    terminal.next(f"dynid identify {done.robot.word} {done.bag}")
+    terminal.next(shell("dynid", "identify", done.robot.word, done.bag))
     return ExitStatus.DONE
 
 
@@ -166,7 +167,7 @@ def converted(common: Common, done: Recording, given: bool | None) -> tuple[Path
 
     assert done.bag is not None
     if ask(common, "P4", given=given) is not Answer.YES:
-        common.terminal.next(f"dynid check {done.bag} --robot {done.robot.word} --convert")
+        common.terminal.next(shell("dynid", "check", done.bag, "--robot", done.robot.word, "--convert"))
         return ()
     target = convert(done, common.header(input_hashes({"log": done.bag})))
     common.terminal.wrote(target)

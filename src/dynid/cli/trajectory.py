@@ -14,6 +14,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, can_ask, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
+from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def plan_once(
         common.terminal.wrote(text)
     wrote += found.clearance.pictures
     common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
-    common.terminal.next(f"dynid record {arm.word} {path}       (moves the arm; asks first)")
+    common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
     return Answer.YES
 
 

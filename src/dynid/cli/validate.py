@@ -11,6 +11,7 @@ from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
 from dynid.options import share_or_none
+from dynid.text import shell
 from dynid.workflows.validate import ValidateOptions
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ def command(common: Common, parameters: Path, log: Path, plot: bool, **values: A
     limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
     facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, **limits)
     common.terminal.emit_json(facts)
-    common.terminal.next(f"look at {facts['wrote'][-1]}" if plot else f"dynid validate {parameters} {log} --plot")
+    again = shell("dynid", "validate", parameters, log, "--plot")
+    common.terminal.next(f"look at {facts['wrote'][-1]}" if plot else again)
     return ExitStatus.DONE if facts["passed"] else ExitStatus.LIMIT_NOT_MET
 
 

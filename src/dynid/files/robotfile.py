@@ -19,6 +19,7 @@ from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, rea
 from dynid.files.robotkeys import read_prior as prior_of
 from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
+from dynid.text import printable
 from dynid.units import ANGLE
 
 #: Gravity on Earth lies between 9.76 and 9.84 m/s^2; the band leaves room for rounded values.
@@ -203,7 +204,7 @@ def robot_text(robot: Robot, head: str = "") -> str:
         "joints": [_joint_row(joint) for joint in robot.joints],
     }
     document |= _beyond_geometry(robot)
-    comment = "".join(f"# {line}\n" for line in head.splitlines())
+    comment = "".join(f"# {printable(line)}\n" for line in head.splitlines())
     return (
         f"{comment}{yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140, default_flow_style=None)}"
     )

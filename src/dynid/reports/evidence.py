@@ -41,40 +41,35 @@ class Evidence:
     """One run.
 
     Attributes:
-        stored: the result.
+        result: the result.
         motion: estimated and measured motion of the fitted logs; None when its file is gone.
         unseen: validations found beside the result.
         singular_values: of the normalised stack of the fitted logs, None when its file is gone.
         gap: what ``dynid gap`` stored, None when it was not run.
     """
 
-    stored: Identification
+    result: Identification
     motion: EstimatedMotion | None
     unseen: tuple[Unseen, ...]
     singular_values: Floats | None
     gap: GapRecord | None
 
     @property
-    def found(self) -> Identification:
-        """The parameters."""
-        return self.stored
-
-    @property
     def robot(self) -> Robot:
         """The arm."""
-        return self.stored.robot
+        return self.result.robot
 
 
-def gather(stored: Identification) -> Evidence:
+def gather(result: Identification) -> Evidence:
     """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
-    if not stored.path.name:
-        if stored.stack is None:
-            return Evidence(stored, None, (), None, None)
-        return Evidence(stored, _fitted_motion(stored.stack, stored.theta), (), _spectrum(stored.stack.whole[0]), None)
-    folder = stored.path.parent
+    if not result.path.name:
+        if result.stack is None:
+            return Evidence(result, None, (), None, None)
+        return Evidence(result, _fitted_motion(result.stack, result.theta), (), _spectrum(result.stack.whole[0]), None)
+    folder = result.path.parent
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
     return Evidence(
-        stored=stored,
+        result=result,
         motion=prediction.load(motion)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
         singular_values=_spectrum(read_artifact(stack).arrays["R"]) if stack.is_file() else None,

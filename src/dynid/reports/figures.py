@@ -17,7 +17,7 @@ from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.npz import written_whole
 from dynid.robot import Robot
-from dynid.text import label
+from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +112,7 @@ def motion_figure(
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False, fontsize=9)
     what = f"residual {quantity.title}" if residual_only else quantity.title
-    figure.suptitle(f"{label(title)}: {what}", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", x=0.01, ha="left", fontsize=11)
     return figure
 
 

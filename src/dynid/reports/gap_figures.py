@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.gap.localisation import JointGap
 from dynid.gap.refit import HeldOutImprovement
-from dynid.npz import written_whole
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,13 +35,13 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
         axis.text(
             k, j, f"{chi[j, k]:.1f}", ha="center", va="center", fontsize=7, color="white" if chi[j, k] > 6 else "black"
         )
-    axis.set_yticks(range(len(joints)), [name.replace("$", r"\$") for name in joints], fontsize=8)
+    axis.set_yticks(range(len(joints)), [label(name) for name in joints], fontsize=8)
     axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)
     bar = figure.colorbar(image, ax=axis, ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["1", "3", "10"], fontsize=8)
     if title:
-        text = f"{title}: residual power over noise power. 1 is the noise; above 1.25 something is missing"
-        figure.suptitle(text, fontsize=9)
+        what = "residual power over noise power. 1 is the noise; above 1.25 something is missing"
+        figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", fontsize=9)
     return figure
 
 
@@ -70,20 +69,11 @@ def improvement_figure(
     )
     for j, floor in enumerate(improvement.floor):
         axis.plot([floor, floor], [j - 0.42, j + 0.42], color=MEASURED, lw=2.0, label="noise floor" if j == 0 else None)
-    axis.set_yticks(
-        place, [f"{name} [{unit}]".replace("$", r"\$") for name, unit in zip(joints, units, strict=True)], fontsize=8
-    )
+    axis.set_yticks(place, [f"{label(name)} [{unit}]" for name, unit in zip(joints, units, strict=True)], fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("root mean square on held-out rows, with 95 % interval", fontsize=8)
     axis.legend(fontsize=8, frameon=False)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(label(title, TITLE_LENGTH), fontsize=10)
     return figure
-
-
-def write(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG."""
-    with written_whole(path) as stream:
-        figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
-    return path

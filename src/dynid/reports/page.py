@@ -46,7 +46,7 @@ def summary(evidence: Evidence) -> str:
         f"| {marks[light.state]} {light.state} | {light.name} | {markdown(light.text)} |" for light in lights(evidence)
     ]
     lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
-    for joint, row in zip(evidence.robot.joints, evidence.found.joints, strict=True):
+    for joint, row in zip(evidence.robot.joints, evidence.result.joints, strict=True):
         held = "-" if row.heldout_rms is None else f"{row.heldout_rms:.3g} {joint.torque_unit}"
         lines.append(
             f"| {markdown(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynid.estimation.result import Identification
-from dynid.text import csv_cell, latex, xml
+from dynid.text import csv_row, latex, xml
 
 
 @dataclass(frozen=True)
@@ -79,12 +77,7 @@ def run_rows(names: Sequence[str], runs: Sequence[Identification]) -> list[dict[
 def runs_csv(names: Sequence[str], runs: Sequence[Identification]) -> str:
     """Return one row per run as CSV; empty where a run has no value."""
     rows = run_rows(names, runs)
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(map(csv_cell, rows[0]))
-    for row in rows:
-        writer.writerow(csv_cell(value) if isinstance(value, str) else value for value in row.values())
-    return stream.getvalue()
+    return "\n".join([csv_row(rows[0]), *(csv_row(row.values()) for row in rows), ""])
 
 
 def runs_latex(names: Sequence[str], runs: Sequence[Identification]) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynid.files.artifact import write_text
 from dynid.robot import Robot
+from dynid.text import csv_row
 
 Floats = NDArray[np.float64]
 
@@ -81,4 +82,4 @@ class CommandLog:
         head = ["t", *(f"{kind}_{name}" for kind in kinds for name in self.robot.joint_names)]
         rows = zip(self.times, *kinds.values(), strict=True)
         lines = [",".join(f"{value:.9g}" for value in (time, *np.concatenate(parts))) for time, *parts in rows]
-        write_text(path, "\n".join([",".join(head), *lines]) + "\n")
+        write_text(path, "\n".join([csv_row(head), *lines]) + "\n")

@@ -220,11 +220,11 @@ class Gap(GapRecord):
 
     def write_figures(self, folder: Path) -> list[Path]:
         """Write both figures as PNG."""
-        from dynid.reports.gap_figures import write
+        from dynid.reports.figures import write_figure
 
         return [
-            write(self.plot_residual(), folder / "where.png"),
-            write(self.plot_improvement(), folder / "shrink.png"),
+            write_figure(self.plot_residual(), folder / "where.png"),
+            write_figure(self.plot_improvement(), folder / "shrink.png"),
         ]
 
     def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:

@@ -120,7 +120,7 @@ def test_the_spectrum_starts_at_one(robot):
 
 def test_bars_are_standard_errors_in_percent_cut_at_300(evidence):
     """0.01 over the value; a parameter that is not determined, or zero, has no bar."""
-    found = evidence.found
+    found = evidence.result
     (axis,) = error_figure(found).axes
     heights = np.array([bar.get_height() for bar in axis.patches])
     shown = np.isfinite(found.std_error) & (found.theta != 0)

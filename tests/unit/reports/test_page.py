@@ -114,18 +114,19 @@ HOSTILE = (
 
 def test_hostile_names_change_neither_elements_nor_drawings(evidence, html):
     """Markup, templates, formulas, control and reordering characters: the page has the elements of any other."""
-    robot, found = evidence.robot, evidence.found
+    robot, found = evidence.robot, evidence.result
     joints = (replace(robot.joints[0], name=HOSTILE), *robot.joints[1:])
     joint = JointQuality(HOSTILE, *(getattr(found.joints[0], each) for each in ("rms", "relative_percent")), 0.7, None)
-    facts = {"joints": (joint, *found.joints[1:]), "findings": (Finding("W402", "warning", HOSTILE),)}
-    stored = replace(
-        evidence.stored,
+    facts = dict.fromkeys(("choice", "why", "heldout"), HOSTILE)
+    facts |= {"joints": (joint, *found.joints[1:]), "findings": (Finding("W402", "warning", HOSTILE),)}
+    result = replace(
+        evidence.result,
         robot=replace(robot, name=HOSTILE, joints=joints),
-        identification=replace(found, choice=HOSTILE, why=HOSTILE, heldout=HOSTILE, **facts),
+        **facts,
         header={"command": HOSTILE, "logs": [HOSTILE], "log_findings": [], "dynid": HOSTILE, "seed": HOSTILE},
     )
     unseen = tuple(replace(each, name=HOSTILE) for each in evidence.unseen)
-    hostile = replace(evidence, stored=stored, unseen=unseen)
+    hostile = replace(evidence, result=result, unseen=unseen)
     text = page(hostile)
     assert Elements(text).tags.count("script") == 0
     own = [tag for tag in Elements(text).tags if tag not in ("tspan", "text", "g", "path", "use", "defs", "clippath")]
@@ -168,8 +169,8 @@ def test_drawings_follow_the_colours_of_the_page(html):
 
 def changed(evidence, unseen=True, **facts):
     """The evidence with other facts of the identification."""
-    stored = replace(evidence.stored, identification=replace(evidence.found, **facts))
-    return replace(evidence, stored=stored, unseen=evidence.unseen if unseen else ())
+    result = replace(evidence.result, **facts)
+    return replace(evidence, result=result, unseen=evidence.unseen if unseen else ())
 
 
 def quality(percent):

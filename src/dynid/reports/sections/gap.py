@@ -24,7 +24,7 @@ def gap(evidence: Evidence) -> dict[str, Any]:
     """Return what gap.npz says, nothing when the search was not run."""
     record = evidence.gap
     if record is None:
-        return {"gap": None, "search": f"{shell('dynid', 'gap', evidence.stored.path)} LOG"}
+        return {"gap": None, "search": f"{shell('dynid', 'gap', evidence.result.path)} LOG"}
     return {
         "gap": record,
         "verdict": VERDICTS.get(record.verdict, record.verdict),

@@ -34,21 +34,21 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
                 "A joint whose blue bar is short taught little: its inertia and friction come from few, small signals.",
             )
         )
-    return {"pictures": pictures, "found": evidence.found, "size": len(evidence.found.names)}
+    return {"pictures": pictures, "found": evidence.result, "size": len(evidence.result.names)}
 
 
 def torque(evidence: Evidence) -> dict[str, Any]:
     """Return torques of the logs that were fitted, with the table of joints."""
     pictures = [] if evidence.motion is None else [_torques(evidence, evidence.motion, "fitted logs")]
     units = [joint.torque_unit for joint in evidence.robot.joints]
-    return {"pictures": pictures, "joints": list(zip(evidence.found.joints, units, strict=True))}
+    return {"pictures": pictures, "joints": list(zip(evidence.result.joints, units, strict=True))}
 
 
 def unseen(evidence: Evidence) -> dict[str, Any]:
     """Return validations beside the result, else the rows that were held out."""
     shown = [(each, _torques(evidence, each.motion, f"unseen: {each.name}")) for each in evidence.unseen]
-    validate = f"{shell('dynid', 'validate', evidence.stored.path)} LOG"
-    return {"unseen": shown, "found": evidence.found, "joints": evidence.robot.joint_names, "validate": validate}
+    validate = f"{shell('dynid', 'validate', evidence.result.path)} LOG"
+    return {"unseen": shown, "found": evidence.result, "joints": evidence.robot.joint_names, "validate": validate}
 
 
 def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture:

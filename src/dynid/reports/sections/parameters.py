@@ -19,7 +19,7 @@ LETTERS = {"alone": "A", "combined": "C", "none": "–"}
 
 def parameters(evidence: Evidence) -> dict[str, Any]:
     """Return the grid of classes, a picture of the errors, and the table of base parameters."""
-    reduction, robot = evidence.stored.reduction, evidence.robot
+    reduction, robot = evidence.result.reduction, evidence.robot
     grid = []
     for joint, name in enumerate(robot.joint_names, start=1):
         cells = [_cell(reduction.names, reduction.class_of, f"{kind}{joint}") for kind in LINK_PARAMETERS]
@@ -27,7 +27,7 @@ def parameters(evidence: Evidence) -> dict[str, Any]:
     errors = Picture(
         drawn(
             "values",
-            lambda: error_figure(evidence.found),
+            lambda: error_figure(evidence.result),
             "standard error of each base parameter in percent of its value",
         ),
         "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %.",
@@ -53,7 +53,7 @@ def _cell(names: tuple[str, ...], class_of: Callable[[str], str], name: str) -> 
 
 def rows(evidence: Evidence) -> list[dict[str, Any]]:
     """Return one row per base parameter."""
-    found, reduction = evidence.found, evidence.stored.reduction
+    found, reduction = evidence.result, evidence.result.reduction
     table = []
     for i, name in enumerate(found.names):
         error, value, prior = (float(x[i]) for x in (found.std_error, found.theta, found.prior))

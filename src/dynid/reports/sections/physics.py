@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 def physics(evidence: Evidence) -> dict[str, Any]:
     """Return a picture of the bodies and one row per link."""
-    links = evidence.found.links()
+    links = evidence.result.links()
     rows = [
         {
             "link": link["link"],
@@ -34,7 +34,7 @@ def physics(evidence: Evidence) -> dict[str, Any]:
         }
         for link in links
     ]
-    return {"pictures": [ellipsoids(evidence.robot, links)], "rows": rows, "found": evidence.found}
+    return {"pictures": [ellipsoids(evidence.robot, links)], "rows": rows, "found": evidence.result}
 
 
 def tensor(link: dict[str, Any]) -> Floats:

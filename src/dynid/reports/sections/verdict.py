@@ -41,7 +41,7 @@ def verdict(evidence: Evidence) -> dict[str, Any]:
 
 def sentences(evidence: Evidence) -> list[str]:
     """Return the verdict in three sentences."""
-    found = evidence.found
+    found = evidence.result
     worst = max(found.joints, key=lambda joint: joint.relative_percent)
     known = found.knowledge.count("well")
     unseen = unseen_percent(evidence)
@@ -66,13 +66,13 @@ def unseen_percent(evidence: Evidence) -> tuple[str, float] | None:
     if evidence.unseen:
         worst = max(evidence.unseen, key=lambda unseen: unseen.percent)
         return worst.name, worst.percent
-    held = evidence.found.heldout_relative_error_percent
-    return None if held is None else (evidence.found.heldout, held)
+    held = evidence.result.heldout_relative_error_percent
+    return None if held is None else (evidence.result.heldout, held)
 
 
 def lights(evidence: Evidence) -> list[Light]:
     """Return fit, generality, knowledge and physics."""
-    found = evidence.found
+    found = evidence.result
     unseen = unseen_percent(evidence)
     worst = max(joint.relative_percent for joint in found.joints)
     known = found.knowledge.count("well") / len(found.names)
@@ -102,15 +102,15 @@ def _state(value: float, good: float, fair: float) -> str:
 # ---------------------------------------------------------------- what was run
 def run(evidence: Evidence) -> dict[str, Any]:
     """Return files, versions and command, and the logs with their hashes."""
-    stored, found, header = evidence.stored, evidence.found, evidence.stored.header
-    logs = list(zip(header.get("logs", []), stored.log_sha256, strict=False))
+    found, robot, header = evidence.result, evidence.robot, evidence.result.header
+    logs = list(zip(header.get("logs", []), found.log_sha256, strict=False))
     facts = [
-        ("robot", f"{stored.robot.name}, {stored.robot.n} joints, {stored.robot.convention} DH"),
+        ("robot", f"{robot.name}, {robot.n} joints, {robot.convention} DH"),
         ("robot file", header.get("robot_path", "")),
         ("model key", header.get("key", "")),
         ("estimator", f"{found.method}: {found.why}"),
-        ("filter", f"zero-phase low-pass at {stored.cutoff:.3g} Hz over torque and columns"),
-        ("samples", f"{found.samples} instants x {stored.robot.n} joints"),
+        ("filter", f"zero-phase low-pass at {found.cutoff:.3g} Hz over torque and columns"),
+        ("samples", f"{found.samples} instants x {robot.n} joints"),
         ("dynid", f"{header.get('dynid', '')}, seed {header.get('seed', '')}"),
     ]
     return {"facts": facts, "logs": logs, "command": header.get("command", "")}
@@ -118,8 +118,8 @@ def run(evidence: Evidence) -> dict[str, Any]:
 
 def quality(evidence: Evidence) -> dict[str, Any]:
     """Return what was noticed in the logs and in the fit, warnings first."""
-    logs = [Finding(**finding) for finding in evidence.stored.header.get("log_findings", [])]
-    found = [*logs, *evidence.found.findings]
+    logs = [Finding(**finding) for finding in evidence.result.header.get("log_findings", [])]
+    found = [*logs, *evidence.result.findings]
     return {"findings": sorted(found, key=lambda finding: finding.level != "warning")}
 
 
@@ -131,7 +131,7 @@ def limits(evidence: Evidence) -> dict[str, Any]:
 
 def limit_sentences(evidence: Evidence) -> list[str]:
     """Return what must not be concluded, one sentence each."""
-    found, robot, reduction = evidence.found, evidence.robot, evidence.stored.reduction
+    found, robot, reduction = evidence.result, evidence.robot, evidence.result.reduction
     open_ = [name for name, known in zip(found.names, found.knowledge, strict=True) if known == "not determined"]
     sentences = [
         f"{len(reduction.none)} of {len(reduction.names)} parameters show in no motion of this arm, and "
@@ -150,7 +150,7 @@ def limit_sentences(evidence: Evidence) -> list[str]:
         if shares:
             sentences.append(f"Speeds reached, of the limits: {', '.join(shares)}. Friction beyond them is a guess.")
     sentences.append(
-        f"What is faster than {evidence.stored.cutoff:.3g} Hz was filtered away: no vibration, no ripple in the model."
+        f"What is faster than {evidence.result.cutoff:.3g} Hz was filtered away: no vibration, no ripple in the model."
     )
     sentences.append("Temperature, load and wear were those of the recording; friction changes with all three.")
     if robot.torque.source == "joint_sensor":
