@@ -1,0 +1,104 @@
+"""Run dynid on an input in a child of its own with little memory and little time, and judge how it ended."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+#: What every command may take: memory beyond what Python and the libraries map, and time.
+MEMORY, SECONDS = 1 << 30, 60
+#: Statuses that the documentation knows, without 70 (internal error).
+DOCUMENTED = {0, 1, 2, 3, 4, 5, 6, 7}
+#: Escape sequences, and characters that reorder or hide text, which no name may bring to the terminal.
+TERMINAL = re.compile("[\x00-\x08\x0b-\x1f\x7f\x80-\x9f\u202a-\u202e\u2066-\u2069]")
+#: Markup that became alive in a page: a script or a handler that dynid does not write itself.
+MARKUP = re.compile(r"<script[^>]*>\s*alert|<img[^>]+onerror|HACKED_MARKUP[^&<]*<b>", re.I)
+
+
+@dataclass
+class Ended:
+    words: list[str]
+    status: int
+    out: str
+    err: str
+    seconds: float
+
+
+def mapped() -> int:
+    """Return how much memory this process maps [bytes]."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def run(words, folder: Path, seconds: float = SECONDS) -> Ended:
+    """Run ``dynid WORDS`` in a fork of this process; a hang ends as SIGALRM, a memory hog as MemoryError."""
+    out, err = folder.parent / f"{folder.name}.out", folder.parent / f"{folder.name}.err"
+    begin = time.monotonic()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    child = os.fork()
+    if not child:
+        status = 99
+        try:
+            for number, path in ((1, out), (2, err)):
+                handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+                os.dup2(handle, number)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            os.chdir(folder)
+            os.environ.update(HOME=str(folder.parent), TERM="xterm", LANG="C.UTF-8", NO_COLOR="1")
+            sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in ((0, "r"), (1, "w"), (2, "w")))
+            most = mapped() + MEMORY
+            resource.setrlimit(resource.RLIMIT_AS, (most, most))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            # Why of the processor: on a busy machine the clock says nothing; three times it bounds a wait.
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
+            signal.alarm(3 * int(seconds))
+            from dynid.cli import failure
+            from dynid.cli.main import run as command
+
+            failure.prepare_streams()
+            status = command([str(word) for word in words])
+            failure.silence_streams()
+        finally:
+            os._exit(status)
+    _, how = os.waitpid(child, 0)
+    status = os.waitstatus_to_exitcode(how)
+    texts = [path.read_text(encoding="utf-8", errors="backslashreplace") for path in (out, err)]
+    return Ended([str(word) for word in words], status, *texts, time.monotonic() - begin)
+
+
+def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
+    """Return what is wrong with how a command ended; ``before`` are the files of the folder then."""
+    found = []
+    if ended.status not in DOCUMENTED:
+        found.append(f"status {ended.status}")
+    said = ended.out + ended.err
+    if "Traceback" in said or "internal error" in said:
+        found.append("traceback")
+    if TERMINAL.search(said.replace("\n", "").replace("\t", "")):
+        found.append("control characters on the terminal")
+    if ended.status not in (0, 1) and not ended.err.strip():
+        found.append("no message")
+    if re.search(r'": (-?Infinity|NaN)\b', ended.out):
+        found.append("infinity as a value")
+    for path in sorted(folder.parent.rglob("*")):
+        name = str(path.relative_to(folder.parent))
+        if "HACKED" in path.name:
+            found.append(f"executed: {name}")
+        if ".dynid-" in path.name or path.name.startswith("dynid-"):
+            found.append(f"litter: {name}")
+        if path.is_file() and path.suffix == ".html" and MARKUP.search(path.read_text(errors="replace")):
+            found.append(f"live markup in {name}")
+    for name, content in before.items():
+        path = folder / name
+        if not path.is_file() or path.read_bytes() != content:
+            found.append(f"input changed: {name}")
+    made = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - set(before)
+    found += [f"outside the output folder: {name}" for name in made if not name.startswith("out/")]
+    return found
