@@ -1,6 +1,7 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time, the exact ones alone, and run up to three times, because a busy machine may not let them
+# make attack  5000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
@@ -18,7 +19,7 @@ APT := DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test test-slow ros screen lint docs reference clean
+.PHONY: demo test test-slow attack ros screen lint docs reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -45,6 +46,9 @@ screen:
 
 test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -n 2 -m slow
+
+attack: $(VENV)/.ready-test
+	ATTACK_SHARE=1 $(BIN)/python -m pytest -n 2 tests/attack
 
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check src tests benchmarks

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dynid.errors import NotAnArtifact
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, require_shape, write_artifact
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 
@@ -53,10 +52,24 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     """Read fullnumericregressor.npz: the conditioned logs and the header."""
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
-    try:
+    with reading(path):
         edges = np.cumsum([0, *h["lengths"]]).tolist()
         segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
         owners: Sequence[int] = h["source_of_segment"]
+        n = int(segments[0].q.shape[1])
+        for segment in segments:
+            require_fields(segment)
+            require_shape((len(segment.t), n), q=segment.q, qd=segment.qd, qdd=segment.qdd, tau=segment.tau)
+            require_shape((len(segment.t), n), usable=segment.usable, raw_q=segment.raw_q, raw_qd=segment.raw_qd)
+            require_shape((len(segment.t),), t=segment.t, elapsed=segment.elapsed)
+            for name in ("command_q", "command_qd", "command_qdd", "coulomb_sign", "command_coulomb_sign"):
+                part = getattr(segment, name)
+                require_shape((len(segment.t), n if part.size else 0), **{name: part})
+            require_shape((len(segment.t), *segment.effects.shape[1:2]), effects=segment.effects)
+            if not all(
+                np.all(np.isfinite(part)) for part in (segment.t, segment.q, segment.qd, segment.qdd, segment.tau)
+            ):
+                raise ValueError("it holds values that are no numbers")
         logs = []
         for k, s in enumerate(h["sources"]):
             chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
@@ -71,5 +84,3 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
                 )
             )
         return logs, h
-    except (KeyError, TypeError, ValueError) as error:
-        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, write_artifact
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
@@ -123,8 +123,10 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
     artifact = read_artifact(path, SCHEMA)
-    arrays = {field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)}
-    return EstimatedMotion(**arrays), dict(artifact.header)
+    with reading(path):
+        found = EstimatedMotion(**{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)})
+        require_fields(found)
+        return found, dict(artifact.header)
 
 
 # ---------------------------------------------------------------- how wrong a prediction is

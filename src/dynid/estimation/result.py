@@ -15,7 +15,15 @@ from dynid.errors import Finding, NotAnArtifact, WrongUsage
 from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
-from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
+from dynid.files.artifact import (
+    Artifact,
+    read_artifact,
+    reading,
+    require_fields,
+    require_shape,
+    write_artifact,
+    write_text,
+)
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion
@@ -503,7 +511,7 @@ def load(path: Path) -> Identification:
         raise NotAnArtifact(
             f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
         )
-    try:
+    with reading(path):
         stored: dict[str, Any] = dict(h["result"])
         facts: dict[str, Any] = {key: stored[key] for key in SCALARS} | {key: a[key] for key in ARRAYS if key in a}
         facts |= {"joints": _tuple(JointQuality, stored["joints"]), "findings": _tuple(Finding, h["findings"])}
@@ -512,7 +520,7 @@ def load(path: Path) -> Identification:
         }
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
         robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
-        return Identification(
+        found = Identification(
             robot=robot if h["robot_path"] else replace(robot, path=None),
             reduction=reduction_from(h["reduction"], a),
             **{**facts, "knowledge": tuple(facts["knowledge"])},
@@ -526,8 +534,30 @@ def load(path: Path) -> Identification:
             header=h,
             path=path,
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+        _check(found)
+    return found
+
+
+def _check(found: Identification) -> None:
+    """Raise when the parts of a result do not fit each other."""
+    require_fields(found)
+    p, c, n = len(found.reduction.base), len(found.reduction.names), found.robot.n
+    require_shape((p,), theta=found.theta, plain=found.plain, std_error=found.std_error, prior=found.prior)
+    require_shape((p, p), covariance=found.covariance, plain_covariance=found.plain_covariance)
+    require_shape((n,), noise=found.noise)
+    full = found.physical
+    require_shape((c,), full_x=full.x, full_std_error=full.std_error, full_data_share=full.data_share)
+    require_shape((c, c), full_covariance=full.covariance)
+    if len(found.knowledge) != p or len(found.joints) != n:
+        raise ValueError("its joints or parameters are not those of its robot")
+    for name, values in {
+        "theta": found.theta,
+        "plain": found.plain,
+        "covariance": found.covariance,
+        "x": full.x,
+    }.items():
+        if np.any(np.isnan(values)) or (name != "covariance" and not np.all(np.isfinite(values))):
+            raise ValueError(f"'{name}' holds values that are no numbers")
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:

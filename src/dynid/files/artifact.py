@@ -7,12 +7,16 @@ carry a fixed date, so that two runs on the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
+import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
@@ -34,6 +38,102 @@ class Artifact:
     schema: str
     header: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
+
+
+#: Numbers beyond this are not measured, counted or computed by anybody.
+_LARGEST = 1e150
+#: What the headers of results say about the run, wherever they say it.
+_HEADER: dict[str, Any] = {
+    "robot": str, "key": str | None, "dynid": str, "command": str, "seed": int | None, "robot_file": str,
+    "robot_path": str, "logs": list[str], "log_sha256": list[str] | str, "inputs": dict[str, str], "joints": list[str],
+    "cutoff_hz": float, "delay_s": float | None, "delay_std_error_s": float | None, "delay_applied_s": float | None,
+    "log_findings": list[dict[str, Any]], "findings": list[dict[str, Any]],
+}  # fmt: skip
+#: What reading a file that somebody has changed may raise on the way from its numbers to a value.
+_DAMAGE = (
+    KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError,
+)  # fmt: skip
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn what a changed or damaged file makes fail in the block into a mistake that names the file.
+
+    Raises:
+        NotAnArtifact: something of it is missing, or of another kind.
+    """
+    try:
+        yield
+    except _DAMAGE as error:
+        raise NotAnArtifact(f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)) from error
+
+
+def require_fields(value: Any) -> None:  # noqa: ANN401
+    """Raise when a field of a dataclass, or of one in it, is not of the type that it is declared with.
+
+    Raises:
+        TypeError: names the field.
+    """
+    for each in fields(value):
+        try:
+            hint = eval(str(each.type), vars(sys.modules[type(value).__module__]))
+        except NameError:  # a type that is imported for type checkers only
+            continue
+        _require(getattr(value, each.name), hint, each.name)
+
+
+def require_shape(shape: tuple[int, ...], **arrays: NDArray[Any]) -> None:
+    """Raise when arrays of numbers have another shape.
+
+    Raises:
+        ValueError: names the array.
+    """
+    for name, array in arrays.items():
+        if array.shape != shape or array.dtype.kind not in "fiub":
+            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected numbers {shape}")
+
+
+def _require(value: Any, hint: Any, name: str) -> None:  # noqa: ANN401
+    """Raise when a value is not of a type; numbers of numpy count as numbers."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (tuple, list) and isinstance(value, origin):
+        same = origin is list or inner[-1:] == (Ellipsis,)
+        for item, kind in zip(value, inner[:1] * len(value) if same else inner, strict=True):
+            _require(item, kind, name)
+    elif (origin or hint) in (dict, Mapping) and isinstance(value, Mapping):
+        for key, item in value.items():
+            _require(key, str, name)
+            _require(item, inner[1] if inner else Any, name)
+    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, hint):
+        require_fields(value)
+    elif not _is(value, hint, origin, name):
+        raise TypeError(f"'{name}' is {value!r:.60}, which is no {getattr(hint, '__name__', hint)}")
+
+
+def _is(value: Any, hint: Any, origin: Any, name: str) -> bool:  # noqa: ANN401
+    """Return whether a value that holds no others is of a type."""
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+    if origin in (Union, UnionType):
+        return any(_fits(value, one, name) for one in get_args(hint))
+    if hint in (float, int):
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if hint is float and number and not np.isfinite(value):
+            return True
+        return number and abs(value) < _LARGEST and (hint is float or float(value).is_integer())
+    if origin is Literal:
+        return value in get_args(hint)
+    if hint in (str, bool):
+        return isinstance(value, hint)
+    return origin not in (tuple, list, dict, Mapping) and hint not in (dict, Mapping) and not is_dataclass(hint)
+
+
+def _fits(value: Any, hint: Any, name: str) -> bool:  # noqa: ANN401
+    try:
+        _require(value, hint, name)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def sha256(path: Path) -> str:
@@ -81,10 +181,13 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
         arrays = read_npz(path)
         header = parse_json(str(arrays.pop(HEADER)), path)
         found = str(header["schema"])
+        for name, kind in _HEADER.items():
+            if name in header:
+                _require(header[name], kind, name)
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise NotAnArtifact(f"{path} is not a dynid result, or is damaged", where=str(path)) from error
+        raise NotAnArtifact(f"{path} is not a dynid result, or is damaged: {error}", where=str(path)) from error
     if schema is not None and found != schema:
         kind, _, number = found.rpartition("/")
         if kind == schema.rsplit("/", 1)[0] and number.isdigit() and int(number) > int(schema.rsplit("/", 1)[1]):

@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, read_header, write_artifact
+from dynid.files.artifact import (
+    Artifact,
+    read_artifact,
+    read_header,
+    reading,
+    require_fields,
+    require_shape,
+    write_artifact,
+)
 from dynid.model.program import Program
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
@@ -89,10 +97,8 @@ def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
 def load_reduction(path: Path) -> Reduction:
     """Read fullregressor.npz."""
     artifact = read_artifact(path, FULL)
-    try:
+    with reading(path):
         return reduction_from(artifact.header, artifact.arrays)
-    except (KeyError, TypeError) as error:
-        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
 
 
 def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -118,7 +124,7 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         KeyError: something is missing.
         TypeError: something is of another kind.
     """
-    return Reduction(
+    found = Reduction(
         names=tuple(facts["parameters"]),
         base=arrays["base"].astype(np.intp),
         K=arrays["K"],
@@ -130,3 +136,17 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         method=str(facts["method"]),
         formulas=tuple(facts["formulas"]),
     )
+    require_fields(found)
+    p, c = len(found.base), len(found.names)
+    require_shape((p,), base=found.base)
+    require_shape((p, c), K=found.K)
+    known = set(found.names)
+    if len(known) != c or not known.issuperset((*found.alone, *found.none, *found.combined)):
+        raise ValueError("the names of its parameters contradict each other")
+    if p == 0 or found.base.min() < 0 or found.base.max() >= c or np.any(np.diff(found.base) <= 0):
+        raise ValueError("its base parameters are not among its parameters")
+    if not np.all(np.isfinite(found.K)) or not np.array_equal(found.K[:, found.base], np.eye(p)):
+        raise ValueError("'K' is not the matrix of a reduction")
+    if found.formulas and len(found.formulas) != p:
+        raise ValueError("it has another number of formulas than of base parameters")
+    return found

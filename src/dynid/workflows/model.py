@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import WrongUsage
+from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -259,6 +259,8 @@ def reduce_model(
     stored = not derived.derived and usual and stored_key(path) == key_of(model.robot)
     if stored:
         reduction = load_reduction(path)
+        if reduction.names != model.parameter_names:
+            raise NotAnArtifact(f"{path} is damaged: it has other parameters than its robot", where=str(path))
     else:
         progress.stage("reduce", "")
         tolerance = DEPENDENT if options.tolerance is None else options.tolerance

@@ -78,7 +78,8 @@ class JobResult:
 
     def relative_error(self, command: str) -> float | None:
         """Return the largest relative error that a command of the job answered [%]."""
-        values = [answer["relative_error_percent"] for answer in self.answers.get(command, [])]
+        answers = (answer.get("relative_error_percent") for answer in self.answers.get(command, []))
+        values = [float(value) for value in answers if isinstance(value, (int, float))]
         return max(values) if values else None
 
     def facts(self) -> dict[str, Any]:
