@@ -8,8 +8,9 @@ import warnings
 import mutate
 import numpy as np
 import pytest
-from conftest import first_seed, inputs_wanted
 from forked import faults, run
+
+from conftest import first_seed, inputs_wanted
 
 RESULTS = ("regressor", "fullregressor", "fullnumericregressor", "parameters", "estimatedmotion", "trajectory")
 #: Kind of input: file, how it is broken, share of 5000 inputs, commands that read it.
