@@ -17,6 +17,7 @@ from dynid.errors import Finding, LogNotFound
 from dynid.files import bag, rosbag2, tablelog
 from dynid.files.artifact import sha256
 from dynid.files.bag import START
+from dynid.files.inspect import Inspected, inspect
 from dynid.files.joint_states import read_joint_states
 from dynid.files.npzlog import read_npz_log
 from dynid.files.textlog import read_folder
@@ -76,6 +77,21 @@ def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float 
         text = f"{path.name} does not name its columns: the order {', '.join(robot.log_names)} is assumed"
         log = replace(log, findings=(*log.findings, Finding("W320", "warning", text)))
     return log
+
+
+def inspect_log(path: Path, rate: float | None = None) -> Inspected:
+    """Return what a recording holds, without knowing its arm.
+
+    Args:
+        path: any recording.
+        rate: sample rate of text files without time [Hz].
+
+    Raises:
+        DynidError: it is no recording, or nothing of it can be read.
+    """
+    kinds: dict[Reader, str] = {_bag: "bag", _rosbag2: "rosbag2", _table: "table"}
+    read = _reader(path)
+    return inspect(path, kinds.get(read, "npz" if path.suffix == ".npz" else "folder"), rate)
 
 
 def _reader(path: Path) -> Reader:

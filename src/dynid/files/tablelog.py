@@ -279,7 +279,12 @@ def _schema(path: Path) -> Any:  # noqa: ANN401
     return _open_parquet(path).schema_arrow
 
 
-def _open_parquet(path: Path) -> Any:  # noqa: ANN401
+def pyarrow_of() -> tuple[Any, Any]:
+    """Return pyarrow and its module of Parquet.
+
+    Raises:
+        PackageMissing: it is not installed.
+    """
     try:
         import pyarrow
         from pyarrow import parquet
@@ -287,6 +292,11 @@ def _open_parquet(path: Path) -> Any:  # noqa: ANN401
         raise PackageMissing(
             "pyarrow is not installed: Parquet cannot be read or written", fix="pip install 'dynid[parquet]'"
         ) from error
+    return pyarrow, parquet
+
+
+def _open_parquet(path: Path) -> Any:  # noqa: ANN401
+    pyarrow, parquet = pyarrow_of()
     try:
         with limits.open_file(path):
             pass

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import Finding, WrongUsage
+from dynid.errors import Finding
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.text import visible
@@ -187,22 +187,16 @@ def check_result(path: Path) -> Checked:
 
 # ---------------------------------------------------------------- logs
 def check_log(path: Path, robot: Robot | None, options: LogOptions) -> Checked:
-    """Check and describe a log of a robot.
+    """Check and describe a log of a robot; without one, say what the log holds and how a robot file would read it.
 
     Raises:
-        WrongUsage: the robot is not given.
         DynidError: the first serious fault of the log.
     """
     from dynid.signals.describe import describe
 
-    if robot is None and path.exists():
-        raise WrongUsage(
-            f"{path} is a log, and no robot is given",
-            why="columns, units and limits are those of a robot file",
-            fix=f"dynid check {path} --robot ROBOT",
-        )
-    raw = read_log(path, robot, options)  # type: ignore[arg-type]
-    assert robot is not None  # a path that does not exist has ended in read_log
+    if robot is None:
+        return inspected(path, options)
+    raw = read_log(path, robot, options)
     log = checked_log(raw, robot, options)
     summary, columns = describe(log, robot), describe(raw, robot)
     matched = f"taken in the order of the robot file: {', '.join(robot.log_names)}"
@@ -218,6 +212,47 @@ def check_log(path: Path, robot: Robot | None, options: LogOptions) -> Checked:
     }
     description = tuple(_lines(summary, raw, matched, robot))
     return Checked(str(path), "log", description, facts, log.findings, robot, raw, log)
+
+
+def inspected(path: Path, options: LogOptions) -> Checked:
+    """Describe a recording without knowing its arm.
+
+    Raises:
+        DynidError: nothing of it can be read.
+    """
+    from dynid.files.logs import inspect_log
+    from dynid.workflows.logs import located
+
+    with located(str(path)):
+        found = inspect_log(path, options.rate)
+    lines = [("topic", f"{topic.name}  {topic.type}, {topic.count} messages") for topic in found.topics.values()]
+    if found.columns:
+        lines.append(("columns", ", ".join(found.columns)))
+    described = []
+    for each in found.joints:
+        log, units = each.log, each.units
+        rate = (len(log) - 1) / log.duration if log.duration > 0 else 0.0
+        span = [float(value) for value in log.q.max(axis=0) - log.q.min(axis=0)]
+        lines += [
+            ("joints", f"{each.topic} {', '.join(log.names) or f'{log.n} without names'}".strip()),
+            ("samples", f"{len(log)}, {log.duration:.1f} s, {rate:.1f} Hz"),
+            ("units", f"likely {units['position']} (span {max(span):.2f}) and {units['effort']}"),
+        ]
+        described.append(
+            {
+                "topic": each.topic, "joints": list(log.names), "samples": len(log), "duration_s": log.duration,
+                "rate_hz": rate, "span": span, "units": units,
+            }
+        )  # fmt: skip
+    snippet = found.snippet()
+    lines += [("robot file" if not k else "", line) for k, line in enumerate(snippet.splitlines())]
+    facts = {
+        "topics": [{"name": t.name, "type": t.type, "messages": t.count} for t in found.topics.values()],
+        "columns": list(found.columns),
+        "joint_states": described,
+        "snippet": snippet,
+    }
+    return Checked(str(path), "log", tuple(lines), facts, found.findings)
 
 
 def _facts(summary: LogSummary) -> dict[str, object]:

@@ -1,0 +1,126 @@
+"""What a recording holds, without a robot file: topics, types, names, rates, likely units, and what to paste."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dynid.drivers.interface import JOINT_STATE
+from dynid.errors import Finding, LogLayout
+from dynid.files import bag, rosbag2, tablelog
+from dynid.files.cdr import MULTI_ARRAY
+from dynid.files.npzlog import read_npz_log
+from dynid.files.textlog import read_folder
+from dynid.log import Log
+
+#: Positions that span more than this [rad] are degrees: no joint turns four times in a recording.
+MOST_RADIANS = 25.0
+#: Torques beyond this are mN m or raw counts.
+MOST_TORQUE = 2000.0
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Joint states of one topic, or of a file that has only one.
+
+    Attributes:
+        topic: topic, "" for tables and arrays.
+        log: the numbers as they were recorded.
+    """
+
+    topic: str
+    log: Log
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Likely units of ``position`` and ``effort``."""
+        q, tau = self.log.q, self.log.tau
+        span = float(np.nanmax(np.ptp(q, axis=0))) if np.isfinite(q).any() else 0.0
+        most = float(np.nanmax(np.abs(tau))) if np.isfinite(tau).any() else 0.0
+        return {
+            "position": "deg" if span > MOST_RADIANS else "rad",
+            "effort": "mNm" if most > MOST_TORQUE else self.log.tau_unit or "Nm",
+        }
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """What a recording holds.
+
+    Attributes:
+        path: the file or folder.
+        topics: of a bag, by name.
+        columns: of a table, in their order.
+        joints: joint states that could be read.
+        patterns: columns for ``driver: columns:``, {} where the usual names are used.
+        findings: what was noticed.
+    """
+
+    path: Path
+    topics: dict[str, bag.Topic]
+    columns: tuple[str, ...]
+    joints: tuple[Joints, ...]
+    patterns: dict[str, str]
+    findings: tuple[Finding, ...]
+
+    def snippet(self) -> str:
+        """Return the part of a robot file that reads this recording, "" where nothing can be told."""
+        if not self.joints:
+            return ""
+        chosen = max(self.joints, key=lambda each: len(each.log))
+        lines = ["driver:", "  kind: generic"]
+        if chosen.topic:
+            lines.append(f"  topic: {chosen.topic}")
+        arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
+        if chosen.topic and not np.isfinite(chosen.log.tau).any() and arrays:
+            lines.append(f"  effort_topic: {arrays[0]}")
+        if chosen.log.names and not self.patterns:
+            lines.append(f"  joint_names: [{', '.join(chosen.log.names)}]    # put them in the order base to tip")
+        if self.patterns:
+            lines.append(f"  {tablelog.snippet(self.patterns)}")
+        units = chosen.units
+        lines.append(f"  units: {{position: {units['position']}, effort: {units['effort']}}}")
+        return "\n".join(lines)
+
+
+def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
+    """Read a recording without knowing its arm.
+
+    Args:
+        path: the recording.
+        kind: ``"bag"``, ``"rosbag2"``, ``"table"``, ``"npz"`` or ``"folder"``.
+        rate: sample rate of tables without time [Hz].
+
+    Raises:
+        DynidError: nothing of it can be read.
+    """
+    if kind in ("bag", "rosbag2"):
+        container = bag if kind == "bag" else rosbag2
+        topics = container.list_topics(path)
+        wanted = [name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count]
+        groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
+        joints = tuple(Joints(name, log) for name in wanted for log in groups.get(name, []))
+        return Inspected(path, topics, (), joints, {}, findings)
+    if kind == "table":
+        return _table(path, rate)
+    log = read_npz_log(path) if kind == "npz" else read_folder(path, rate)
+    return Inspected(path, {}, (), (Joints("", log),), {}, log.findings)
+
+
+def _table(path: Path, rate: float | None) -> Inspected:
+    columns = tablelog.column_names(path)
+    patterns: dict[str, str] = {}
+    names: list[str] = []
+    if not any(name.startswith("q_") for name in columns):
+        patterns = tablelog.suggested(columns)
+        n = max((len(tablelog.matched(patterns["position"], columns, [""] * k)) for k in range(1, 33)), default=0) if (
+            patterns
+        ) else 0  # fmt: skip
+        names = [f"joint_{k + 1}" for k in range(n)]
+    try:
+        log = tablelog.read_table(path, names, patterns, rate)
+    except LogLayout:
+        return Inspected(path, {}, columns, (), patterns, ())
+    return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)

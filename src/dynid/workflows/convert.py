@@ -1,0 +1,79 @@
+"""A recording in another container, with or without the robot file of its arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dynid.errors import Finding, WrongMessageType
+from dynid.log import Log
+from dynid.options import Options, option
+from dynid.robot import Robot
+from dynid.workflows.logs import LogOptions, located, read_log
+
+
+@dataclass(frozen=True)
+class ConvertOptions(Options):
+    """Which joint states are converted."""
+
+    topic: str | None = option(None, "ROS topic of the joint states (default: the one with most messages).",
+                               metavar="TOPIC")  # fmt: skip
+    rate: float | None = option(
+        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
+    )
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What was written.
+
+    Attributes:
+        path: the new file.
+        log: its numbers.
+        findings: what was noticed while reading.
+    """
+
+    path: Path
+    log: Log
+    findings: tuple[Finding, ...]
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer says."""
+        return {
+            "schema": "dynid/convert/1",
+            "wrote": [self.path],
+            "samples": len(self.log),
+            "duration_s": self.log.duration,
+            "joints": list(self.log.names),
+        }
+
+
+def convert(
+    path: Path | str, target: Path | str, robot: Robot | None = None, options: ConvertOptions = ConvertOptions()
+) -> Converted:  # fmt: skip
+    """Write a recording in the format of another file's suffix; every number stays as it was recorded.
+
+    Args:
+        path: the recording.
+        target: the file to write: .mcap, .db3, .bag, .npz, .csv, .tsv or .parquet.
+        robot: the arm, whose file says which topic and columns; None to take what is there.
+        options: which joint states.
+
+    Raises:
+        DynidError: the recording cannot be read, or the file cannot be written.
+    """
+    from dynid.files.convert import write_log
+    from dynid.files.logs import inspect_log
+
+    if robot is not None:
+        log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
+        return Converted(write_log(log, Path(target)), log, log.findings)
+    with located(str(path)):
+        found = inspect_log(Path(path), options.rate)
+        logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
+        if not logs:
+            have = ", ".join(map(str, found.topics.values())) or ", ".join(found.columns) or "nothing"
+            raise WrongMessageType(f"{path} has no joint states that can be told; it has {have}", fix="give --robot")
+    log = max(logs, key=len)
+    return Converted(write_log(log, Path(target)), log, found.findings)

@@ -1,0 +1,62 @@
+"""What is converted is read again with the same numbers; a recording without a robot file tells what to paste."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import WrongUsage
+from dynid.files.convert import WRITERS
+from dynid.files.logs import read_log
+from dynid.files.robotfile import parse_robot
+from dynid.signals.stamps import take_samples
+from dynid.workflows.check import inspected
+from dynid.workflows.convert import convert
+from dynid.workflows.logs import LogOptions
+from makelogs import lwr, lwr_log
+from recordings import of_ros2, write_rosbag2
+
+TOPIC = "/lwr/joint_states"
+
+
+@pytest.fixture(scope="module")
+def log():
+    some = take_samples(lwr_log(), np.arange(300))
+    return replace(some, t=np.arange(300) * 0.005, qd=None, findings=(), extra={})
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
+    source = write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC))
+    found = read_log(convert(source, tmp_path / f"new{suffix}").path, robot=lwr())
+    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(found.q, log.q)
+    np.testing.assert_array_equal(found.tau, log.tau)
+
+
+def test_a_suffix_that_says_nothing_is_refused(log, tmp_path):
+    with pytest.raises(WrongUsage, match=r"\.mcap"):
+        convert(log.save(tmp_path / "a.npz"), tmp_path / "a.xyz")
+
+
+def test_mcap_is_read_by_other_libraries(log, tmp_path):
+    from mcap.reader import make_reader
+
+    with convert(log.save(tmp_path / "a.npz"), tmp_path / "a.mcap").path.open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages())
+    assert len(messages) == len(log)
+    assert {(schema.name, channel.message_encoding) for schema, channel, _ in messages} == {
+        ("sensor_msgs/msg/JointState", "cdr")
+    }
+
+
+def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
+    found = inspected(write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC)), LogOptions())
+    assert found.facts["topics"] == [{"name": TOPIC, "type": "sensor_msgs/JointState", "messages": 300}]
+    (state,) = found.facts["joint_states"]
+    assert state["rate_hz"] == pytest.approx(200.0)
+    joints = "".join(f"  - {{name: j{k}}}\n" for k in range(7))
+    text = f"name: x\nconvention: standard\njoints:\n{joints}{found.facts['snippet']}\n"
+    robot = parse_robot(text, tmp_path / "x.yaml")
+    assert robot.log_names == log.names
+    assert robot.driver.topic == TOPIC
