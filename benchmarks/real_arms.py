@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dynid import IdentifyOptions, Log, Robot, identify, load_log, load_robot, validate
+from dynid.errors import DynidError
 from dynid.workflows.validate import ValidateOptions
 
 #: Robot, recording, and the seconds that are fitted.
@@ -90,9 +91,13 @@ def outcomes(pair: Pair) -> tuple[list[Outcome], object]:
 
 def main() -> None:
     """Print the table."""
-    every, results = [], {}
+    every, results, refused = [], {}, []
     for pair in pairs(Path(sys.argv[1])):
-        found, results[pair.name] = outcomes(pair)
+        try:
+            found, results[pair.name] = outcomes(pair)
+        except DynidError as error:
+            refused.append(f"{pair.name}: {error}")
+            continue
         every += found
     print("# Recordings of real arms\n\nTotal relative torque error on what was not fitted [%].\n")
     print(
@@ -101,6 +106,8 @@ def main() -> None:
     for o in every:
         figures = (o.default, o.alone, o.plain, o.expected, o.default / o.expected)
         print(f"| {o.name} | {o.in_force} | " + " | ".join(f"{x:.2f}" for x in figures) + " |")
+    for line in refused:
+        print(f"\nRefused: {line}.")
     ratio = np.array([o.default / o.expected for o in every])
     within = np.mean((ratio < 1.5) & (ratio > 1 / 1.5))
     print(f"\nTrue over expected error: median {np.median(ratio):.2f}, {100 * within:.0f} % within a factor of 1.5.\n")
