@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from dynid.workflows.report import Report, report
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
+    from dynid.workflows.simulate import SimulateOptions, Simulation, simulate
     from dynid.workflows.trajectory import Plan, plan_trajectory
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
@@ -59,6 +60,8 @@ _HOMES = {
     "PlanOptions": "dynid.trajectory.options",
     "Report": "dynid.workflows.report",
     "Robot": "dynid.robot",
+    "SimulateOptions": "dynid.workflows.simulate",
+    "Simulation": "dynid.workflows.simulate",
     "ValidateOptions": "dynid.workflows.validate",
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
@@ -76,6 +79,7 @@ _HOMES = {
     "plan_trajectory": "dynid.workflows.trajectory",
     "report": "dynid.workflows.report",
     "sensitivity": "dynid.workflows.identify",
+    "simulate": "dynid.workflows.simulate",
     "validate": "dynid.workflows.validate",
 }
 
@@ -96,6 +100,8 @@ __all__ = [
     "PlanOptions",
     "Report",
     "Robot",
+    "SimulateOptions",
+    "Simulation",
     "ValidateOptions",
     "Validation",
     "__version__",
@@ -114,6 +120,7 @@ __all__ = [
     "plan_trajectory",
     "report",
     "sensitivity",
+    "simulate",
     "validate",
 ]
 

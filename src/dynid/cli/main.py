@@ -54,6 +54,7 @@ COMMANDS: dict[str, Entry] = {
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
+    "simulate": Entry("", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"),
     "sim-driver": Entry("", "a simulated arm behind its driver's ROS topics, to rehearse a recording"),
     "doctor": Entry("", "what works on this machine and what does not"),
     "explain": Entry("", "what an error or warning code means"),

@@ -1,0 +1,225 @@
+"""A log of an arm that follows a motion, without ROS: rigid bodies, friction, effects, and what sensors add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import PackageMissing, WrongUsage
+from dynid.log import Log
+from dynid.motion import Motion
+from dynid.options import Options, option
+from dynid.progress import SILENT, Progress
+from dynid.robot import Body, EffectSpec, Robot
+
+if TYPE_CHECKING:
+    from dynid.model.base_model import BaseModel
+
+Floats = NDArray[np.float64]
+
+
+def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
+    """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
+    found = []
+    for item in value:
+        if isinstance(item, EffectSpec):
+            found.append(item)
+            continue
+        head, _, numbers = str(item).partition(":")
+        effect, _, joints = head.partition("@")
+        try:
+            pairs = [part.split("=") for part in numbers.split(",") if part]
+            parameters = {key.strip(): float(number) for key, number in pairs}
+        except ValueError:
+            raise WrongUsage(f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5") from None
+        found.append(EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class SimulateOptions(Options):
+    """What is simulated beyond the rigid bodies of the robot file."""
+
+    viscous: float = option(0.02, "Viscous friction of each joint as a share of its rated torque at its rated speed.")
+    coulomb: float = option(0.03, "Coulomb friction of each joint as a share of its rated torque.")
+    noise: float = option(0.003, "Standard deviation of the torques as a share of the rated torque.")
+    resolution: float = option(1e-5, "Resolution of the position sensors [rad or m]; 0 for none.")
+    delay: float = option(0.0, "How late the torques are in the log [s].")
+    payload: float = option(0.0, "Mass of a point load at the origin of the last frame [kg].")
+    effects: tuple[EffectSpec, ...] = option(
+        (), "Effect of the catalogue, NAME@JOINT:PARAMETER=NUMBER,...; may be repeated.",
+        metavar="EFFECT", repeatable=True, flag="--effect", read=_effects,
+    )  # fmt: skip
+    seed: int = option(0, "Seed of the noise.")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated log.
+
+    Attributes:
+        log: what a driver would have recorded, in DH quantities.
+        torque: drive torques without sensor errors, (N, n) [N m or N].
+        source: which physics computed the rigid bodies, in words.
+    """
+
+    log: Log
+    torque: Floats
+    source: str
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid simulate`` says."""
+        return {
+            "schema": "dynid/simulate/1",
+            "physics": self.source,
+            "samples": len(self.log.t),
+            "duration_s": float(self.log.t[-1] - self.log.t[0]),
+            "torque_max_nm": np.abs(self.torque).max(axis=0).tolist(),
+        }
+
+
+def simulate(
+    robot: Robot,
+    motion: Motion,
+    options: SimulateOptions = SimulateOptions(),
+    *,
+    base: BaseModel | None = None,
+    progress: Progress = SILENT,
+    **changes: Any,  # noqa: ANN401
+) -> Simulation:
+    """Simulate the log of an arm that follows a motion exactly.
+
+    Args:
+        robot: the arm; its prior are the true bodies.
+        motion: what it does, evenly sampled.
+        options: friction, effects and sensors.
+        base: the arm's base model, where it is there already; needed for effects and without PyBullet.
+        progress: told what is computed.
+        changes: single options by name, such as ``payload=2.0``.
+    """
+    options = replace(options, **changes)
+    if options.payload:
+        if robot.tool is not None:
+            raise WrongUsage("the robot file has a tool already", fix="add the load to `tool:` in the robot file")
+        robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
+    tau, source = _rigid_torque(robot, motion, base, progress)
+    rated = np.array([joint.limits.torque or max(float(np.abs(tau[:, j]).max()), 1e-3) for j, joint in _joints(robot)])
+    speed = np.array([joint.limits.velocity or 1.0 for joint in robot.joints])
+    width = np.array(robot.coulomb_shape.velocity)
+    tau = tau + options.viscous * rated / speed * motion.qd + options.coulomb * rated * np.tanh(motion.qd / width)
+    specs = (*robot.effects, *options.effects)
+    if specs:
+        tau = tau + _effect_torque(robot, motion, specs, base, progress)
+    late = np.stack([np.interp(motion.t - options.delay, motion.t, column) for column in tau.T], axis=1)
+    rng = np.random.default_rng(options.seed)
+    measured = late + rng.normal(0.0, 1.0, late.shape) * options.noise * rated
+    q = np.round(motion.q / options.resolution) * options.resolution if options.resolution else motion.q
+    log = Log(motion.t, q, measured, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q})
+    return Simulation(log, tau, source)
+
+
+def _joints(robot: Robot) -> Sequence[tuple[int, Any]]:
+    return list(enumerate(robot.joints))
+
+
+def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress) -> tuple[Floats, str]:
+    """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
+    from dynid.model.prior import prior_bodies
+    from dynid.sim.arm import SimulatedArm
+
+    progress.stage("simulate")
+    try:
+        with SimulatedArm(robot, prior_bodies(robot)) as arm:
+            rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
+            return np.array([arm.inverse_dynamics(*row) for row in rows]), "PyBullet's inverse dynamics"
+    except PackageMissing:
+        return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
+
+
+def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> Callable[[Floats, Floats, Floats], Floats]:
+    from dynid.model.prior import prior_vector
+    from dynid.model.reference import ModelTorques
+    from dynid.model.regressor import Model
+    from dynid.workflows.model import base_model
+
+    base = base or base_model(replace(robot, effects=()), progress=progress)
+    model = Model(replace(robot, effects=()), base.model.rigid)
+    return ModelTorques(model, prior_vector(model)).rigid
+
+
+def _effect_torque(
+    robot: Robot, motion: Motion, specs: Sequence[EffectSpec], base: BaseModel | None, progress: Progress
+) -> Floats:
+    """Return the torque of effects along a motion, (N, n) [N m or N].
+
+    Raises:
+        WrongUsage: a parameter of an effect is missing.
+        WrongRobotFile: there is no such effect.
+    """
+    from dynid.model.effects.catalogue import checked, joints_of
+    from dynid.model.effects.interface import ArmMotion
+    from dynid.model.prior import prior_vector
+    from dynid.model.reference import ModelTorques
+    from dynid.model.regressor import Model
+    from dynid.workflows.model import base_model
+
+    plain = replace(robot, effects=())
+    base = base or base_model(plain, progress=progress)
+    model = Model(plain, base.model.rigid)
+    reference = ModelTorques(model, prior_vector(model))
+    path = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values)
+    torque = np.zeros_like(motion.q)
+    for spec in specs:
+        named = replace(spec, joints=tuple(robot.joint_name(int(j) if j.isdecimal() else j) for j in spec.joints))
+        effect = checked(named, robot)
+        if effect.name == "torque_delay":
+            raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
+        shape = {name: named.parameters[name] for name in effect.shape_units}
+        names = list(effect.amplitudes(shape))
+        missing = [name for name in names if name not in named.parameters]
+        if missing:
+            raise WrongUsage(
+                f"--effect {effect.name} needs {', '.join(missing)}", fix=f"{effect.name}@JOINT:{names[0]}=1"
+            )
+        for joints in joints_of(named, robot):
+            columns = effect.columns(path, joints, shape)
+            rows = list(effect.rows(joints, robot.n))
+            torque[:, rows] += np.tensordot([named.parameters[name] for name in names], columns, axes=1).T
+    return torque
+
+
+def motion_of(path: Path, robot: Robot) -> Motion:
+    """Return the motion of a trajectory.npz, or the one that a log went through.
+
+    Args:
+        path: trajectory.npz, or a log.
+        robot: the arm.
+    """
+    from dynid.errors import NotAnArtifact
+    from dynid.files.trajectoryfile import read_trajectory
+
+    try:
+        return read_trajectory(path, robot).motion
+    except (NotAnArtifact, KeyError):
+        return _motion_of_log(path, robot)
+
+
+def _motion_of_log(path: Path, robot: Robot) -> Motion:
+    from dynid.workflows.logs import load_log
+
+    log = load_log(path, robot)
+    t = log.t - log.t[0]
+    even = np.linspace(0.0, float(t[-1]), len(t))
+    step, orders = float(even[1]), []
+    signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
+    from scipy.signal import savgol_filter
+
+    window = max(7, 2 * round(0.05 / step) + 1)
+    for order in range(3):
+        orders.append(savgol_filter(signal, window, 5, deriv=order, delta=step, axis=0))
+    return Motion(even, *orders)

@@ -1,0 +1,73 @@
+"""A simulated log holds what was put into it, and nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import PackageMissing, WrongUsage
+from dynid.files.robotfile import load_robot
+from dynid.motion import Motion
+from dynid.robot import Body, Prior
+from dynid.workflows.simulate import SimulateOptions, simulate
+
+BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    robot = load_robot("scara")
+    bodies = tuple(Body(2.0 + k, (0.05, 0.01, 0.02), (0.02, 0.0, 0.0, 0.03, 0.0, 0.04)) for k in range(robot.n))
+    return replace(robot, prior=Prior(links=bodies), tool=None, effects=())
+
+
+@pytest.fixture(scope="module")
+def motion(arm):
+    t = np.arange(0.0, 2.0, 0.01)
+    w, size = np.array([1.0, 2.0, 3.0, 1.5]) * 2, np.array([0.5, 0.4, 0.05, 0.6])
+    phase = np.outer(t, w)
+    middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in arm.joints])
+    return Motion(t, middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
+
+
+def test_pybullet_and_the_own_model_agree(arm, motion, monkeypatch):
+    bullet = simulate(arm, motion, BARE)
+    assert "PyBullet" in bullet.source
+
+    def missing(*_, **__):
+        raise PackageMissing("pybullet is not installed")
+
+    monkeypatch.setattr("dynid.sim.arm.SimulatedArm", missing)
+    own = simulate(arm, motion, BARE)
+    assert "own model" in own.source
+    np.testing.assert_allclose(own.log.tau, bullet.log.tau, atol=1e-4)
+
+
+def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
+    more = simulate(arm, motion, BARE, payload=2.0).torque - simulate(arm, motion, BARE).torque
+    slide = next(j for j, joint in enumerate(arm.joints) if not joint.revolute)
+    sign = np.sign(more[:, slide].mean())
+    assert np.abs(more[:, slide] - sign * 2.0 * 9.81).max() < 2.0 * np.abs(motion.qdd[:, slide]).max() + 1e-6
+
+
+def test_an_effect_of_the_catalogue_is_added_with_its_numbers(arm, motion):
+    plain, bent = simulate(arm, motion, BARE), simulate(arm, motion, BARE, effects=("viscous@2:fv=4.5",))
+    np.testing.assert_allclose(bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9)
+    np.testing.assert_allclose(np.delete(bent.torque - plain.torque, 1, axis=1), 0.0, atol=1e-12)
+
+
+def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion):
+    plain = simulate(arm, motion, BARE)
+    late = simulate(arm, motion, BARE, delay=0.05)
+    np.testing.assert_allclose(late.log.tau[5:], plain.log.tau[:-5], atol=1e-9)
+    coarse = simulate(arm, motion, BARE, resolution=1e-3)
+    assert np.abs(coarse.log.q - motion.q).max() <= 0.5e-3 + 1e-12
+    noisy = simulate(arm, motion, BARE, noise=0.01)
+    rated = np.array([joint.limits.torque for joint in arm.joints])
+    np.testing.assert_allclose((noisy.log.tau - plain.log.tau).std(axis=0) / rated, 0.01, rtol=0.25)
+
+
+@pytest.mark.parametrize("text", ["viscous@2:fv", "viscous@2:fv=much", "viscous@2"])
+def test_an_effect_without_its_numbers_is_refused(arm, motion, text):
+    with pytest.raises(WrongUsage):
+        simulate(arm, motion, BARE, effects=(text,))
