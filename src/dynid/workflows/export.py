@@ -229,16 +229,16 @@ def identified_arm(
     from dynid.exporters import FORMATS, IdentifiedArm, Provenance, full_model
     from dynid.version import __version__
 
-    found, which = result, options.parameters
+    which, full = options.parameters, result.physical
     if which == "auto":
-        which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else found.in_force
-    theta = result.reduction.K @ found.physical.x if which == "physical" else found.plain
-    if not np.isfinite(theta).all() or not np.isfinite(found.physical.x).all():
+        which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else result.in_force
+    if not (np.isfinite(result.plain).all() and np.isfinite(full.x).all()):
         raise NotAnArtifact(f"{result.path} is damaged: a parameter is not a finite number", where=str(result.path))
+    theta = result.reduction.K @ full.x if which == "physical" else result.plain
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
     version = str(result.header.get("dynid", __version__))
-    made = Provenance(version, found.method, which, found.relative_error_percent, result.log_sha256)
-    return IdentifiedArm(base, theta, found.knowledge, full_model(base, found.physical, theta), made, options.urdf)
+    made = Provenance(version, result.method, which, result.relative_error_percent, result.log_sha256)
+    return IdentifiedArm(base, theta, result.knowledge, full_model(base, full, theta), made, options.urdf)
 
 
 def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions) -> tuple[Finding, ...]:
