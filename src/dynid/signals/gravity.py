@@ -123,7 +123,8 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     """Return positions, torques and what else makes torque, (N, n) each, at some thousand instants of a motion."""
     first = max(0, (len(log) - MOST_SAMPLES) // 2)
     part = slice(first, first + MOST_SAMPLES)
-    width = max(3, round(SMOOTHING * (len(log) - 1) / float(np.ptp(log.t))))
+    # Why at most: a log so short has fewer samples than the smoothing would take.
+    width = min(max(3, round(SMOOTHING * (len(log) - 1) / float(np.ptp(log.t)))), max(3, len(log.t[part]) // 3))
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
     q, tau = (np.apply_along_axis(np.convolve, 0, x, kernel, "valid") for x in (log.q[part], log.tau[part]))
     t = np.convolve(log.t[part], kernel, "valid")

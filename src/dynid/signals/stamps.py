@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
@@ -34,6 +35,8 @@ SAMPLES_PER_PERIOD = 12.5
 GOOD_RATE = 50.0
 #: Fewer samples than this are no recording.
 LEAST_SAMPLES = 20
+#: No clock shows a later time [s]: 30 000 years.
+LATEST = 1e12
 #: A step further than this from a whole number of sample times leaves open which sample it belongs to.
 UNCLEAR = 0.4
 #: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
@@ -50,15 +53,18 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         TimeNotIncreasing: time goes back, or stands still in many samples.
         LogTooShort: hardly any samples.
     """
-    bad = np.flatnonzero(~np.isfinite(log.t))
+    bad = np.flatnonzero(~(np.abs(log.t) < LATEST))
     if len(bad):
-        text = f"the time is not a number in {len(bad)} samples, first in row {bad[0] + 1}"
+        text = f"the time is not a number, or none that a clock shows, in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
     if len(log) < LEAST_SAMPLES:
         raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
     if sort_time:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
+    rising = np.diff(log.t)[np.diff(log.t) > 0]
+    if len(rising):
+        limits.check("rate_hz", 1.0 / float(np.median(rising)), log.topic or "the time of the log")
     fresh = np.concatenate([[True], np.diff(log.t) > 0])
     repeated = int(np.sum(~fresh))
     if not repeated:
