@@ -65,6 +65,8 @@ def one(task):
     start = time.perf_counter()
     found = diagnose(*columns(log, wrong))
     seconds = time.perf_counter() - start
+    if judge_of(*columns(log, wrong)) is None:
+        return name, str(path), edits, "silent", seconds, 0.0, 1.0, ""
     right, spoilt = judge_of(*columns(log, robot)).fit(()), judge_of(*columns(log, wrong)).fit(())
     absorbed = spoilt.unexplained < 1.15 * right.unexplained + 0.01
     if found is None or not found.wrong:

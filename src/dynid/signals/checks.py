@@ -49,6 +49,7 @@ def prepare(
     sort_time: bool = False,
     identify: bool = True,
     anyway: bool = False,
+    alone: bool = True,
 ) -> Log:
     """Return the log in DH quantities of the robot, checked.
 
@@ -61,6 +62,7 @@ def prepare(
         identify: whether the log must also move enough to identify from (E313, E401), and agree with the robot file
             (E324).
         anyway: whether a robot file that disagrees with the log is used all the same (W329).
+        alone: whether the amount of motion is judged here; of several logs their sum is.
 
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
@@ -72,8 +74,8 @@ def prepare(
     log = without_intervals(log, exclude)
     if log.checked:
         log = robot_columns(log, robot)
-        if identify:
-            check_amount(log, robot)
+        if identify and alone:
+            check_amount([log], robot)
         return log
     named = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
     log = _usable_velocity(robot_columns(log, robot), robot)
@@ -97,7 +99,8 @@ def prepare(
         raise
     findings += check_zero(log, robot)
     if identify:
-        check_amount(log, robot)
+        if alone:
+            check_amount([log], robot)
         findings += check_mapping(columns, robot, named, anyway=anyway)
     log = replace(log, checked=True, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from difflib import SequenceMatcher
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from dynid.robot import Robot
 from dynid.units import EFFORT, POSITION, VELOCITY
 
 Floats = NDArray[np.float64]
+
+#: Names that share this much are taken for the same joint.
+ALIKE = 0.6
 
 
 def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
@@ -43,13 +47,24 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
         )
     missing = [name for name in robot.log_names if name not in log.names]
     lost = f"{_short(missing)} " if len(missing) < robot.n else ""
-    names = f"[{', '.join(joints[: robot.n])}]"
     return JointNamesDiffer(
         f"{log.name} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
         + (f"; missing: {lost.strip()}" if lost else ""),
         where=log.name,
-        fix=f"map them in chain order under `driver:` in {robot.path or 'the robot file'}: joint_names: {names}",
+        fix=f"under `driver:` in {robot.path or 'the robot file'}: joint_names: {_in_chain_order(joints, robot)}",
     )
+
+
+def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
+    """Return the list to paste: in chain order where names are alike, else with places to fill in."""
+    from scipy.optimize import linear_sum_assignment
+
+    likeness = np.array([[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names])
+    rows, columns = linear_sum_assignment(-likeness)
+    if np.all(likeness[rows, columns] > ALIKE):
+        return f"[{', '.join(names[k] for k in columns)}]"
+    places = ", ".join(f"<the column of {name}>" for name in robot.joint_names)
+    return f"[{places}]   (the log's own order need not be that of the chain)"
 
 
 def _short(names: Sequence[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,14 +95,14 @@ def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     return np.array(counts)
 
 
-def check_amount(log: Log, robot: Robot) -> None:
-    """Raise when there is too little motion to identify from.
+def check_amount(logs: Sequence[Log], robot: Robot) -> None:
+    """Raise when there is too little motion to identify from in all logs together.
 
     Raises:
         JointStill: some joints move, but not this one.
         LogTooShort: too few swings for the number of parameters.
     """
-    span = np.ptp(log.q, axis=0)
+    span = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
     still = span < per_joint(STILL_SPAN, robot)
     if still.any() and not still.all():
         j = int(np.flatnonzero(still)[0])
@@ -110,12 +112,12 @@ def check_amount(log: Log, robot: Robot) -> None:
         raise JointStill(
             f"{robot.joint_names[j]} moves {span[j]:.2g} {unit}: its {columns} own parameters cannot be found"
             + (f"; nor those of {others}" if others else ""),
-            where=log.topic,
+            where=logs[0].topic,
         )
-    seconds = float(np.sum(moving(log, robot).any(axis=1))) / log.rate
+    seconds = sum(float(np.sum(moving(log, robot).any(axis=1))) / log.rate for log in logs)
     wanted = sum(BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
-    count = int(np.sum(swings(log, robot)))
+    count = sum(int(np.sum(swings(log, robot))) for log in logs)
     if count < SWINGS_PER_PARAMETER * wanted:
         enough = seconds * GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
         about = f"about {enough:.0f} s here" if count else "a motion of every joint"
-        raise LogTooShort(f"{seconds:.1f} s of motion; about {wanted} parameters need {about}", where=log.topic)
+        raise LogTooShort(f"{seconds:.1f} s of motion; about {wanted} parameters need {about}", where=logs[0].topic)

@@ -86,7 +86,9 @@ def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(),
     return checked_log(read_log(path, robot, options), robot, options, identify=identify)
 
 
-def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
+def checked_log(
+    log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True, alone: bool = True
+) -> Log:
     """Return a log in DH quantities of an arm, checked; one that is so already is not checked again.
 
     Raises:
@@ -98,7 +100,13 @@ def checked_log(log: Log, robot: Robot, options: LogOptions = LogOptions(), *, i
         log = replace(log, qd=None)
     with located(str(log.source or "log")):
         log = prepare(
-            log, robot, exclude=options.exclude, sort_time=options.sort_time, identify=identify, anyway=options.anyway
+            log,
+            robot,
+            exclude=options.exclude,
+            sort_time=options.sort_time,
+            identify=identify,
+            anyway=options.anyway,
+            alone=alone,
         )
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))

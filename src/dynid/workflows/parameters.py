@@ -141,7 +141,12 @@ def observe(
         DynidError: the first serious fault of a log.
     """
     base = base or base_model(robot, progress=progress)
-    given = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    from dynid.signals.motion import check_amount
+
+    several = as_list(logs)
+    given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
+    if len(several) > 1:
+        check_amount(given, base.robot)
     checked, copies = without_copies(given)
     stack, delay, applied, findings = stack_logs(checked, base, options, progress)
     progress.findings(copies)

@@ -13,7 +13,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.describe import describe
-from dynid.signals.motion import bandwidth, rest_slices, speed, swings
+from dynid.signals.motion import bandwidth, check_amount, rest_slices, speed, swings
 from dynid.signals.stamps import take_samples
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
@@ -105,3 +105,11 @@ def test_the_two_seconds_of_the_recorded_jaco2_are_too_little_to_identify_from_b
     # Published with the recording: mean torque of joint 2 -3.56 N m, of joint 3 4.54 N m.
     assert ready.tau[:, 1].mean() == pytest.approx(-3.56, abs=0.01)
     assert ready.tau[:, 2].mean() == pytest.approx(4.54, abs=0.01)
+
+
+def test_short_logs_count_together():
+    log = prepare(lwr_log(), lwr(), identify=False)
+    parts = [take_samples(log, part) for part in np.array_split(np.arange(len(log)), 12)]
+    with pytest.raises(LogTooShort):
+        check_amount(parts[:1], lwr())
+    check_amount(parts, lwr())

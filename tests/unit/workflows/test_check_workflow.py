@@ -36,10 +36,11 @@ def test_the_robot_file_among_the_paths_serves_the_logs(arm, tmp_path):
     np.testing.assert_array_equal(second.log.q, log(1).q)
 
 
-def test_a_log_without_a_robot_is_wrong_usage(tmp_path):
+def test_a_log_without_a_robot_is_described(tmp_path):
     log(1).save(tmp_path / "log.npz")
-    with pytest.raises(WrongUsage, match="no robot is given"):
-        check([tmp_path / "log.npz"])
+    (found,) = check([tmp_path / "log.npz"])
+    assert found.facts["joint_states"][0]["samples"] == len(log(1))
+    assert "driver:" in found.facts["snippet"]
 
 
 def test_a_damaged_result_is_named(tmp_path):
