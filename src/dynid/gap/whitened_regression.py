@@ -67,6 +67,9 @@ class WhitenedFit:
 class WhitenedRegression:
     """The rows of all joints with the baseline, the prior and the effects that explain them.
 
+    Prior rows hold any combination of baseline columns. Columns of an effect may be zero in the rows of some logs: base
+    columns that are, with the others as they are, are what has changed in the other logs.
+
     Attributes:
         segments: where the rows come from.
         noise: what they were whitened with.

@@ -93,3 +93,16 @@ def test_rows_that_are_held_out_are_not_searched(clean):
     searched = np.concatenate([s.t for s in clean.segments])[regression.joints[0].index]
     held = np.concatenate([np.where(m, s.t, np.nan) for s, m in zip(clean.segments, clean.held, strict=True)])
     assert not set(searched.tolist()) & set(held[np.isfinite(held)].tolist())
+
+
+def test_base_columns_of_some_logs_alone_are_what_has_changed_in_them(twolinks, on_joint):
+    """The elbow has 0.3 N m s/rad more viscous friction in the last two of four logs; all else is the same in all."""
+    problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(1, np.where(t < 39, 0.0, 0.3) * qd[:, 1]))
+    regression = problem.regression()
+    new = [s.W * (s.number >= 2) for s in regression.segments]
+    changed = regression.with_effects([{j: regression.whiten(j, [W[:, j].T for W in new]) for j in range(2)}])
+    names = twolinks.base.reduction.base_names
+    std_errors = np.sqrt(np.diag(changed.fit.inverse))[regression.size :]
+    for name, value, error in zip(names, changed.amplitudes, std_errors, strict=True):
+        assert abs(value - (0.3 if name == "fv2" else 0.0)) < 4 * error, name
+    assert std_errors[names.index("fv2")] < 0.02
