@@ -153,9 +153,10 @@ def plan_once(
     if answer is Answer.NO and can_ask(common) and not common.yes and not values["accept"]:
         return answer
     if answer is Answer.YES:
-        found = found.accepted()
+        seen = bool(found.clearance.pictures) or look.window
+        found = found.accepted(seen=seen)
     wrote = found.save(path, inputs)
-    wrote_trajectory(common, path, reviewed=answer is Answer.YES)
+    wrote_trajectory(common, path, reviewed=answer is Answer.YES, seen=answer is not Answer.YES or seen)
     for text in wrote[1:]:
         common.terminal.wrote(text)
     wrote += found.clearance.pictures
@@ -164,9 +165,10 @@ def plan_once(
     return Answer.YES
 
 
-def wrote_trajectory(common: Common, path: Path, *, reviewed: bool) -> None:
+def wrote_trajectory(common: Common, path: Path, *, reviewed: bool, seen: bool = True) -> None:
     """Say that trajectory.npz was written."""
-    common.terminal.wrote(path, "reviewed: yes" if reviewed else "reviewed: no")
+    yes = "reviewed: yes" if seen else "reviewed: accepted unseen"
+    common.terminal.wrote(path, yes if reviewed else "reviewed: no")
 
 
 def show(common: Common, found: Plan) -> None:

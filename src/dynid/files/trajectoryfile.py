@@ -8,7 +8,7 @@ from __future__ import annotations
 import getpass
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -32,17 +32,19 @@ class Review:
     Attributes:
         by: the person.
         when: date and time, ISO 8601.
-        motion: ``motion_hash`` of the motion that was seen.
+        motion: ``motion_hash`` of the motion that was accepted.
+        seen: whether there was a picture of it to see.
     """
 
     by: str
     when: str
     motion: str
+    seen: bool = True
 
     @classmethod
-    def now(cls, motion: Motion) -> Review:
-        """Return the mark of the person at this machine, who has just seen a motion."""
-        return cls(person(), datetime.now().astimezone().isoformat(timespec="seconds"), motion_hash(motion))
+    def now(cls, motion: Motion, *, seen: bool = True) -> Review:
+        """Return the mark of the person at this machine, who has just seen a motion, or accepts it unseen."""
+        return cls(person(), datetime.now().astimezone().isoformat(timespec="seconds"), motion_hash(motion), seen)
 
 
 def person() -> str:
@@ -111,7 +113,7 @@ def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
         "duration_s": float(stored.motion.t[-1]),
         "motion_sha256": motion_hash(stored.motion),
         "reviewed": review is not None,
-        "review": None if review is None else {"by": review.by, "when": review.when, "motion": review.motion},
+        "review": None if review is None else asdict(review),
     }
     motion = stored.motion
     arrays: dict[str, NDArray[Any]] = {

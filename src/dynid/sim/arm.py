@@ -23,6 +23,8 @@ from dynid.sim.urdf import write_urdf
 
 Floats = NDArray[np.float64]
 
+#: How PyBullet is installed: it has wheels up to Python 3.11.
+GET_BULLET = "pip install pybullet (Python 3.12 and later: built from source in about 8 minutes, with a C++ compiler)"
 #: Step of the physics where none is given [s].
 STEP = 5e-4
 
@@ -182,8 +184,7 @@ def _bullet() -> Any:  # noqa: ANN401 - the module has no types
     try:
         import pybullet
     except ImportError as error:
-        fix = "pip install pybullet, with Python 3.11 or older"
-        raise PackageMissing("pybullet is not installed", fix=fix) from error
+        raise PackageMissing("pybullet is not installed", fix=GET_BULLET) from error
     finally:
         for k, stream in zip((1, 2), kept, strict=True):
             os.dup2(stream, k)

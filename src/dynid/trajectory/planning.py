@@ -22,6 +22,7 @@ from dynid.model.prior import DEFAULT_CYLINDERS, prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.sim.arm import GET_BULLET
 from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.clearance import Spheres
 from dynid.trajectory.cost import Cost
@@ -311,6 +312,7 @@ def require_clear_motion(
             raise
         motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
         text = "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn"
+        text = f"{text}; {GET_BULLET}"
         found = sphere_distances(context.spheres, motion)
         return Clearance(found.least, found.left_out, findings=(Finding("W605", "warning", text),))
     pictures = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)

@@ -21,6 +21,7 @@ from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.scratch import scratch_folder
+from dynid.sim.arm import GET_BULLET
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
 from dynid.trajectory.clearance import Scene, Spheres
@@ -321,7 +322,7 @@ def _failure(status: int, log: str, urdf: Path) -> Exception:
     if "No module named 'pybullet'" in log:
         return PackageMissing(
             "the preview needs PyBullet, which is not installed",
-            fix="pip install pybullet (wheels exist for Python 3.8 to 3.11), or use --preview none",
+            fix=f"{GET_BULLET}; or use --preview none",
         )
     if "Cannot load URDF" in log or "cannot" in log.lower():
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "")

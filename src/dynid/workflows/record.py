@@ -312,7 +312,7 @@ def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions
     """
     review, again = planned.review, f"dynid trajectory {robot.word} --review {planned.source}"
     if planned.reviewed and review is not None:
-        return f"by {review.by}, {review.when}"
+        return f"by {review.by}, {review.when}" + ", unseen" * (not review.seen)
     if options.accept_unreviewed:
         return "no; accepted with --accept-unreviewed"
     if review is not None:

@@ -139,9 +139,9 @@ class Plan:
         """Expected standard error of each base parameter, infinite where the motion shows nothing of it."""
         return dict(zip(self.names, self.prediction.std_error.tolist(), strict=True))
 
-    def accepted(self) -> Plan:
-        """Return the plan with the mark of the person at this machine, who has seen it."""
-        return replace(self, review=Review.now(self.motion))
+    def accepted(self, *, seen: bool = True) -> Plan:
+        """Return the plan with the mark of the person at this machine, who has seen it, or accepts it unseen."""
+        return replace(self, review=Review.now(self.motion, seen=seen))
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid trajectory`` says."""
