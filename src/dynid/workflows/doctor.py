@@ -91,7 +91,7 @@ def _packages() -> Iterator[Check]:
         version = version_of(package)
         yield Check(package, version is not None, version or "absent", f"dynid as a whole: pip install {package}")
     bullet = version_of("pybullet")
-    lost = 'preview, collision check, demo: pip install "pybullet>=3.2.5" (Python 3.12 and later: built in 8 minutes, needs a C++ compiler)'
+    lost = 'preview, collision check: pip install "pybullet>=3.2.5" (3.12 and later: 8 minutes, needs a C++ compiler)'
     yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
 
 
