@@ -14,7 +14,7 @@ from dynid.log import Log
 ROBOT = """name: swing
 convention: standard
 angle_unit: rad
-gravity: [0, 0, -9.81]
+gravity: [0, -9.81, 0]
 base: {xyz: [0, 0, 1.5], rpy: [1.5707963267948966, 0, 0]}
 joints:
   - {name: shoulder, a: 0.4, d: 0.0, twist: 0.0, theta_offset: 0.0, friction: [viscous, coulomb],
