@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from dynid.motion import Motion
     from dynid.robot import Robot
     from dynid.trajectory.options import PlanOptions
-    from dynid.workflows.compare import compare, compare_methods
+    from dynid.workflows.compare import compare
+    from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.gap import Gap, GapOptions, find_gap
@@ -66,7 +67,7 @@ _HOMES = {
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
     "compare": "dynid.workflows.compare",
-    "compare_methods": "dynid.workflows.compare",
+    "compare_methods": "dynid.workflows.compare_methods",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
     "find_gap": "dynid.workflows.gap",

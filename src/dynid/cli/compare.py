@@ -96,7 +96,7 @@ def show_changes(common: Common, run: ComparedRun) -> None:
 
 def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
     """Run all estimators on the same logs and print one row per estimator."""
-    from dynid.workflows.compare import compare_methods
+    from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.logs import read_log
     from dynid.workflows.model import base_model
     from dynid.workflows.robots import load_robot

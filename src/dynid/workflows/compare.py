@@ -1,36 +1,23 @@
-"""Many results side by side, drift against a baseline, and every estimator on the same logs."""
+"""Many results side by side, and what changed against a baseline."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import DynidError, WrongUsage
-from dynid.log import Log
+from dynid.errors import WrongUsage
 from dynid.options import share_or_none
-from dynid.progress import SILENT, Progress
-from dynid.robot import Robot
 from dynid.table import Table
-from dynid.workflows.logs import LogOptions
-from dynid.workflows.parameters import observe
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from dynid.estimation.compare import Change, Comparison, FigureOfMerit
     from dynid.estimation.result import Identification
-    from dynid.model.base_model import BaseModel
-
-#: Share of each log that is held out to compare estimators.
-HELD_OUT = 0.2
-#: Names that a table shows of the parameters that differ.
-SHOWN_NAMES = 4
 
 
-# ---------------------------------------------------------------- results
 @dataclass(frozen=True)
 class ComparedRun:
     """One run beside the reference.
@@ -283,160 +270,3 @@ def _described(run: ComparedRun) -> dict[str, Any]:
         "parameters": parameters,
         "log_sha256": list(run.result.log_sha256),
     }
-
-
-# ---------------------------------------------------------------- estimators
-@dataclass(frozen=True)
-class EstimatorRow:
-    """What one estimator made of the logs.
-
-    Attributes:
-        method: estimator.
-        result: what it found.
-        seconds: how long it took [s].
-        possible: whether some arm has exactly these base parameters; None where the logs leave directions open.
-        differs: parameters further from the chosen estimator's than the errors of both, the furthest first.
-    """
-
-    method: str
-    result: Identification
-    seconds: float
-    possible: bool | None
-    differs: tuple[str, ...]
-
-
-@dataclass(frozen=True, repr=False)
-class MethodComparison:
-    """Every estimator on the same logs.
-
-    Attributes:
-        robot: the arm.
-        logs: names of the logs.
-        chosen: estimator that ``auto`` takes.
-        why: why.
-        heldout: what was held out.
-        delay: the delay of the torques, as in the JSON answer [s].
-        rows: one per estimator that could be used, the chosen one first.
-        biased: parameters on which least squares and instruments disagree, which encoder noise explains; None where
-            one of the two could not be used.
-    """
-
-    robot: Robot
-    logs: tuple[str, ...]
-    chosen: str
-    why: str
-    heldout: str
-    delay: dict[str, Any]
-    rows: tuple[EstimatorRow, ...]
-    biased: tuple[str, ...] | None
-
-    def table(self) -> Table:
-        """Return one row per estimator: errors, time, whether the parameters are possible, what differs."""
-        words = {True: "yes", False: "no", None: "-"}
-        rows = []
-        for row in self.rows:
-            held = row.result.heldout_by_set
-            more = f" and {len(row.differs) - SHOWN_NAMES} more" if len(row.differs) > SHOWN_NAMES else ""
-            rows.append(
-                {
-                    "method": row.method + (" (auto)" if row.method == self.chosen else ""),
-                    "unexplained": f"{row.result.relative_error_percent:.2f} %",
-                    "held out": f"{held['plain']:.2f} %",
-                    "physical set": f"{held['physical']:.2f} %",
-                    "time": f"{row.seconds:.2f} s",
-                    "possible as it is": words[row.possible],
-                    "differs beyond errors": ", ".join(row.differs[:SHOWN_NAMES]) + more or "-",
-                }
-            )
-        return Table(rows)
-
-    def __repr__(self) -> str:
-        """Return the table and the alarm for encoder noise."""
-        return "\n".join(filter(None, [repr(self.table()), self.alarm()]))
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
-
-    def alarm(self) -> str:
-        """Return the sentence about encoder noise; empty when least squares and instruments agree."""
-        if not self.biased:
-            return ""
-        names = ", ".join(self.biased[:SHOWN_NAMES])
-        return f"bias: least squares and instruments disagree on {names}: encoder noise; use --method iv"
-
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of ``dynid compare --methods`` says."""
-        return {
-            "schema": "dynid/compare/1",
-            "robot": self.robot.name,
-            "logs": list(self.logs),
-            "auto": self.chosen,
-            "why": self.why,
-            "heldout": self.heldout,
-            **self.delay,
-            "methods": [
-                {
-                    "method": row.method,
-                    "relative_error_percent": row.result.relative_error_percent,
-                    "heldout_relative_error_percent": row.result.heldout_by_set["plain"],
-                    "heldout_relative_error_percent_physical": row.result.heldout_by_set["physical"],
-                    "seconds": row.seconds,
-                    "physically_consistent": row.possible,
-                    "differs_from_auto": list(row.differs),
-                }
-                for row in self.rows
-            ],
-            "bias_alarm": None if self.biased is None else bool(self.biased),
-            "biased_parameters": list(self.biased or ()),
-        }
-
-
-def compare_methods(
-    robot: Robot,
-    logs: Log | Sequence[Log],
-    options: LogOptions = LogOptions(),  # noqa: B008
-    *,
-    base: BaseModel | None = None,
-    progress: Progress = SILENT,
-) -> MethodComparison:
-    """Identify from the same logs with every estimator that they allow.
-
-    Args:
-        robot: the arm.
-        logs: one or several logs, as read or checked.
-        options: how they are checked and filtered.
-        base: the arm's base model, where it is there already.
-        progress: told which estimators are not possible.
-    """
-    from dynid.estimation.compare import biased, differing
-    from dynid.estimation.estimate import estimate, last_share
-    from dynid.estimation.estimators import METHODS, choose
-    from dynid.estimation.physical_parameters import is_possible
-
-    seen = observe(robot, logs, options, base=base, progress=progress)
-    stack, base, header = seen.stack, seen.base, seen.header()
-    holdout = last_share(stack, HELD_OUT)
-    chosen, why = choose(stack)
-    progress.stage("estimate", f"auto takes {chosen}: {why}")
-    found: dict[str, tuple[Identification, float]] = {}
-    for name in sorted(METHODS, key=lambda name: name != chosen):
-        start = time.perf_counter()
-        try:
-            result = estimate(stack, base, method=name, holdout=holdout, drop_weak=True)
-        except DynidError as error:
-            progress.stage(name, f"not possible: {error}")
-            continue
-        found[name] = (result, time.perf_counter() - start)
-    rows = tuple(
-        EstimatorRow(
-            name,
-            result,
-            seconds,
-            is_possible(base, result.plain, result.plain_covariance) if result.rank == len(result.names) else None,
-            tuple(differing(result, found[chosen][0])),
-        )
-        for name, (result, seconds) in found.items()
-    )
-    alarm = tuple(biased(found["wls"][0], found["iv"][0])) if {"wls", "iv"} <= set(found) else None
-    delay = {key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
-    return MethodComparison(robot, seen.logs, chosen, why, holdout.text, delay, rows, alarm)
