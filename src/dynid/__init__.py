@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
-    from dynid.workflows.gap import Gap, GapOptions, find_gap
+    from dynid.workflows.gap import Gap, GapOptions, earlier_logs, find_gap
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import ModelOptions, base_model
@@ -68,6 +68,7 @@ _HOMES = {
     "base_model": "dynid.workflows.model",
     "compare": "dynid.workflows.compare",
     "compare_methods": "dynid.workflows.compare_methods",
+    "earlier_logs": "dynid.workflows.gap",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
     "find_gap": "dynid.workflows.gap",
@@ -109,6 +110,7 @@ __all__ = [
     "base_model",
     "compare",
     "compare_methods",
+    "earlier_logs",
     "export",
     "find_drive_gains",
     "find_gap",

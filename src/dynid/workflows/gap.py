@@ -338,7 +338,8 @@ def find_gap(
     progress.stage("search")
     kept = kept_model(result) if frozen else None
     analysis = analyse_gap(conditioned, base, kept, wanted, progress, earlier=before)
-    return _with_methods(record_of(analysis, base.robot, options.mode, str(result.path)), analysis)
+    made_from = str(result.path) if result.path.name else ""
+    return _with_methods(record_of(analysis, base.robot, options.mode, made_from), analysis)
 
 
 def _conditioned(logs: Sequence[Log], base: BaseModel, options: GapOptions, progress: Progress) -> list[ConditionedLog]:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid import GapOptions, IdentifyOptions, Log, find_gap, identify, load_robot, validate
+from dynid import GapOptions, IdentifyOptions, Log, earlier_logs, find_gap, identify, load_robot, validate
 from dynid.cli.terminal import plain
 from dynid.errors import NotAnArtifact, WrongUsage
-from dynid.workflows.gap import Gap, earlier_logs, joint_indices
+from dynid.workflows.gap import Gap, joint_indices
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0
