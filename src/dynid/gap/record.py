@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import NotAnArtifact
 from dynid.units import joint_unit
 
 # Why only for types: the options of the command are declared beside what is made from a record, and help must be fast.
@@ -216,12 +215,12 @@ def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
     from dynid.files.artifact import Artifact, write_artifact
 
-    header = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
-    improvement, simulation = header.pop("improvement"), header.pop("simulation")
+    facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
+    improvement, simulation = facts.pop("improvement"), facts.pop("simulation")
     arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {"simulation": simulation}
-    header |= {key: [_stored(one) for one in header[key]] for key in ("named", "closest")}
-    header |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
-    write_artifact(path, Artifact(SCHEMA, header, arrays))
+    facts |= {key: [_stored(one) for one in facts[key]] for key in ("named", "closest")}
+    facts |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
+    write_artifact(path, Artifact(SCHEMA, {"record": facts}, arrays))
 
 
 def read_record(path: Path) -> GapRecord:
@@ -230,13 +229,13 @@ def read_record(path: Path) -> GapRecord:
     Raises:
         NotAnArtifact: it is damaged, or of another kind.
     """
-    from dynid.files.artifact import read_artifact
+    from dynid.files.artifact import read_artifact, reading, require_fields, require_shape
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
 
     artifact = read_artifact(path, SCHEMA)
-    try:
-        found = {each.name: artifact.header[each.name] for each in fields(GapRecord) if each.name in artifact.header}
+    with reading(path):
+        found = dict(artifact.header["record"])
         found |= {key: tuple(_effect_of(one) for one in found[key]) for key in ("named", "closest")}
         found |= {key: tuple(found[key]) for key in ("joint_names", "torque_units", "not_repeatable", "logs")}
         found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
@@ -246,9 +245,16 @@ def read_record(path: Path) -> GapRecord:
             for gap in found["joints"]
         )
         improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
-        return GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
+        record = GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
+        n = len(record.joint_names)
+        require_shape((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
+        require_shape((n, 2), ratio=improvement.ratio)
+        require_shape((len(record.simulation), n), simulation=record.simulation)
+        for value in (record, *record.named, *record.closest, *record.joints):
+            require_fields(value)
+        if {one.joint for one in record.joints} != set(range(n)) or len(record.torque_units) != n:
+            raise ValueError("it has other joints than names")
+    return record
 
 
 def _stored(one: GapEffect) -> dict[str, Any]:
