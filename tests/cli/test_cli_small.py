@@ -211,7 +211,7 @@ def test_a_damaged_result_is_an_input_error(dynid, content):
     (dynid.folder / "r.npz").write_bytes(content)
     done = dynid("check", "r.npz")
     assert (done.status, done.out) == (3, "")
-    assert done.err.splitlines()[0] == "error[E321] r.npz is not a dynid result, or is damaged"
+    assert done.err.splitlines()[0] == "error[E321] r.npz is not a dynid result, or is damaged: it is not an archive"
 
 
 def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch):

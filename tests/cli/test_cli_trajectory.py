@@ -157,7 +157,7 @@ def test_person_is_asked_and_no_plans_another_motion(dynid):
     done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "y\n"])
     assert done.status == 0, done.err
     assert "planning another motion, seed 1" in done.err
-    assert "reviewed: yes" in done.err
+    assert "reviewed: accepted unseen" in done.err
 
 
 def test_declining_for_good_writes_nothing_and_ends_with_status_7(dynid):

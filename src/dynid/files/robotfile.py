@@ -72,13 +72,11 @@ def find_robot(name: str) -> Path:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the robots that a name may mean, or an empty string."""
+    """Return ``; did you mean 'x'?`` for the robot that a name is likely to mean, or an empty string."""
     word = _letters(name)
     word = _letters(USUAL_ROBOTS.get(word, word))
     inside = [each for each in sorted(known) if len(word) > 1 and word in _letters(each)]
-    if not inside:
-        return closest(name, known)
-    return f"; did you mean {' or '.join(repr(each) for each in inside[:3])}?"
+    return f"; did you mean '{min(inside, key=len)}'?" if inside else closest(name, known)
 
 
 def _letters(name: str) -> str:
