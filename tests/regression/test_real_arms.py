@@ -73,7 +73,8 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     measured = np.concatenate([part.tau for part in rows])
     predicted = np.concatenate([part.W @ gamma for part in rows])
     assert 100 * np.linalg.norm(measured - predicted) / np.linalg.norm(measured) < 15.0
-    assert len(log) == 420
+    # Of 420 messages 13 repeat the sample before them while the arm moves; they are left out (W325).
+    assert len(log) == 407
 
 
 def test_two_runs_write_the_same_bytes(dynid, recordings):

@@ -40,6 +40,9 @@ from dynid.signals.values import (
 )
 from dynid.signals.velocity import check_order, check_slopes, slopes
 
+#: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
+LEAST_GAIN = 4.0
+
 
 def prepare(
     log: Log,
@@ -95,7 +98,7 @@ def prepare(
         check_gravity(log, robot)
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
-        check_mapping(columns, robot, named)
+        check_mapping(columns, robot, named, least_gain=LEAST_GAIN)
         raise
     findings += check_zero(log, robot)
     if identify:

@@ -362,7 +362,9 @@ def edited(robot: Robot, edit: Edit) -> Robot:
     return replace(robot, driver=replace(driver, map=JointMap(tuple(sign), tuple(offset))))
 
 
-def check_mapping(log: Log, robot: Robot, names: Sequence[str], *, anyway: bool = False) -> tuple[Finding, ...]:
+def check_mapping(
+    log: Log, robot: Robot, names: Sequence[str], *, anyway: bool = False, least_gain: float = 1.0
+) -> tuple[Finding, ...]:
     """Raise when another mapping of the columns, or another table, would explain a log far better than the robot file.
 
     Args:
@@ -370,12 +372,13 @@ def check_mapping(log: Log, robot: Robot, names: Sequence[str], *, anyway: bool 
         robot: the arm.
         names: names of the columns in the log, in chain order; () where it names none.
         anyway: whether to go on with finding W329.
+        least_gain: by what factor the unexplained share has to shrink.
 
     Raises:
         WrongMapping: names the likeliest mistake, with the edit.
     """
     found = diagnose(log, robot, names)
-    if found is None or not found.wrong:
+    if found is None or not found.wrong or found.given.unexplained < least_gain * found.best[0].unexplained:
         return ()
     best = found.best[0]
     now, then = (f"{100 * each.unexplained:.0f} %" for each in (found.given, best))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.errors import CannotWrite
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import identify_again, new_name, only, specs_of, with_specs, write_robot
@@ -39,9 +38,10 @@ def test_effects_that_the_file_has_already_stay(robot, tmp_path):
     assert (tmp_path / "two.yaml").read_text().count("effects:") == 1
 
 
-def test_a_robot_without_a_file_cannot_be_copied(robot, tmp_path):
-    with pytest.raises(CannotWrite):
-        write_robot(replace(robot, path=None), [SPRING], tmp_path / "new.yaml")
+def test_a_robot_made_in_code_is_written_with_its_effect(robot, tmp_path):
+    write_robot(replace(robot, path=None), [SPRING], tmp_path / "new.yaml")
+    copy = load_robot(tmp_path / "new.yaml")
+    assert (copy.joints, [spec.effect for spec in copy.effects]) == (robot.joints, ["spring"])
 
 
 def test_the_name_of_the_copy_tells_what_was_added(robot):
