@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -145,16 +146,11 @@ def as_list(logs: Log | Iterable[Log]) -> list[Log]:
     return [logs] if isinstance(logs, Log) else list(logs)
 
 
-class located:  # noqa: N801
+@contextmanager
+def located(where: str) -> Iterator[None]:
     """Give a mistake that does not say where it was found the name of its log."""
-
-    def __init__(self, where: str) -> None:
-        self.where = where
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Name the log."""
-        if isinstance(error, DynidError):
-            error.where = error.where or self.where
+    try:
+        yield
+    except DynidError as error:
+        error.where = error.where or where
+        raise
