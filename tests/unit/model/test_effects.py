@@ -1,8 +1,9 @@
-"""Effects against Pinocchio, against an integrated law."""
+"""Effects against Pinocchio, against MuJoCo, against an integrated law."""
 
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -74,6 +75,21 @@ def test_payload_is_a_body_on_the_last_link(motion):
     columns = CATALOGUE["payload"].columns(motion, (), {"form": 10.0})
     change = heavy.torque(motion.q, motion.qd, motion.qdd) - bare
     np.testing.assert_allclose(np.tensordot(ten, columns, axes=1).T, change, atol=1e-9)
+
+
+def test_counterbalance_is_a_spring_between_two_links_of_mujoco(motion):
+    # A spring without free length between a point of the arm and one of the base.
+    engine = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base" pos="-0.3 0 0.2"/><body>
+      <joint name="axis" axis="0 1 0"/><geom size="0.1" mass="1"/><site name="link" pos="0.1 0 0.4"/></body></worldbody>
+      <tendon><spatial stiffness="900" springlength="0"><site site="base"/><site site="link"/></spatial></tendon></mujoco>""")
+    data, held = mujoco.MjData(engine), []
+    for data.qpos[0] in motion.q[:, 1]:
+        mujoco.mj_forward(engine, data)
+        held.append(-data.qfrc_passive[0])
+    columns = CATALOGUE["counterbalance"].columns(motion, (1,), {})[:, 0].T
+    amplitudes = np.linalg.lstsq(columns, np.array(held), rcond=None)[0]
+    np.testing.assert_allclose(columns @ amplitudes, held, atol=1e-9)
+    assert np.hypot(*amplitudes) == pytest.approx(900 * np.hypot(0.3, 0.2) * np.hypot(0.1, 0.4))
 
 
 def test_hysteresis_follows_the_dahl_equation_through_reversals():

@@ -28,6 +28,7 @@ _ALL: tuple[Effect, ...] = (
     friction.PositionFriction(),
     position.TorqueRipple(),
     position.Spring(),
+    position.Counterbalance(),
     position.EndStop(),
     whole_arm.MotorInertia(),
     friction.JointCoupling(),

@@ -88,6 +88,27 @@ class Spring(Effect):
         return np.array([*powers, *([np.ones_like(q)] if shape["constant"] else [])])[:, None]
 
 
+class Counterbalance(Effect):
+    """Counterbalance of an axis, by a spring or a cylinder."""
+
+    name = "counterbalance"
+    title = "counterbalance of an axis (spring or cylinder)"
+    equation = "a sin(q) + b cos(q)"
+    signature = "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
+    separate = "turn the joint through its whole travel with the arm folded and stretched, which changes gravity alone"
+    family = "position torque"
+    units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
+
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
+        """Return the shapes that are tried: none where the joint does not turn."""
+        return [{}] if motion.robot.joints[joints[0]].revolute else []
+
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        q = motion.q[:, joints[0]]
+        return np.array([np.sin(q), np.cos(q)])[:, None]
+
+
 class EndStop(Effect):
     """One-sided stop or cable that snags."""
 
