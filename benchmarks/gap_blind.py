@@ -205,7 +205,16 @@ def outcome(row):
     return "part of it" if named else "nothing named"
 
 
-WORDS = ("exact", "exact, with doubt", "ambiguous", "part of it", "nothing named", "not seen", "right and a wrong one", "wrong")
+WORDS = (
+    "exact",
+    "exact, with doubt",
+    "ambiguous",
+    "part of it",
+    "nothing named",
+    "not seen",
+    "right and a wrong one",
+    "wrong",
+)
 SETS = {
     "clean": ((-1, 1e9),), "single": ((1, 1e9), (0.5, 1), (-1, 0.5)), "double": ((1, 1e9), (-1, 1)),
     "changed": ((0.5, 1e9), (-1, 0.5)), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
@@ -221,7 +230,13 @@ def table(rows):
             some = [r for r in rows if r["set"] == name and low <= r["visible"] < high]
             if not some:
                 continue
-            band = "all" if high > 1e8 and low < 0 else f"{low:g} and more" if high > 1e8 else f"{max(low, 0):g} to {high:g}"
+            band = (
+                "all"
+                if high > 1e8 and low < 0
+                else f"{low:g} and more"
+                if high > 1e8
+                else f"{max(low, 0):g} to {high:g}"
+            )
             counts = [sum(outcome(r) == word for r in some) for word in WORDS]
             lines.append(f"| {name} | {band} | {len(some)} | {' | '.join(map(str, counts))} |")
     return "\n".join([*lines, "", *figures(rows), "", *misses(rows)])
@@ -236,7 +251,9 @@ def figures(rows):
         closed.append((before**2 - after**2) / max(before**2 - oracle**2, 1e-12))
     seconds = np.array([r["seconds"] for r in rows])
     replays = [(r["simulated"][0][r["joint"]], r["simulated"][1][r["joint"]]) for r in exact if r.get("simulated")]
-    lines = [f"Processor time a case (7 joints, 120 s at 200 Hz): median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s."]
+    lines = [
+        f"Processor time a case (7 joints, 120 s at 200 Hz): median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s."
+    ]
     if closed:
         lines.append(
             f"Closed held-out gap over what an oracle closes that knows the truth, {len(closed)} exact cases: median "

@@ -64,8 +64,12 @@ def read(path, robot):
 
 
 def cut(log, rows):
-    extra = {k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v for k, v in log.extra.items()}
-    return replace(log, t=log.t[rows], q=log.q[rows], tau=log.tau[rows], qd=None if log.qd is None else log.qd[rows], extra=extra)
+    extra = {
+        k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v for k, v in log.extra.items()
+    }
+    return replace(
+        log, t=log.t[rows], q=log.q[rows], tau=log.tau[rows], qd=None if log.qd is None else log.qd[rows], extra=extra
+    )
 
 
 def source_of(log, model, cutoff=CUTOFF):
@@ -104,7 +108,9 @@ def ball_torque(robot, t, q):
 def smooth(x, t, seconds=0.1):
     width = max(1, round(seconds / np.median(np.diff(t)))) | 1
     window = np.hanning(width + 2)[1:-1]
-    return np.stack([np.convolve(np.pad(c, width // 2, mode="edge"), window / window.sum(), "valid") for c in x.T], axis=1)
+    return np.stack(
+        [np.convolve(np.pad(c, width // 2, mode="edge"), window / window.sum(), "valid") for c in x.T], axis=1
+    )
 
 
 def inject(name, joint, sign, log, robot, residual, torque_of):
@@ -226,7 +232,10 @@ def as_they_are(data):
 
 
 def table(natural, rows):
-    lines = ["| recording | verdict | candidate | joint | held-out error of its joint | said |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| recording | verdict | candidate | joint | held-out error of its joint | said |",
+        "|---|---|---|---|---|---|",
+    ]
     lines += [f"| {' | '.join(row)} |" for row in natural]
     if not rows:
         return "\n".join(lines)
@@ -238,7 +247,9 @@ def table(natural, rows):
             others = sorted({f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}" for r in some for n, p in r["others"]})
             among = sum(r["among"] and not r["found"] for r in some)
             nothing = sum(not r["named"] for r in some)
-            lines.append(f"| {arm} | {name} | {len(some)} | {sum(r['found'] for r in some)} | {among} | {nothing} | {', '.join(others) or '-'} |")
+            lines.append(
+                f"| {arm} | {name} | {len(some)} | {sum(r['found'] for r in some)} | {among} | {nothing} | {', '.join(others) or '-'} |"
+            )
     return "\n".join(lines)
 
 
@@ -259,7 +270,17 @@ def main():
         rows.append(one(arm, name, *drawn(name, arm, args.data, cache, rng), args.data, cache))
         args.out.write_text(json.dumps(rows))
         r = rows[-1]
-        print(arm, name, r["joint"], f"{r['size']:.3g}", r["found"], r["named"], r["closest"], f"{r['seconds']:.1f} s", flush=True)
+        print(
+            arm,
+            name,
+            r["joint"],
+            f"{r['size']:.3g}",
+            r["found"],
+            r["named"],
+            r["closest"],
+            f"{r['seconds']:.1f} s",
+            flush=True,
+        )
     text = table(natural, rows)
     print(text)
     if args.table:

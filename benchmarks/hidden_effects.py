@@ -95,7 +95,9 @@ def load_arm(name):
         after = pin.SE3(pin.utils.rotate("x", twist), np.array([row["a"], 0.0, row["d"]]))
         parent = model.addJoint(parent, pin.JointModelRZ(), previous * turn, row["name"])
         i = body["inertia_com"]
-        tensor = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]])
+        tensor = np.array(
+            [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]]
+        )
         model.appendBodyToJoint(parent, pin.Inertia(body["mass"], np.array(body["com"], float), tensor), after)
         previous = after
         limits = row.get("limits", {})
@@ -104,7 +106,14 @@ def load_arm(name):
         speed.append(scale * (limits.get("velocity") or 60))
     model.addFrame(pin.Frame("tip", parent, 0, previous, pin.FrameType.OP_FRAME))
     friction = truth["friction"]
-    arm = Arm(model, np.array(friction["viscous"], float), np.array(friction["coulomb"], float), np.array(lower), np.array(upper), np.array(speed))
+    arm = Arm(
+        model,
+        np.array(friction["viscous"], float),
+        np.array(friction["coulomb"], float),
+        np.array(lower),
+        np.array(upper),
+        np.array(speed),
+    )
     arm.data = model.createData()
     return arm
 
@@ -236,7 +245,9 @@ def added_torque(arm, case, s, t, q, qd, qdd, rigid, span):
         turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
         for k in turns:
             tail = np.arange(min(len(t) - k, 120)) / RATE
-            out[k : k + len(tail), j] += np.sign(v[min(k + 2, len(v) - 1)]) * np.exp(-tail / 0.15) * np.sin(2 * np.pi * 5.5 * tail)
+            out[k : k + len(tail), j] += (
+                np.sign(v[min(k + 2, len(v) - 1)]) * np.exp(-tail / 0.15) * np.sin(2 * np.pi * 5.5 * tail)
+            )
     elif e == "odd_cross":
         out[:, j] = np.sin(2 * x) * np.sign(qd[:, partner(case, arm.n)]) * np.abs(v)
     elif e == "load_viscous":
@@ -265,7 +276,13 @@ def disturbance(case, t, rng):
 def scale_of(case, arm):
     """Size of one unit of ``case.size`` (visible rms near the noise's) for effects that are not plain torques."""
     soft = 1.4e-4 if case.joint <= 1 else 5e-4 if case.joint == 2 else 1.4e-3
-    return {"encoder_offset": 0.03, "joint_elasticity": soft, "torque_delay": 0.004, "base_tilt": 0.003, "payload": 0.02}.get(case.effect, 1.0)
+    return {
+        "encoder_offset": 0.03,
+        "joint_elasticity": soft,
+        "torque_delay": 0.004,
+        "base_tilt": 0.003,
+        "payload": 0.02,
+    }.get(case.effect, 1.0)
 
 
 def prepared(case, arm, plans):
@@ -355,11 +372,15 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
             if case.effect == "encoder_offset":
                 shown[:, case.joint] += size
             tau = rigid + arm.viscous * moving_qd + arm.coulomb * sharp(moving_qd)
-            extra = added_torque(arm, case, s, clock + t, q, qd, qdd, rigid, (q.min(0), q.max(0)) if scale is None else s["span"])
+            extra = added_torque(
+                arm, case, s, clock + t, q, qd, qdd, rigid, (q.min(0), q.max(0)) if scale is None else s["span"]
+            )
             if scale is None:
                 s["span"] = (q.min(0), q.max(0))
                 scale = unit(extra, q, qd, qdd, white, case)
-                scale = min(scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9), overlooked(extra, tau, case))
+                scale = min(
+                    scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9), overlooked(extra, tau, case)
+                )
             tau = tau + (case.size if hide else 0.0) * scale * extra
             wander = disturbance(case, t, rng)
             if wander is not None and hide:

@@ -88,8 +88,10 @@ def one(task):
 
 def same(one, other):
     return (
-        one.convention == other.convention and np.allclose(one.gravity, other.gravity)
-        and one.log_names == other.log_names and one.driver.map == other.driver.map
+        one.convention == other.convention
+        and np.allclose(one.gravity, other.gravity)
+        and one.log_names == other.log_names
+        and one.driver.map == other.driver.map
     )
 
 
@@ -108,19 +110,31 @@ def main():
         if not log.names:
             log = replace(log, names=robot.log_names)
         tasks.append((name, path, ()))
-        tasks += [(name, path, edits) for edits in mistakes(judge_of(*columns(log, robot)), given.pairs, seed)[seed % given.every :: given.every]]
+        tasks += [
+            (name, path, edits)
+            for edits in mistakes(judge_of(*columns(log, robot)), given.pairs, seed)[seed % given.every :: given.every]
+        ]
     with ProcessPoolExecutor(given.jobs) as pool:
         answers = []
         for answer in pool.map(one, tasks):
             answers.append(answer)
-            print(*answer[:1], Path(answer[1]).name, [(e.kind, e.value) for e in answer[2]], *answer[3:], file=sys.stderr, flush=True)
+            print(
+                *answer[:1],
+                Path(answer[1]).name,
+                [(e.kind, e.value) for e in answer[2]],
+                *answer[3:],
+                file=sys.stderr,
+                flush=True,
+            )
     table(answers)
 
 
 def table(answers):
     print("# Which mistake does a robot file have?\n")
     print("Every single mistake, and some pairs, put into a right robot file; what `dynid check` names first.")
-    print("*Absorbed*: the wrong file explains the log as well as the right one does (base parameters take the mistake in), and nothing is said.\n")
+    print(
+        "*Absorbed*: the wrong file explains the log as well as the right one does (base parameters take the mistake in), and nothing is said.\n"
+    )
     columns = ("first", "among three", "wrong", "wrong, absorbed", "silent", "absorbed")
     print("| robot | recording | mistakes |", " | ".join(columns), "| false alarm on the right file | s |")
     print("| --- " * (len(columns) + 5) + "|")
@@ -130,17 +144,27 @@ def table(answers):
         wrong = [a for a in own if a[2]]
         counts = [sum(a[3] == column for a in wrong) for column in columns]
         alarm = "yes" if own[0][3] not in ("absorbed", "silent") else "no"
-        print(f"| {name} | {Path(path).name} | {len(wrong)} |", " | ".join(map(str, counts)), f"| {alarm} | {np.median([a[4] for a in own]):.1f} |")
+        print(
+            f"| {name} | {Path(path).name} | {len(wrong)} |",
+            " | ".join(map(str, counts)),
+            f"| {alarm} | {np.median([a[4] for a in own]):.1f} |",
+        )
         for a in wrong:
             kinds.setdefault(" + ".join(sorted(e.kind for e in a[2])), []).append(a[3])
     every = [a[3] for a in answers if a[2]]
     seen = [v for v in every if "absorbed" not in v]
-    print(f"\nOf {len(every)} mistakes {len(every) - len(seen)} are absorbed; of the other {len(seen)} the right edit is first in "
-          f"{100 * sum(v == 'first' for v in seen) / max(1, len(seen)):.1f} %.\n")
+    print(
+        f"\nOf {len(every)} mistakes {len(every) - len(seen)} are absorbed; of the other {len(seen)} the right edit is first in "
+        f"{100 * sum(v == 'first' for v in seen) / max(1, len(seen)):.1f} %.\n"
+    )
     print("| mistake | cases |", " | ".join(columns), "|")
     print("| --- " * (len(columns) + 2) + "|")
     for kind, verdicts in sorted(kinds.items()):
-        print(f"| {kind} | {len(verdicts)} |", " | ".join(str(sum(v == column for v in verdicts)) for column in columns), "|")
+        print(
+            f"| {kind} | {len(verdicts)} |",
+            " | ".join(str(sum(v == column for v in verdicts)) for column in columns),
+            "|",
+        )
 
 
 if __name__ == "__main__":

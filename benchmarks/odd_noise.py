@@ -114,8 +114,12 @@ def main() -> None:
         kept = [run for run in runs if "inside" in run]
         inside = f"{100 * np.mean([run['inside'] for run in kept]):.1f}" if kept else "-"
         worst = f"{max(run['worst'] for run in kept):.1f}" if kept else "-"
-        codes = sorted({code for run in kept for code in run["codes"]} | {run["refused"] for run in runs if run not in kept})
-        print(f"| {row} | {len(runs)} | {len(runs) - len(kept)} | {inside} | {worst} | {', '.join(codes)} |", flush=True)
+        codes = sorted(
+            {code for run in kept for code in run["codes"]} | {run["refused"] for run in runs if run not in kept}
+        )
+        print(
+            f"| {row} | {len(runs)} | {len(runs) - len(kept)} | {inside} | {worst} | {', '.join(codes)} |", flush=True
+        )
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(json.dumps(done))
 

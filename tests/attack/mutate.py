@@ -70,9 +70,7 @@ def data(rng: np.random.Generator, original: bytes) -> bytes:
         if kind <= 1:
             content[place] ^= 1 << int(rng.integers(0, 8))
         elif kind <= 3:
-            value = int(
-                rng.choice([0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 0x10000000, int(rng.integers(2**32))])
-            )
+            value = int(rng.choice([0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 0x10000000, int(rng.integers(2**32))]))
             content[place : place + 4] = struct.pack("<I", value)
         elif kind == 4:
             del content[place : place + int(rng.integers(1, 200))]

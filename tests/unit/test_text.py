@@ -29,7 +29,7 @@ ATTACKS = {
     "surrogate": "arm\udc80",
     "XML comment": "arm --> <link/> <!-- --- --->- -",
     "element": "<script>alert(1)</script><img src=x onerror='alert(1)'>",
-    "attribute": "\" onload=\"alert(1)\" x='",
+    "attribute": '" onload="alert(1)" x=\'',
     "entity": "&lt;b&gt; &#x3c; ]]>",
     "formula": "=cmd|' /C calc'!A0",
     "LaTeX": r"\input{/etc/passwd} $x$ % & _ ^^5c # {~} [1cm] *",

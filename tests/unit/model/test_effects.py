@@ -81,7 +81,8 @@ def test_counterbalance_is_a_spring_between_two_links_of_mujoco(motion):
     # A spring without free length between a point of the arm and one of the base.
     engine = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base" pos="-0.3 0 0.2"/><body>
       <joint name="axis" axis="0 1 0"/><geom size="0.1" mass="1"/><site name="link" pos="0.1 0 0.4"/></body></worldbody>
-      <tendon><spatial stiffness="900" springlength="0"><site site="base"/><site site="link"/></spatial></tendon></mujoco>""")
+      <tendon><spatial stiffness="900" springlength="0"><site site="base"/><site site="link"/></spatial></tendon>
+      </mujoco>""")
     data, held = mujoco.MjData(engine), []
     for data.qpos[0] in motion.q[:, 1]:
         mujoco.mj_forward(engine, data)

@@ -94,7 +94,9 @@ class Counterbalance(Effect):
     name = "counterbalance"
     title = "counterbalance of an axis (spring or cylinder)"
     equation = "a sin(q) + b cos(q)"
-    signature = "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
+    signature = (
+        "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
+    )
     separate = "turn the joint through its whole travel with the arm folded and stretched, which changes gravity alone"
     family = "position torque"
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
