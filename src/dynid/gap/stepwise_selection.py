@@ -29,9 +29,8 @@ Ranking = list[tuple[CandidateScore, EffectCandidate]]
 
 #: Smallest visible size in units of the noise: below, wrong names are as likely as right ones.
 SMALLEST = 0.3
-#: The chance of a false name is divided over at least so many candidates, and over so many times more for a ripple,
-#: whose frequency is free.
-FEWEST_TESTS, RIPPLE_TESTS = 150, 60
+#: The chance of a false name is divided over at least so many candidates.
+FEWEST_TESTS = 150
 #: Names whose evidence differs by less are equally good: in score, 12 is a chance of one in four hundred; and in
 #: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is
 #: left is noise, and more when what is left is what the model lacks.
@@ -164,7 +163,7 @@ class StepwiseSelection:
     def _passes(self, one: SelectedEffect) -> bool:
         """Return whether an effect explains more than its freedom costs, is large enough and significant."""
         tests = max(FEWEST_TESTS, len({c.key for c in self.candidates}))
-        tests *= RIPPLE_TESTS if one.effect.name == "torque_ripple" else 1
+        tests *= one.effect.trials
         p_value = tests * max(one.test.p_value, one.test.gain_p_value)
         return one.score > 0 and one.test.visible_rms >= SMALLEST and p_value < self.options.false_alarm
 

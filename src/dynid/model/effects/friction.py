@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape, sign_of
+from dynid.model.effects.position import TRIALS, wave_shapes, waves
 
 
 class ViscousFriction(Effect):
@@ -157,6 +159,34 @@ class PositionFriction(Effect):
         """Return its columns in its rows, (amplitudes, rows, N)."""
         angle, sign = shape["h"] * motion.q[:, joints[0]], sign_of(motion, joints[0])
         return np.array([np.cos(angle) * sign, np.sin(angle) * sign])[:, None]
+
+
+class GearFriction(Effect):
+    """Friction that varies with the turn of a gear's wheel."""
+
+    name = "gear_friction"
+    title = "friction that varies with the turn of a gear's wheel"
+    equation = "(a cos(k q) + b sin(k q)) sign(qd)"
+    signature = "a wave over the joint's position that changes its sign with the direction"
+    separate = "a slow, even motion over several waves, both ways: a ripple keeps its sign, this does not"
+    family = "position"
+    trials = TRIALS
+    shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
+    units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
+
+    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
+        """Return the shapes that are tried."""
+        return wave_shapes(motion, joints[0])
+
+    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes."""
+        sign = sign_of(motion, joints[0])
+        return [(wave * sign)[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
+
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return self.tried(motion, joints, [shape])[0]
 
 
 class PreslidingHysteresis(Effect):

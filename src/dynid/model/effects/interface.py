@@ -144,6 +144,7 @@ class Effect(ABC):
         shape_units: unit of each shape parameter.
         shapes: the shapes that are tried, where they do not depend on the motion.
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
+        trials: so many times more often than another it fits by accident: a frequency that is free.
     """
 
     name: ClassVar[str]
@@ -160,6 +161,7 @@ class Effect(ABC):
     shape_units: ClassVar[dict[str, str]] = {}
     shapes: ClassVar[tuple[dict[str, float], ...]] = ({},)
     steps: ClassVar[dict[str, tuple[str, float]]] = {}
+    trials: ClassVar[int] = 1
 
     def candidate_joints(self, n: int) -> list[Joints]:
         """Return where it may sit on an arm of n joints."""

@@ -19,6 +19,29 @@ HIGHEST = 230.0
 MANY = 8
 #: A joint that travels less does not move [rad].
 STILL = 0.1
+#: Waves of a travel, each of which may fit by accident.
+TRIALS = 60
+
+
+def wave_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+    """Return the frequencies of waves over one joint's position (0-based) that its travel tells apart, {k: 1/rad}."""
+    travel = float(np.ptp(motion.q[:, joint]))
+    if travel < STILL:
+        return []
+    return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
+
+
+def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return cos(k q) and sin(k q) of several shapes, each (2, N); of evenly spaced ones each turns the one before."""
+    k = np.array([shape["k"] for shape in shapes])
+    if len(k) < MANY:
+        return [np.array([np.cos(one * q), np.sin(one * q)]) for one in k]
+    wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
+    found = []
+    for _ in k:
+        found.append(np.stack([wave.real, wave.imag]))
+        wave = wave * turn
+    return found
 
 
 class TorqueRipple(Effect):
@@ -33,30 +56,19 @@ class TorqueRipple(Effect):
     steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
+    trials = TRIALS
+
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        travel = float(np.ptp(motion.q[:, joints[0]]))
-        if travel < STILL:
-            return []
-        return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
+        return wave_shapes(motion, joints[0])
 
     def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
-        """Return the columns of several shapes; of evenly spaced waves each turns the one before by the same angles."""
-        k = np.array([shape["k"] for shape in shapes])
-        if len(k) < MANY:
-            return super().tried(motion, joints, shapes)
-        q = motion.q[:, joints[0]]
-        wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
-        found = []
-        for _ in k:
-            found.append(np.stack([wave.real, wave.imag])[:, None])
-            wave = wave * turn
-        return found
+        """Return the columns of several shapes."""
+        return [wave[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        angle = shape["k"] * motion.q[:, joints[0]]
-        return np.array([np.cos(angle), np.sin(angle)])[:, None]
+        return self.tried(motion, joints, [shape])[0]
 
 
 class Spring(Effect):

@@ -44,6 +44,23 @@ class TorqueGain(Effect):
         return motion.total[:, joints[0]][None, None]
 
 
+class TorqueConstant(Effect):
+    """Torque constant that changes with speed."""
+
+    name = "torque_constant"
+    title = "torque constant that changes with speed"
+    equation = "c |qd| tau"
+    signature = "in proportion to the joint's own torque where it is fast, nothing where it is slow"
+    separate = "the same load carried slowly and fast, with and against gravity"
+    needs_model = True
+    family = "load"
+    units: ClassVar[dict[str, str]] = {"c": "s/rad"}
+
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return (np.abs(motion.qd[:, joints[0]]) * motion.total[:, joints[0]])[None, None]
+
+
 class TorqueDrift(Effect):
     """Drift of the torque sensor."""
 

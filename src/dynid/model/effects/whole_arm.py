@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +12,8 @@ from dynid.robot import LINK_PARAMETERS
 
 #: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
 STEP = 1e-6
+#: A link that has not crossed a gap after so many samples rests between its flanks.
+LONGEST = 400
 
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
@@ -58,6 +61,70 @@ class JointElasticity(Effect):
             y[:, j] -= STEP * shift
             moved.append(y)
         return ((motion.reference.rigid(*moved) - motion.rigid) / STEP).T[None]
+
+
+class Backlash(Effect):
+    """Backlash of a gear with the encoder on the motor's side."""
+
+    name = "backlash"
+    title = "backlash of a gear with the encoder on the motor's side"
+    equation = "-a tau_rb while the link crosses the gap 2 b on its own, then the jolt that it lands with; a near 1"
+    signature = (
+        "wherever the load of the joint changes its sign: no torque for a moment, then a jolt, in several joints"
+    )
+    separate = "let the load change its sign often, slowly and fast; elasticity follows the torque's size instead"
+    positive = True
+    needs_model = True
+    family = "gear"
+    shape_units: ClassVar[dict[str, str]] = {"b": "rad"}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"b": ("times", 1.5)}
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"b": b} for b in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3))
+    units: ClassVar[dict[str, str]] = {"a": ""}
+
+    def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
+        """Return all joints: the whole arm's torque changes."""
+        return tuple(range(n))
+
+    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes."""
+        j = joints[0]
+        pushed = motion.qdd.copy()
+        pushed[:, j] += 1.0
+        inertia = motion.reference.rigid(motion.q, motion.qd, pushed) - motion.rigid
+        own = inertia[:, j]
+        push = np.where(own > 0, motion.rigid[:, j] / np.where(own > 0, own, 1.0), 0.0)
+        return [(inertia.T * crossing(motion.t, push, 2 * shape["b"]))[None] for shape in shapes]
+
+    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+        """Return its columns in its rows, (amplitudes, rows, N)."""
+        return self.tried(motion, joints, [shape])[0]
+
+
+def crossing(t: Floats, push: Floats, gap: float) -> Floats:
+    """Return the acceleration that a link has beside its motor's while it crosses a gap, (N,) [rad/s^2].
+
+    A link that is held by one flank is left alone when its load changes the sign, falls behind by as much as the load
+    would accelerate it, and is caught by the other flank without a bounce.
+
+    Args:
+        t: times, (N,) [s].
+        push: the load over the inertia that it accelerates, (N,) [rad/s^2].
+        gap: width [rad].
+    """
+    found = np.zeros_like(push)
+    step = np.diff(t, append=2 * t[-1] - t[-2])
+    free = 0
+    for k in (np.flatnonzero(np.diff(np.sign(push)) != 0) + 1).tolist():
+        if k < free:
+            continue
+        speed = np.cumsum(push[k : k + LONGEST] * step[k : k + LONGEST])
+        way = np.abs(np.cumsum(speed * step[k : k + LONGEST]))
+        lands = int(np.searchsorted(np.maximum.accumulate(way), gap))
+        if lands < len(way):
+            free = k + lands
+            found[k:free] = -push[k:free]
+            found[free] = speed[lands] / step[free] - push[free]
+    return found
 
 
 class BaseTilt(Effect):
