@@ -256,12 +256,18 @@ class EffectSpec:
         joints: names of the joints it acts on.
         parameters: values by name.
         std_error: standard errors by name.
+        formula: the torque of ``effect: formula``.
     """
 
     effect: str
     joints: tuple[str, ...]
     parameters: dict[str, float] = field(default_factory=dict)
     std_error: dict[str, float] = field(default_factory=dict)
+    formula: str | None = None
+
+    def facts(self) -> dict[str, Any]:
+        """Return its entry of a robot file."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, repr=False)
@@ -396,7 +402,7 @@ class Robot:
             "links": self.identified_links,
             "coupling": asdict(self.coupling) if self.coupling else None,
             "coulomb": asdict(self.coulomb_shape),
-            "effects": [asdict(effect) for effect in self.effects],
+            "effects": [effect.facts() for effect in self.effects],
             "joints": [(j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction) for j in self.joints],
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]

@@ -496,6 +496,7 @@ EFFECT = (
     Key("joints", Kind("list of joint names", _acting), REQUIRED, "Joints that it acts on."),
     Key("parameters", Kind("name: number", _numbers), "none", "Values of its parameters."),
     Key("std_error", Kind("name: number", _numbers), "none", "Their standard errors."),
+    Key("formula", TEXT, "none", "The torque of `effect: formula`, such as `a cos(2 q4) |qd4|`."),
 )
 
 KNOWN = (

@@ -186,7 +186,7 @@ def _effect_torque(
             raise WrongUsage(
                 f"--effect {effect.name} needs {', '.join(missing)}", fix=f"{effect.name}@JOINT:{names[0]}=1"
             )
-        for joints in joints_of(named, robot):
+        for joints in joints_of(named, effect, robot):
             columns = effect.columns(path, joints, shape)
             rows = list(effect.rows(joints, robot.n))
             torque[:, rows] += np.tensordot([named.parameters[name] for name in names], columns, axes=1).T

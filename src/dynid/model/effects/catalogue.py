@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid.errors import WrongRobotFile
 from dynid.model.effects import friction, position, sensor, whole_arm
+from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 from dynid.model.parameters import Parameter
 from dynid.robot import EffectSpec, Robot
@@ -93,7 +94,7 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
         if effect.name == "torque_delay":
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
-        for joints in joints_of(spec, robot):
+        for joints in joints_of(spec, effect, robot):
             rows = effect.rows(joints, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             columns = tuple(
@@ -113,12 +114,14 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
         WrongRobotFile: there is no such effect, or a number that gives it its shape is missing.
     """
     where = str(robot.path or robot.name)
+    if spec.effect == Formula.name:
+        return _formula(spec, robot, where)
     effect = CATALOGUE.get(spec.effect)
     if effect is None:
         near = difflib.get_close_matches(spec.effect, CATALOGUE, 1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise WrongRobotFile(
-            f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"one of {', '.join(CATALOGUE)}"
+            f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"formula, or one of {', '.join(CATALOGUE)}"
         )
     needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
     missing = [name for name in needed if name not in spec.parameters]
@@ -129,10 +132,28 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     return effect
 
 
-def joints_of(spec: EffectSpec, robot: Robot) -> list[Joints]:
+def _formula(spec: EffectSpec, robot: Robot, where: str) -> Effect:
+    """Return the effect of a formula of the robot file."""
+    if not spec.formula:
+        raise WrongRobotFile("effects: formula needs the key formula", where=where, fix="formula: a cos(2 q4) |qd4|")
+    made = Formula(spec.formula, [one.revolute for one in robot.joints], robot.joint_names.index(spec.joints[0]))
+    joints = [name for one in robot.effects if one.effect == spec.effect for name in one.joints]
+    twice = [name for name in spec.joints if joints.count(name) > 1]
+    if twice:
+        raise WrongRobotFile(f"effects: two formulas on {twice[0]}", where=where, fix="join them by +")
+    names = made.amplitudes({})
+    unknown = [name for name in spec.parameters if name not in names]
+    if unknown:
+        raise WrongRobotFile(
+            f"effects: formula '{made.text}' has no amplitude '{unknown[0]}'", where=where, fix=f"{', '.join(names)}"
+        )
+    return made
+
+
+def joints_of(spec: EffectSpec, effect: Effect, robot: Robot) -> list[Joints]:
     """Return the joints that a listed effect belongs to: each joint alone, the pair, or () for the whole arm."""
     index = [robot.joint_names.index(name) for name in spec.joints]
-    scope = CATALOGUE[spec.effect].scope
+    scope = effect.scope
     return [(j,) for j in index] if scope == "joint" else [tuple(index)] if scope == "pair" else [()]
 
 
