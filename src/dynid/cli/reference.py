@@ -283,6 +283,18 @@ Made by `make reference` from the effect classes; a test keeps both equal.
 
 `tau_rb` is the rigid-body torque of the current model, `sign` the Coulomb sign of the robot file, `j` the joint.
 Amplitudes enter linearly and are identified again whenever the robot file is; shape parameters stay as they were found.
+
+## `formula`: a torque in words of its own
+
+    - effect: formula
+      joints: [joint_4]
+      formula: a cos(2 q4) |qd4| + b tau4 qd4
+      parameters: {a: 0.4, b: 0.01}
+
+A sum of products. Signals are `q4`, `qd4`, `qdd4` and `tau4` (`tau_rb`) of joint 4, without a number those of the joint that
+it acts on, and `t`, the time since the log began. Each term has one amplitude, a name of its own such as `a`, which is
+identified with everything else. There are numbers, `+ - * /`, powers `^2`, brackets, bars for sizes, and `sin`, `cos`,
+`tanh`, `exp`, `sqrt`, `abs`, `sign`, `clip(x, limit)`. The text is read by a parser of its own and is never executed.
 """
 _WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the whole arm"}
 _USES = {

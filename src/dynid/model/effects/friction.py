@@ -10,6 +10,10 @@ import numpy as np
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape, sign_of
 from dynid.model.effects.position import TRIALS, wave_shapes, waves
 
+#: Radians of phase over the travel between waves of friction that are tried, and the fastest [1/rad]: refinement finds
+#: what lies between, and faster waves are smoothed away by the filter before they pass for friction.
+SPACING, HIGHEST = 3.2, 120.0
+
 
 class ViscousFriction(Effect):
     """Viscous friction."""
@@ -172,12 +176,12 @@ class GearFriction(Effect):
     family = "position"
     trials = TRIALS
     shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
-    steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.2)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        return wave_shapes(motion, joints[0])
+        return wave_shapes(motion, joints[0], SPACING, HIGHEST)
 
     def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes."""

@@ -23,12 +23,21 @@ STILL = 0.1
 TRIALS = 60
 
 
-def wave_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
-    """Return the frequencies of waves over one joint's position (0-based) that its travel tells apart, {k: 1/rad}."""
+def wave_shapes(
+    motion: ArmMotion, joint: int, spacing: float = SPACING, highest: float = HIGHEST
+) -> list[dict[str, float]]:
+    """Return the frequencies of waves over one joint's position that its travel tells apart.
+
+    Args:
+        motion: the motion.
+        joint: 0-based joint.
+        spacing: phase over the travel between neighbours [rad].
+        highest: fastest wave [1/rad].
+    """
     travel = float(np.ptp(motion.q[:, joint]))
     if travel < STILL:
         return []
-    return [{"k": float(k)} for k in np.arange(WAVES / travel, HIGHEST, SPACING / travel)]
+    return [{"k": float(k)} for k in np.arange(WAVES / travel, highest, spacing / travel)]
 
 
 def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
