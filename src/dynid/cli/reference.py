@@ -292,7 +292,7 @@ Amplitudes enter linearly and are identified again whenever the robot file is; s
       parameters: {a: 0.4, b: 0.01}
 
 A sum of products. Signals are `q4`, `qd4`, `qdd4` and `tau4` (`tau_rb`) of joint 4, without a number those of the joint
-that it acts on, and `t`, the time since the log began. Each term has one amplitude, a name of its own such as `a`, which is
+that it acts on, and `t`, the time since the log began. Each term has one amplitude, a name such as `a`, which is
 identified with everything else. There are numbers, `+ - * /`, powers `^2`, brackets, bars for sizes, and `sin`, `cos`,
 `tanh`, `exp`, `sqrt`, `abs`, `sign`, `clip(x, limit)`. The text is read by a parser of its own and is never executed.
 """
