@@ -1,4 +1,4 @@
-"""``dynid run batch.yaml``: many robots and logs from one list, in parallel; one that fails stops no other."""
+"""``dynid run batch.yaml``: many robots and logs from one list, side by side; one that fails stops no other."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import click
 
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import COMMON_NAMES, Common, dynid_command, known_keys
-from dynid.errors import ExitStatus
+from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.run import RunOptions
 
 if TYPE_CHECKING:
-    from dynid.workflows.run import BatchResult
+    from dynid.workflows.run import BatchResult, JobResult
+
+#: Schema of the lines of ``--json-lines``: one ``"job"`` each, then one ``"end"``.
+EVENT = "dynid/run-event/1"
 
 
 @dynid_command(
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     examples=(
         "dynid run batch.yaml                         all jobs of the list, done ones are not done again",
         "dynid run batch.yaml --junit results.xml     for continuous integration",
+        "dynid run batch.yaml --scheduler tcp://host:8786     on the workers of a Dask scheduler",
+        "dynid run batch.yaml --json-lines | jq .name         follow the jobs as they end",
     ),
 )
 @click.argument("batch", type=click.Path(exists=True, dir_okay=False, path_type=Path))
@@ -28,11 +33,20 @@ if TYPE_CHECKING:
 @click.option(
     "--junit", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a JUnit XML report."
 )
-def command(common: Common, batch: Path, junit: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
+@click.option("--json-lines", is_flag=True, help="Print a JSON object on a line of its own as each job ends.")
+def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Identify, validate and compare many recordings from one YAML list."""
     from dynid.cli.identify import command as identify
     from dynid.files.artifact import write_text
     from dynid.workflows.run import run
+
+    if json_lines and common.json:
+        raise WrongUsage("--json-lines and --json are two forms of the same answer", fix="give one of them")
+
+    def told(each: JobResult) -> None:
+        if json_lines:
+            facts = {key: value for key, value in each.facts().items() if key != "answers"}
+            common.terminal.emit_json_line({"schema": EVENT, "event": "job", **facts})
 
     known = sorted(set(known_keys(identify)) - set(COMMON_NAMES) - {"fail_if"})
     with common.terminal.progress() as progress:
@@ -44,12 +58,17 @@ def command(common: Common, batch: Path, junit: Path | None, **values: Any) -> E
             force=common.force,
             known_options=known,
             progress=progress,
+            told=told,
         )
     wrote = [junit] if junit is not None else []
     for path in wrote:
         write_text(path, done.junit())
         common.terminal.wrote(path)
-    show(common, done)
+    if json_lines:
+        counts = {"passed": done.passed, "beyond_limit": len(done.beyond_limit), "failed": len(done.failed)}
+        common.terminal.emit_json_line({"schema": EVENT, "event": "end", **counts, "wrote": wrote})
+    else:
+        show(common, done)
     common.terminal.emit_json({**done.facts(), "wrote": wrote})
     return done.status
 

@@ -225,6 +225,11 @@ class Terminal:
         if self.common.json:
             self.out.out(json.dumps(plain(answer), indent=2, allow_nan=False), highlight=False)
 
+    def emit_json_line(self, answer: Mapping[str, Any]) -> None:
+        """Print a JSON object on one line of stdout at once, for a program that follows the work."""
+        self.out.out(json.dumps(plain(answer), allow_nan=False), highlight=False)
+        self.out.file.flush()
+
 
 def folded(line: str, console: Console, indent: int | None) -> list[str]:
     """Return a line in parts that fit the terminal, broken between words, all but the first moved in.

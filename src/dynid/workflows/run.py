@@ -1,7 +1,8 @@
 """Many robots and logs from one list, side by side; a job that fails stops no other.
 
-Each command of a job runs in its own process: ``dynid identify``, then ``validate`` and ``compare``. What it answers
-and a hash of everything it depends on stay in the job's folder: a job whose inputs are the same need not run again.
+A job is one task of a pool of workers (``dynid.workflows.cluster``): ``dynid identify``, then ``validate`` and
+``compare``. What it answers and a hash of everything it depends on stay in the job's folder, whose files are written
+whole: a job whose inputs are the same need not run again, whoever did it and whatever ended that run.
 """
 
 from __future__ import annotations
@@ -9,24 +10,31 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
+import platform
+import sys
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from dynid import children, limits
-from dynid.errors import DynidError, ExitStatus, WrongUsage
+from dynid import limits
+from dynid.errors import DynidError, ExitStatus, WorkerDiffers, WrongUsage
+from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job, folder_name, read_batch
 from dynid.npz import parse_json
-from dynid.options import Options, option
+from dynid.options import Options, bytes_or_none, option
 from dynid.progress import SILENT, Progress
+from dynid.scratch import sweep
 from dynid.table import Table
 from dynid.text import shell
 from dynid.version import __version__
+from dynid.workflows.cluster import Task, opened
 
 #: What a job leaves in its folder, so that it need not run again.
 RECORD = "job.json"
@@ -34,11 +42,23 @@ RECORD = "job.json"
 
 @dataclass(frozen=True)
 class RunOptions(Options):
-    """Which jobs of a batch file run, and how many at a time."""
+    """Which jobs of a batch file run, and where."""
 
     jobs: int | None = option(
         None, "Number of jobs that run at a time (default: the number of cores).", metavar="N", kind="count"
     )
+    scheduler: str | None = option(
+        None,
+        "Address of a Dask scheduler, such as tcp://host:8786, whose workers run the jobs instead of this machine.",
+        metavar="ADDRESS",
+    )
+    memory: int | None = option(
+        None,
+        "Memory of each worker of this machine, such as 4GB; one that takes more is ended, and its job fails "
+        "(default: an equal share of the machine's).",
+        metavar="SIZE", read=bytes_or_none,
+    )  # fmt: skip
+    dashboard: bool = option(False, "Show Dask's dashboard of the workers on http://127.0.0.1:8787; needs bokeh.")
     only: tuple[str, ...] = option(
         (), "Run only the job of this name; may be given several times.", metavar="NAME", repeatable=True
     )
@@ -185,41 +205,52 @@ def run(
     force: bool = False,
     known_options: Sequence[str] | None = None,
     progress: Progress = SILENT,
+    told: Callable[[JobResult], None] = lambda done: None,
 ) -> BatchResult:
     """Identify, validate and compare many recordings from one YAML list.
 
     Args:
         batch: the batch file.
-        options: which jobs, and how many at a time.
+        options: which jobs, and where they run.
         out: folder that holds the jobs' folders.
         seed: seed of every random choice.
         force: run also what was done before from the same inputs.
         known_options: options of ``dynid identify`` that a job may set; None lets that command refuse others.
-        progress: told as each job ends.
+        progress: told where the jobs run, and as each ends.
+        told: called with each job as it ends.
 
     Raises:
         WrongRobotFile: the batch file is wrong.
         WrongUsage: a job or one of its options does not exist; nothing has run then.
+        SchedulerSilent: nothing answers where a scheduler should.
     """
     wanted = chosen(read_batch(batch), options.only)
     if known_options is not None:
         refuse_unknown_options(wanted, known_options)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = min(options.jobs or cores, len(wanted))
-    runner = Runner(out, seed=seed, force=force, threads=max(1, cores // workers))
+    workers = min(options.jobs or cores(), len(wanted))
+    jobs = {job.name: job for job in wanted}
+    place = Place.here()
+    tasks = {job.name: Task(do_job, (job, out / folder_name(job), seed, force, place)) for job in wanted}
     found: dict[str, JobResult] = {}
-    with ThreadPoolExecutor(workers) as pool:
-        waiting = [pool.submit(runner.run, job) for job in wanted]
+    with opened(
+        workers, scheduler=options.scheduler, memory=options.memory, dashboard=options.dashboard, progress=progress
+    ) as pool:
         try:
-            for future in as_completed(waiting):
-                done = future.result()
-                found[done.job.name] = done
-                how = "reused" if done.reused else f"{done.seconds:.1f} s"
-                progress.stage(f"{len(found)}/{len(wanted)}", f"{done.job.name}: {done.outcome} ({how})")
-        except BaseException:
-            runner.stop()
-            raise
+            for done in pool.run(tasks, list(tasks)):
+                result = done.value or not_done(jobs[done.name], out / folder_name(jobs[done.name]), done.error)
+                found[done.name] = result
+                how = "reused" if result.reused else f"{result.seconds:.1f} s"
+                progress.stage(f"{len(found)}/{len(wanted)}", f"{done.name}: {result.outcome} ({how})")
+                told(result)
+        finally:
+            for name in jobs.keys() - found.keys():
+                sweep(out / folder_name(jobs[name]))
     return BatchResult(tuple(found[job.name] for job in wanted))
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def chosen(jobs: tuple[Job, ...], only: tuple[str, ...]) -> tuple[Job, ...]:
@@ -244,81 +275,114 @@ def refuse_unknown_options(jobs: tuple[Job, ...], known: Sequence[str]) -> None:
                 raise WrongUsage(what, fix=f"one of {', '.join(known)}")
 
 
-class Runner:
-    """Runs jobs; ``stop`` ends the commands that are under way.
+@dataclass(frozen=True)
+class Place:
+    """What the commands of a job depend on besides their words.
 
-    Args:
-        out: folder that holds the jobs' folders.
-        seed: passed on to every command.
-        force: run also what was done before.
-        threads: threads of linear algebra a command may use.
+    Attributes:
+        folder: the working folder.
+        settings: the variables of the environment that dynid reads.
+        limits: words that raise limits.
+        version: of dynid.
     """
 
-    def __init__(self, out: Path, *, seed: int = 0, force: bool = False, threads: int = 1) -> None:
-        self.out, self.seed, self.force, self.threads = out, seed, force, threads
-        # Why: raised limits belong to the thread that raised them, and jobs run in others.
-        self._limits = limits.words()
-        self._running: set[subprocess.Popen[str]] = set()
-        self._lock = Lock()
-        self._stopped = False
+    folder: Path
+    settings: tuple[tuple[str, str], ...]
+    limits: tuple[str, ...]
+    version: str
 
-    def stop(self) -> None:
-        """End all commands under way and start no more."""
-        with self._lock:
-            self._stopped = True
-            for process in self._running:
-                process.terminate()
+    @staticmethod
+    def here() -> Place:
+        """Return where this process is."""
+        settings = {key: value for key, value in os.environ.items() if key.startswith("DYNID_")}
+        return Place(Path.cwd(), tuple(sorted(settings.items())), tuple(limits.words()), __version__)
 
-    def run(self, job: Job) -> JobResult:
-        """Run a job, or return what it gave before when its inputs are the same."""
-        folder = self.out / folder_name(job)
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """Put the commands of a block there; nothing where this process is there already.
+
+        Raises:
+            WorkerDiffers: this worker has another dynid, or no such folder.
+        """
+        if self.version != __version__:
+            raise WorkerDiffers(f"a worker has dynid {__version__}, and this is {self.version}")
+        if not self.folder.is_dir():
+            raise WorkerDiffers(f"a worker on {platform.node()} sees no folder {self.folder}")
+        before, variables = Path.cwd(), dict(os.environ)
         try:
-            key = job_key(job, self.seed)
-        except (DynidError, OSError) as error:
-            return JobResult(job, folder, int(getattr(error, "status", ExitStatus.INPUT)), message=str(error))
-        before = None if self.force else _record(job, folder, key)
-        if before is not None:
-            return before
-        start = time.perf_counter()
-        worst, first, answers = 0, "", dict[str, list[dict[str, Any]]]()
-        for name, words in commands(job, folder):
-            status, answer, message = self._command([name, *words], folder)
-            worst, first = max(worst, status), first or message
-            if answer is not None:
-                answers.setdefault(name, []).append(answer)
-            if status > ExitStatus.LIMIT_NOT_MET:
-                break
-        done = JobResult(job, folder, worst, time.perf_counter() - start, answers, first)
-        if not done.failed:
-            _write_record(done, key)
-        return done
+            os.environ.update(self.settings)
+            if before != self.folder:
+                os.chdir(self.folder)
+            yield
+        finally:
+            for key, _ in self.settings:
+                if key not in variables:
+                    del os.environ[key]
+            os.environ.update(variables)
+            if before != self.folder:
+                os.chdir(before)
 
-    def _command(self, words: list[str], folder: Path) -> tuple[int, dict[str, Any] | None, str]:
-        """Run one command and return its exit status, its JSON answer and the line that says what is wrong."""
-        folder.mkdir(parents=True, exist_ok=True)
-        name, *rest = words
-        common = ["--json", "--no-input", "--force", "--seed", str(self.seed), *self._limits]
-        own = children.command("dynid", name, *common, *rest)
-        threads = {f"{name}_NUM_THREADS": str(self.threads) for name in ("OMP", "OPENBLAS", "MKL")}
-        with self._lock:
-            if self._stopped:
-                return int(ExitStatus.INTERRUPTED), None, "interrupted"
-            process = subprocess.Popen(
-                own,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                env=children.environment() | threads,
-            )
-            self._running.add(process)
-        answer, said = process.communicate()
-        with self._lock:
-            self._running.discard(process)
-        with (folder / "run.log").open("a", encoding="utf-8") as log:
-            log.write(f"$ {shell('dynid', *words)}\n{said}")
-        found = json.loads(answer) if answer.strip() else None
-        return process.returncode, found, _complaint(said) if process.returncode else ""
+
+#: Streams, working folder and command line belong to a whole process: its threads do one job at a time.
+_ONE_AT_A_TIME = Lock()
+
+
+def do_job(job: Job, folder: Path, seed: int, force: bool, place: Place) -> JobResult:
+    """Run the commands of a job, or return what it gave before when its inputs are the same."""
+    with _ONE_AT_A_TIME:
+        try:
+            with place.entered():
+                return _do(job, folder, seed, force, place.limits)
+        except (DynidError, OSError) as error:
+            return not_done(job, folder, error)
+
+
+def not_done(job: Job, folder: Path, error: BaseException | None) -> JobResult:
+    """Return the result of a job that a mistake has ended before its commands could say so."""
+    if isinstance(error, DynidError):
+        return JobResult(job, folder, int(error.status), message=f"error[{error.code}] {error.what}")
+    if isinstance(error, OSError):
+        return JobResult(job, folder, int(ExitStatus.INPUT), message=str(error))
+    return JobResult(job, folder, int(ExitStatus.INTERNAL), message=f"{type(error).__name__}: {error}")
+
+
+def _do(job: Job, folder: Path, seed: int, force: bool, raised: Sequence[str]) -> JobResult:
+    key = job_key(job, seed)
+    before = None if force else _record(job, folder, key)
+    if before is not None:
+        return before
+    start = time.perf_counter()
+    worst, first, answers, said = 0, "", dict[str, list[dict[str, Any]]](), ""
+    for name, words in commands(job, folder):
+        status, answer, text = call([name, "--json", "--no-input", "--force", "--seed", str(seed), *raised, *words])
+        said += f"$ {shell('dynid', name, *words)}\n{text}"
+        worst, first = max(worst, status), first or (_complaint(text) if status else "")
+        if answer is not None:
+            answers.setdefault(name, []).append(answer)
+        if status > ExitStatus.LIMIT_NOT_MET:
+            break
+    write_text(folder / "run.log", said)
+    done = JobResult(job, folder, worst, time.perf_counter() - start, answers, first)
+    if not done.failed:
+        _write_record(done, key)
+    return done
+
+
+def call(words: Sequence[str]) -> tuple[int, dict[str, Any] | None, str]:
+    """Run a command of dynid in this process; return its exit status, its JSON answer and what it said besides."""
+    # Why by its name: a job is what it would be on a command line, and nothing below the commands knows them.
+    program = import_module("dynid.cli.main")
+    answer, said, before = StringIO(), StringIO(), sys.argv
+    sys.argv = ["dynid", *words]
+    try:
+        with redirect_stdout(answer), redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            status = int(program.run(words))
+    finally:
+        sys.argv = before
+    if status == ExitStatus.INTERRUPTED:
+        raise KeyboardInterrupt
+    return status, json.loads(answer.getvalue()) if answer.getvalue().strip() else None, said.getvalue()
 
 
 def _complaint(said: str) -> str:
@@ -384,7 +448,5 @@ def _record(job: Job, folder: Path, key: str) -> JobResult | None:
 
 
 def _write_record(done: JobResult, key: str) -> None:
-    from dynid.files.artifact import write_text
-
     facts = {"key": key, "status": done.status, "message": done.message, "answers": done.answers}
     write_text(done.folder / RECORD, json.dumps(facts, indent=1))
