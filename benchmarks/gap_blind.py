@@ -20,7 +20,7 @@ import hidden_effects as hidden
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
-from dynid.gap.analysis import analyse_gap, on_one_clock, simulation_errors
+from dynid.gap.analysis import analyse_gap, on_one_clock, replays
 from dynid.gap.problem import kept_model, make_problem
 from dynid.gap.refit import held_out_improvement, refit
 from dynid.gap.search import EffectSearch
@@ -183,8 +183,8 @@ def search_nothing(problem):
 
 def simulated(seen):
     """Return the position error of the replay in PyBullet before and after, at the joint of the gap [rad]."""
-    errors = simulation_errors(seen.problem, seen.search, seen.effects, refit(seen.search)[1])
-    return None if errors is None else [rms.tolist() for rms in errors]
+    both = replays(seen.problem, seen.search, seen.effects, refit(seen.search)[1])
+    return None if both is None else [one.rms.tolist() for one in both]
 
 
 def outcome(row):

@@ -166,7 +166,9 @@ def show(common: Common, gap: Gap) -> None:
 def effect_row(one: GapEffect) -> list[str]:
     """Return one line of the table of candidates."""
     before, after = one.rms_before, one.rms_after
-    change = f"{before:.3g} -> {after:.3g} {one.unit}  {100 * (after / before - 1):+.0f} %" if before else "-"
+    change = f"{before:.3g} {one.unit}"
+    if before and after is not None:
+        change = f"{before:.3g} -> {after:.3g} {one.unit}  {100 * (after / before - 1):+.0f} %"
     chance = "<0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %"
     return [one.effect, one.where, change, chance, one.why_not or "named"]
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dynid.errors import PackageMissing
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
-from dynid.gap.refit import HeldOutImprovement, held_out_improvement, refit, with_columns
+from dynid.gap.refit import GROWN, HeldOutImprovement, held_out_improvement, ratio_interval, refit, with_columns
 from dynid.gap.search import EffectSearch, search_effects, without
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.stepwise_selection import SelectionOptions
@@ -19,11 +21,15 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
+from dynid.sim.replay import Replay
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
 CUTOFF = 10.0
 #: Visible share below which these logs cannot show an effect, so that its absence means nothing.
 HIDDEN = 0.01
+#: A joint's simulated motion is worse when its error is surely larger and so many times as large: half a second of
+#: integration turns a percent of torque into tens of percent of position.
+REPLAY_GROWN = 1.5
 
 
 @dataclass(frozen=True)
@@ -33,11 +39,11 @@ class GapAnalysis:
     Attributes:
         logs: the conditioned logs, on one clock.
         problem: what was searched, before anything was found.
-        search: the search.
-        effects: selected effects with numbers, named or not.
+        search: the search, with what is named alone.
+        effects: what is named, with numbers.
         joints: the disagreement of each joint before.
-        improvement: the held-out torque gap before and after.
-        simulation: position error of the forward simulation before and after, (n,) each [rad or m]; None where it
+        improvement: the held-out torque gap before and after what is named.
+        simulation: position error of the forward simulation before and after it, (n,) each [rad or m]; None where it
             cannot be run.
         verdict: the verdict.
         invisible: effects and joints that these logs cannot show.
@@ -79,46 +85,129 @@ def analyse_gap(
     earlier = on_one_clock(earlier) if earlier else ()
     problem = make_problem(logs, base, kept, earlier)
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
-    search, effects, withdrawn, improvement, regression = proved(problem, search)
-    verdict = judge(search, effects, improvement, base.robot.joint_names, withdrawn)
+    found = proved(problem, search, simulate=simulate)
+    verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
-    simulation = simulation_errors(problem, search, effects, regression) if simulate else None
+    simulation = None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
     return GapAnalysis(
-        logs, problem, search, tuple(effects), tuple(joints), improvement, simulation, verdict, invisible
+        logs,
+        problem,
+        found.search,
+        tuple(found.effects),
+        tuple(joints),
+        found.improvement,
+        simulation,
+        verdict,
+        invisible,
     )
 
 
-def proved(
-    problem: GapProblem, search: EffectSearch
-) -> tuple[EffectSearch, list[SelectedEffect], list[SelectedEffect], HeldOutImprovement, WhitenedRegression]:
-    """Fit what was found and prove it on held-out rows, without what does not shrink the gap there.
+@dataclass(frozen=True)
+class Proof:
+    """What is left of a search when everything that is refused has gone.
 
-    What fails is withdrawn and the rest proved again: a wrong effect spoils the prediction that others are judged by.
-
-    Returns:
-        Search, effects with numbers and withdrawn ones, the held-out gap, and the refitted regression.
+    Attributes:
+        search: the search with what passed alone.
+        effects: what passed, with numbers.
+        refused: what did not, with the reason.
+        improvement: the held-out gap before and after, with what passed alone.
+        regression: refitted with it.
+        simulation: the replay before and after; None where it was not asked for or cannot be run.
     """
-    withdrawn: list[SelectedEffect] = []
+
+    search: EffectSearch
+    effects: list[SelectedEffect]
+    refused: list[tuple[SelectedEffect, str]]
+    improvement: HeldOutImprovement
+    regression: WhitenedRegression
+    simulation: tuple[Replay, Replay] | None
+
+
+def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False) -> Proof:
+    """Fit what was found and prove it on held-out rows, alone: whatever is shown is what passed.
+
+    What fails there is withdrawn first and the rest proved again, because a wrong effect spoils the prediction that
+    others are judged by; then all others that are refused go, and what is left has to pass without them. Last, nothing
+    may make any joint worse, neither its held-out torque nor its replay.
+
+    Args:
+        problem: what was searched, before anything was found.
+        search: the search.
+        simulate: whether the forward simulation is asked too.
+    """
+    refused: list[tuple[SelectedEffect, str]] = []
     while True:
         effects, regression = refit(search)
         improvement = held_out_improvement(problem, search, effects)
-        failing = [one for one in effects if refusal(search, effects, one, improvement) == NOT_SMALLER]
-        if not failing or len(effects) == 1:
-            return search, effects, withdrawn, improvement, regression
-        worst = min(failing, key=lambda one: one.score)
-        withdrawn.append(worst)
-        search = without(search, worst)
+        said = [(one, refusal(search, effects, one, improvement)) for one in effects]
+        failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
+        if failing:
+            failing = [min(failing, key=lambda pair: pair[0].score)]
+        failing = failing or [(one, why) for one, why in said if why] or spoiling(problem, search, effects, improvement)
+        simulation = None
+        if not failing and simulate:
+            simulation = replays(problem, search, effects, regression)
+            failing = spoiling_replay(search, effects, simulation)
+        if not failing:
+            return Proof(search, effects, refused, improvement, regression, simulation)
+        refused += failing
+        for one, _ in failing:
+            search = without(problem, search, one)
 
 
-def simulation_errors(
+def spoiling(
+    problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], improvement: HeldOutImprovement
+) -> list[tuple[SelectedEffect, str]]:
+    """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
+    worse = improvement.worse()
+    if not worse or not effects:
+        return []
+
+    def spoiled(one: SelectedEffect) -> float:
+        rest = [other for other in effects if other is not one]
+        found = held_out_improvement(problem, without(problem, search, one), rest)
+        return float(np.max((found.after / np.maximum(found.before, 1e-12))[worse]))
+
+    culprit = min(effects, key=lambda one: (spoiled(one), one.score))
+    j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
+    joint = problem.base.robot.joints[j]
+    change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
+    limit = f"no joint may grow by {100 * (GROWN - 1):.0f} %"
+    return [(culprit, f"it makes {joint.name} worse on unseen data ({change}; {limit})")]
+
+
+def spoiling_replay(
+    search: EffectSearch, effects: Sequence[SelectedEffect], simulation: tuple[Replay, Replay] | None
+) -> list[tuple[SelectedEffect, str]]:
+    """Return the weakest effect on a joint whose simulated motion has become worse beyond noise, with the reason."""
+    if simulation is None or not effects:
+        return []
+    before, after = simulation
+    powers = np.array([x.windows**2 for x in simulation])
+    worse = []
+    for j in np.flatnonzero(after.rms > REPLAY_GROWN * before.rms).tolist():
+        if ratio_interval(powers[0, :, j], powers[1, :, j], j)[0] > 1:
+            worse.append(j)
+    if not worse:
+        return []
+    j = max(worse, key=lambda j: after.rms[j] / before.rms[j])
+    joint, n = search.problem.base.robot.joints[j], len(before.rms)
+    there = [one for one in effects if j in one.effect.rows(one.joints, n)]
+    unit, scale = ("mrad", 1e3) if joint.revolute else ("mm", 1e3)
+    change = f"{scale * before.rms[j]:.3g} -> {scale * after.rms[j]:.3g} {unit}"
+    why = f"it makes the simulated motion of {joint.name} worse ({change}; {REPLAY_GROWN:g} times is allowed)"
+    return [(min(there or effects, key=lambda one: one.score), why)]
+
+
+def replays(
     problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], regression: WhitenedRegression
-) -> tuple[Floats, Floats] | None:
-    """Return the position error of the simulated held-out motion before and after, (n,) each; None if it cannot be run.
+) -> tuple[Replay, Replay] | None:
+    """Return the replay of the held-out motion before and after; None where it cannot be run.
 
     Args:
         problem: what was searched, before anything was found.
@@ -131,7 +220,7 @@ def simulation_errors(
         after = simulate_held_out(search.problem, regression, with_columns(effects)) if effects else before
     except PackageMissing:
         return None
-    return None if before is None or after is None else (before.rms, after.rms)
+    return None if before is None or after is None else (before, after)
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:

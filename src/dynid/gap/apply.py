@@ -1,4 +1,4 @@
-"""Add what was named: a copy of the robot file with the effects, and the arm identified again on the training rows."""
+"""Add what was named: a copy of the robot file with the effects, and the logs stacked for a model that has them."""
 
 from __future__ import annotations
 
@@ -9,24 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.estimation.effect_columns import scaled, settled
-from dynid.estimation.estimate import HoldOut, estimate
-from dynid.estimation.least_squares import weighted
-from dynid.estimation.result import Identification
-from dynid.estimation.stack import stack_base
+from dynid.estimation.effect_columns import settled
+from dynid.estimation.stack import Stack, stack_base
 from dynid.files.artifact import write_text
 from dynid.files.robotfile import robot_text
-from dynid.gap.problem import GapProblem
 from dynid.gap.record import GapEffect
-from dynid.gap.segments import Mask
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
-from dynid.signals.conditioning import Segment
 from dynid.signals.delay import segment_without_delay
 
 
@@ -52,54 +47,29 @@ def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec
             one.name,
             tuple(robot.joint_names[j] for j in one.joints or range(robot.n)),
             {name: float(f"{value:.6g}") for name, value in one.values.items()},
-            {name: float(f"{value:.2g}") for name, value in one.std_errors.items()},
+            {name: float(f"{value:.2g}") for name, value in one.std_errors.items() if np.isfinite(value)},
         )
         for one in effects
     ]
 
 
-def identify_again(
-    logs: Sequence[ConditionedLog], problem: GapProblem, base: BaseModel, specs: Sequence[EffectSpec]
-) -> Identification:
-    """Identify the arm with effects on the training rows alone; the held-out rows judge it.
+def stacked_with(
+    logs: Sequence[ConditionedLog], base: BaseModel, specs: Sequence[EffectSpec], theta: Floats
+) -> tuple[BaseModel, Stack]:
+    """Return the model with effects, and the logs stacked for it.
 
     Args:
         logs: conditioned logs, as read without the effects.
-        problem: which rows are held out.
         base: model without the effects.
         specs: the effects.
+        theta: base parameters without the effects, which effects scale with first, (p,).
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
     late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
-    first = model_torques(base.model, base.reduction, problem.theta)
-    made = settled(only([with_effects(s, added.model, first) for s in late], problem, problem.train), added)
-    train = stack_base(made, added)
-    held = stack_base(scaled(only(late, problem, problem.held), added, weighted(*train.whole).theta), added)
-    holdout = HoldOut(train, held.select(held.counts.sum(axis=1) > 0), problem.held_text)
-    return estimate(train, added, method="wls", holdout=holdout, drop_weak=True)
-
-
-def only(logs: Sequence[ConditionedLog], problem: GapProblem, chosen: Sequence[Mask]) -> list[ConditionedLog]:
-    """Return logs of which only the chosen rows count, one mask per segment."""
-    spans = {
-        (s.number, float(s.motion.t[0])): (s.t[rows][0], s.t[rows][-1])
-        for s, rows in zip(problem.segments, chosen, strict=True)
-        if rows.any()
-    }
-    return [
-        replace(log, segments=[_within(x, spans.get((k, float(x.elapsed[0])))) for x in log.segments])
-        for k, log in enumerate(logs)
-    ]
-
-
-def _within(segment: Segment, span: tuple[float, float] | None) -> Segment:
-    inside = (
-        np.zeros(len(segment), dtype=bool)
-        if span is None
-        else (segment.elapsed >= span[0]) & (segment.elapsed <= span[1])
-    )
-    return replace(segment, usable=segment.usable & inside[:, None])
+    first = model_torques(base.model, base.reduction, theta)
+    made = settled([with_effects(s, added.model, first) for s in late], added)
+    return added, stack_base(made, added)
 
 
 def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:

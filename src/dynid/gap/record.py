@@ -36,8 +36,8 @@ class GapEffect:
         units: their units.
         p_value: chance of such amplitudes when there is no effect.
         joint: name of the joint that shows it most.
-        rms_before: held-out rms of that joint without the selected effects [N m or N].
-        rms_after: and with them [N m or N].
+        rms_before: held-out rms of that joint without any effect [N m or N].
+        rms_after: and with all that is named [N m or N]; None for what is not named.
         unit: unit of these torques.
         why_not: why it is not named; "" when it is.
         rivals: other effects and joints that explain as much, in words.
@@ -53,7 +53,7 @@ class GapEffect:
     p_value: float
     joint: str
     rms_before: float
-    rms_after: float
+    rms_after: float | None
     unit: str
     why_not: str = ""
     rivals: tuple[str, ...] = ()
@@ -64,7 +64,11 @@ class GapEffect:
             "effect": self.effect,
             "joints": list(self.joints),
             "parameters": {
-                name: {"value": value, "unit": self.units.get(name, ""), "std_error": self.std_errors.get(name)}
+                name: {
+                    "value": value,
+                    "unit": self.units.get(name, ""),
+                    "std_error": None if self.open(name) else self.std_errors.get(name),
+                }
                 for name, value in self.values.items()
             },
             "p_value": self.p_value,
@@ -73,10 +77,17 @@ class GapEffect:
             **({"why_not": self.why_not} if self.why_not else {}),
         }
 
+    def open(self, name: str) -> bool:
+        """Return whether a shape parameter is held because the logs do not determine it."""
+        return self.std_errors.get(name, 0.0) == float("inf")
+
     def texts(self) -> list[str]:
         """Return each parameter with its standard error and unit, in words."""
         found = []
         for name, value in self.values.items():
+            if self.open(name):
+                found.append(f"{name} not determined, held at {value:.4g} {self.units.get(name, '')}".strip())
+                continue
             error = f" +- {self.std_errors[name]:.2g}" if name in self.std_errors else ""
             found.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
         return found
@@ -97,9 +108,9 @@ class GapRecord:
         joint_names: names of the joints, n of them.
         torque_units: their units of torque.
         joints: the disagreement of each joint before.
-        improvement: the held-out error of each joint before and after.
-        simulation: position error of the simulated held-out motion before and after, (2, n) [rad or m]; (0, n) where it
-            cannot be simulated.
+        improvement: the held-out error of each joint before and after all that is named.
+        simulation: position error of the simulated held-out motion before and after it, (2, n) [rad or m]; (0, n)
+            where it cannot be simulated.
         heldout: what was held out, in words.
         noise_from: where the noise floor comes from, in words.
         noise_note: what else the noise floor allows for, in words.
@@ -145,7 +156,7 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
 
     verdict, names = analysis.verdict, robot.joint_names
     simulation = np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
-    closest = [replace(_effect(one, analysis, robot), why_not=why) for one, why in verdict.closest]
+    closest = [replace(_effect(one, analysis, robot), why_not=why, rms_after=None) for one, why in verdict.closest]
     return GapRecord(
         robot=robot.name,
         mode=mode,

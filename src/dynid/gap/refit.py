@@ -12,19 +12,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.physical_constraints import pseudo_inertia
 from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
-from dynid.gap.selected_effects import SelectedEffect, effect_torque, stepped, with_selected
+from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
+from dynid.model.parameters import BODY_PARAMETERS
 
-#: Rounds of refining all shapes together, each with a smaller step.
-STEPS = (0.5, 0.25, 0.12, 0.06)
-#: Relative step of a shape parameter for its error.
+#: Relative step of a shape parameter for its slope.
 STEP = 1e-3
+#: Steps towards the best shapes, gain of the last one, and damping: the first, and the one at which none helps.
+SHAPE_STEPS, SHAPE_SETTLED, DAMPING, DAMPING_END = 40, 1e-3, 1e-4, 1e4
+#: Standard errors from its null that an amplitude or shape has to be to count as determined. Two would let one in
+#: twenty pass, and there are several shapes and joints.
+SURE_Z = 3.0
+#: A joint is worse when the lower end of the interval of its error over the one before is above 1 and it has grown by
+#: this factor: the interval alone would reject true names, there are many joints.
+GROWN = 1.02
+#: A simple value as large as this stands for infinity.
+FAR = 1e5
+#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest: it is hardly ever
+#: known as well.
+BODY = 0.1
 #: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
 DRAWS = 400
 
@@ -45,6 +58,11 @@ class HeldOutImprovement:
     ratio: Floats
     floor: Floats
 
+    def worse(self) -> list[int]:
+        """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
+        grown = self.after > GROWN * self.before
+        return np.flatnonzero(grown & (self.ratio[:, 0] > 1.0)).tolist()
+
 
 def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Return the effects that have columns: all but a delay, which is taken out of the logs."""
@@ -52,16 +70,23 @@ def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
 
 
 def refit(search: EffectSearch) -> tuple[list[SelectedEffect], WhitenedRegression]:
-    """Fit selected effects and the model together, without nuisance columns."""
+    """Fit selected effects and the model together, without nuisance columns.
+
+    A shape parameter that the rows do not determine is held at its simple value, where that is as likely.
+    """
     problem, selected = search.problem, list(search.selected)
     regression = problem.regression(nuisance=False)
     for _ in range(2):
         theta = regression.fit.theta[: problem.base.reduction.rank]
         regression = with_selected(problem.regression(theta, nuisance=False), selected)
-    for share in STEPS if any(one.effect.steps for one in selected) else ():
-        selected = _refined(regression, selected, share)
-    regression = with_selected(regression, selected)
-    found = [_with_numbers(regression, selected, k) for k in range(len(selected))]
+    while True:
+        selected = with_best_shapes(regression.with_effects([]), selected)
+        regression = with_selected(regression, selected)
+        found = [_with_numbers(regression, selected, k) for k in range(len(selected))]
+        simpler = [_held(one) for one in found]
+        if not any(simpler):
+            break
+        selected = [new or old for new, old in zip(simpler, selected, strict=True)]
     if search.delay_test is not None:
         found.append(_delay(search.delay, search.delay_test))
     return found, regression
@@ -73,19 +98,143 @@ def _delay(seconds: float, test: SignificanceTest) -> SelectedEffect:
     return SelectedEffect(CATALOGUE[name], (), {}, test, size, (), {"delay": seconds}, {"delay": error})
 
 
-def _refined(regression: WhitenedRegression, selected: list[SelectedEffect], share: float) -> list[SelectedEffect]:
-    """Return the effects with each shape parameter a step further where that leaves less."""
-    least = with_selected(regression, selected).squares
-    for k, one in enumerate(selected):
-        for name, (kind, size) in one.effect.steps.items():
-            for sign in (-1.0, 1.0):
-                shape = selected[k].shape
-                moved = replace(one, shape=shape | {name: stepped(shape[name], kind, size, sign * share)})
-                tried = [*selected[:k], moved, *selected[k + 1 :]]
-                squares = with_selected(regression, tried).squares
-                if squares < least:
-                    least, selected = squares, tried
-    return selected
+def _held(one: SelectedEffect) -> SelectedEffect | None:
+    """Return an effect with a shape parameter held that the rows do not determine; None where there is none.
+
+    Of a load that no body can have, mass and centre of mass alone are kept.
+    """
+    if not possible(one):
+        return replace(one, shape=one.shape | {"form": 4.0})
+    for name in one.free_shape:
+        simple, error = one.effect.simple.get(name), one.std_errors[name]
+        if simple is not None and one.shape_z(name) < SURE_Z:
+            near = error if one.effect.steps[name][0] == "plus" or simple < FAR else np.inf
+            if abs(one.values[name] - simple) < SURE_Z * near:
+                errors = one.std_errors | {name: float("inf")}
+                return replace(one, shape=one.shape | {name: simple}, std_errors=errors)
+    return None
+
+
+def possible(one: SelectedEffect) -> bool:
+    """Return whether there can be such a body, put on or taken off; True for what is no body."""
+    if one.name != "payload":
+        return True
+    parameters = [one.values.get(name, 0.0) for name in BODY_PARAMETERS]
+    if one.values["form"] < len(parameters):
+        return True
+    sign = np.sign(parameters[0])
+    P = sign * pseudo_inertia(np.array(parameters))
+    spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]) if P[3, 3] > 0 else np.array([-1.0])
+    return bool(spread[0] >= -BODY * spread[-1])
+
+
+# ---------------------------------------------------------------- shapes
+def with_best_shapes(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Return effects with the shapes, all fitted together, that leave least: Levenberg and Marquardt's steps.
+
+    Args:
+        regression: rows and baseline, without effects.
+        selected: effects with the shapes to begin with.
+    """
+    here = list(selected)
+    if not any(one.free_shape for one in here):
+        return here
+    damping, fit = DAMPING, _shape_fit(regression, here)
+    for _ in range(SHAPE_STEPS):
+        moved = _moved(here, fit.step(damping))
+        after = _shape_fit(regression, moved)
+        gained = after.gain - fit.gain
+        if gained <= 0:
+            damping *= 8.0
+            if damping > DAMPING_END:
+                break
+            continue
+        here, fit, damping = moved, after, max(damping / 8.0, DAMPING)
+        if gained < SHAPE_SETTLED:
+            break
+    return here
+
+
+@dataclass(frozen=True)
+class _ShapeFit:
+    """Effects linearised in their shapes: normal equations of K amplitudes and S shape parameters.
+
+    Attributes:
+        gain: drop of the whitened sum of squares by the effects.
+        gram: of the columns beside the baseline, (K + S, K + S).
+        right: products with the residual of the baseline, (K + S,).
+        beta: best amplitudes, (K,).
+    """
+
+    gain: float
+    gram: Floats
+    right: Floats
+    beta: Floats
+
+    def step(self, damping: float) -> Floats:
+        """Return the step of all shape parameters, (S,), in logarithms or in the unit of each."""
+        k, size = len(self.beta), np.sqrt(np.maximum(np.diag(self.gram), 1e-300))
+        rest = self.right - self.gram[:, :k] @ self.beta
+        G = self.gram / np.outer(size, size)
+        G[k:, k:] += damping * np.eye(len(size) - k)
+        return np.asarray(np.linalg.lstsq(G, rest / size, rcond=1e-12)[0] / size)[k:]
+
+
+def _shape_fit(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> _ShapeFit:
+    """Fit amplitudes beside the baseline, and linearise in the shapes."""
+    blocks: list[dict[int, Floats]] = []
+    for one in selected:
+        shapes = [one.shape, *(_stepped_shape(one, name, STEP) for name in one.free_shape)]
+        tried = whitened_columns(regression, one.effect, one.joints, shapes)
+        blocks.append(tried)
+    columns = [{j: C[0] for j, C in tried.items()} for tried in blocks]
+    gram, right = _beside(regression, columns)
+    beta: Floats = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
+    at, slopes = 0, []
+    for one, tried in zip(selected, blocks, strict=True):
+        count = len(next(iter(tried.values()))[0])
+        own = beta[at : at + count]
+        at += count
+        slopes += [
+            {j: (own @ (C[1 + s] - C[0]) / STEP)[None] for j, C in tried.items()} for s in range(len(one.free_shape))
+        ]
+    wide, product = _beside(regression, [*columns, *slopes])
+    return _ShapeFit(float(right @ beta), wide, product, beta)
+
+
+def _beside(regression: WhitenedRegression, columns: Sequence[EffectColumns]) -> tuple[Floats, Floats]:
+    """Return Gram matrix and products with the residual of columns beside the baseline, (K, K) and (K,)."""
+    counts = [len(next(iter(one.values()))) for one in columns]
+    edges = np.cumsum([0, *counts])
+    fit, total = regression.fit, int(edges[-1])
+    gram, right, P = np.zeros((total, total)), np.zeros(total), np.zeros((total, fit.Q[0].shape[1]))
+    for j in sorted({joint for one in columns for joint in one}):
+        here = [k for k, one in enumerate(columns) if j in one]
+        rows = np.concatenate([np.arange(edges[k], edges[k + 1]) for k in here])
+        C = np.concatenate([columns[k][j] for k in here])
+        gram[np.ix_(rows, rows)] += C @ C.T
+        right[rows] += C @ fit.e[j]
+        P[rows] += C @ fit.Q[j]
+    return gram - P @ P.T, right
+
+
+def _stepped_shape(one: SelectedEffect, name: str, step: float) -> dict[str, float]:
+    """Return the shape with one parameter moved, in its logarithm where it is refined by factors."""
+    value = one.shape[name]
+    return one.shape | {name: value * np.exp(step) if one.effect.steps[name][0] == "times" else value + step}
+
+
+def _moved(selected: Sequence[SelectedEffect], step: Floats) -> list[SelectedEffect]:
+    """Return effects with their shape parameters moved, none further than two first steps of the search."""
+    found, at = [], 0
+    for one in selected:
+        for name in one.free_shape:
+            kind, size = one.effect.steps[name]
+            most = 2 * (np.log(size) if kind == "times" else size)
+            one = replace(one, shape=_stepped_shape(one, name, float(np.clip(step[at], -most, most))))
+            at += 1
+        found.append(one)
+    return found
 
 
 def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> SelectedEffect:
@@ -97,19 +246,38 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
     start = sum(len(other.effect.amplitudes(other.shape)) for other in selected[:k])
     beta = regression.amplitudes[start : start + len(units)]
     columns = dict(base)
-    for name in one.effect.steps:
+    for name in one.free_shape:
         step = STEP * max(abs(one.shape[name]), 1e-3)
         shape = one.shape | {name: one.shape[name] + step}
         near = whitened_columns(regression, one.effect, one.joints, [shape])
         for j in base:
             columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
-    sizes = np.sqrt(np.maximum(np.diag(significance_test(others, columns).covariance), 0.0))
+    covariance = significance_test(others, columns).covariance
+    sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return replace(
         one,
         test=replace(significance_test(others, base), amplitudes=beta),
         values=dict(zip(units, beta.tolist(), strict=True)) | dict(one.shape),
-        std_errors=dict(zip([*units, *one.effect.steps], sizes.tolist(), strict=True)),
+        std_errors={name: float("inf") for name in one.effect.steps}
+        | dict(zip([*units, *one.free_shape], sizes.tolist(), strict=True)),
+        z=_distance(beta, covariance[: len(beta), : len(beta)]),
     )
+
+
+def _distance(beta: Floats, covariance: Floats) -> float:
+    """Return how unlikely it is that amplitudes are zero, as the standard errors of a single one that is as unlikely.
+
+    Args:
+        beta: amplitudes, (k,).
+        covariance: of them, (k, k).
+    """
+    from scipy import special
+
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    whole = covariance / np.outer(size, size)
+    square = float(beta / size @ np.linalg.lstsq(whole, beta / size, rcond=1e-12)[0])
+    chance = float(special.chdtrc(len(beta), max(square, 0.0)))
+    return float(-special.ndtri(chance / 2)) if chance > 1e-300 else float(np.sqrt(square))
 
 
 def held_out_improvement(
@@ -156,8 +324,13 @@ def _ratio(before: tuple[Floats, NDArray[np.int64]], after: tuple[Floats, NDArra
     names, block = np.unique(before[1], return_inverse=True)
     if len(names) < 3 or len(before[0]) != len(after[0]):
         return np.array([0.0, np.inf])
-    sums = np.array([np.bincount(block, x[0] ** 2, len(names)) for x in (before, after)])
-    counts = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1 / len(names)), DRAWS)
-    b, a = counts @ sums[0], counts @ sums[1]
-    interval: Floats = np.quantile(np.sqrt(a / np.maximum(b, 1e-30)), [0.025, 0.975])
+    sums = [np.bincount(block, x[0] ** 2, len(names)).astype(np.float64) for x in (before, after)]
+    return ratio_interval(sums[0], sums[1], seed)
+
+
+def ratio_interval(before: Floats, after: Floats, seed: int) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, from sums of squares of B blocks, (B,) each, as (2,)."""
+    counts = np.random.default_rng(seed).multinomial(len(before), np.full(len(before), 1 / len(before)), DRAWS)
+    ratios = np.sqrt(counts @ after / np.maximum(counts @ before, 1e-30))
+    interval: Floats = np.quantile(ratios, [0.025, 0.975])
     return interval

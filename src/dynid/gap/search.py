@@ -121,9 +121,17 @@ def explained_gains(earlier: GapProblem, options: SelectionOptions, rows: int) -
     return found
 
 
-def without(search: EffectSearch, dropped: SelectedEffect) -> EffectSearch:
-    """Return a search without one of its effects."""
+def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) -> EffectSearch:
+    """Return a search without one of its effects.
+
+    Args:
+        first: what was searched, before any delay was taken out.
+        search: the search.
+        dropped: the effect.
+    """
     selected = [one for one in search.selected if one.key != dropped.key]
+    if dropped.name == "torque_delay":
+        search = replace(search, problem=replace(first, noise=search.problem.noise), delay=0.0, delay_test=None)
     after, between = chi_squares(with_selected(search.problem.regression(), selected))
     return replace(search, selected=selected, after=after, between_reversals=between)
 

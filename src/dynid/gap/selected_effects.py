@@ -24,7 +24,8 @@ class SelectedEffect:
         score: its gain less its penalty, the other selected effects in place.
         rivals: other effects and joints that explain as much.
         values: amplitudes and shape parameters by name, once it is refitted.
-        std_errors: their standard errors.
+        std_errors: their standard errors; infinite for shape parameters that the rows do not determine.
+        z: how many standard errors its amplitudes are from zero, all of them together, when the shape is free too.
     """
 
     effect: Effect
@@ -35,6 +36,7 @@ class SelectedEffect:
     rivals: tuple[Key, ...] = ()
     values: dict[str, float] = field(default_factory=dict)
     std_errors: dict[str, float] = field(default_factory=dict)
+    z: float = float("inf")
 
     @property
     def name(self) -> str:
@@ -50,6 +52,18 @@ class SelectedEffect:
     def freedom(self) -> int:
         """Number of parameters that are fitted."""
         return len(self.test.amplitudes) + len(self.effect.steps)
+
+    @property
+    def free_shape(self) -> list[str]:
+        """Shape parameters that are fitted: all but those that the rows do not determine."""
+        return [name for name in self.effect.steps if np.isfinite(self.std_errors.get(name, 0.0))]
+
+    def shape_z(self, name: str) -> float:
+        """Return how many standard errors a shape parameter is from where the effect is part of the model."""
+        error, null = self.std_errors.get(name, 0.0), self.effect.nulls.get(name, 0.0)
+        if self.effect.steps[name][0] == "plus" or not error:
+            return float("inf")
+        return abs(self.values[name] - null) / error
 
     @property
     def units(self) -> dict[str, str]:

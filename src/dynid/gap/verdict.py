@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap.localisation import NEGLIGIBLE
-from dynid.gap.refit import HeldOutImprovement
+from dynid.gap.refit import SURE_Z, HeldOutImprovement, possible
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
@@ -61,23 +61,19 @@ class GapVerdict:
 
 def judge(
     search: EffectSearch,
-    effects: Sequence[SelectedEffect],
-    improvement: HeldOutImprovement,
+    named: Sequence[SelectedEffect],
+    refused: Sequence[tuple[SelectedEffect, str]],
     joints: Sequence[str],
-    withdrawn: Sequence[SelectedEffect] = (),
 ) -> GapVerdict:
     """Judge a finished search.
 
     Args:
-        search: the search.
-        effects: what it found, with numbers.
-        improvement: the held-out gap before and after.
+        search: the search, with what passed alone.
+        named: what passed, with numbers.
+        refused: what did not, with the reason.
         joints: joint names.
-        withdrawn: what it found too, but did not shrink the held-out gap.
     """
-    reasons = [(one, refusal(search, effects, one, improvement)) for one in effects]
-    named = tuple(one for one, why in reasons if not why)
-    closest = (*((one, why) for one, why in reasons if why), *((one, NOT_SMALLER) for one in withdrawn))
+    named, closest = tuple(named), tuple(refused)
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
     remainder = tuple(np.flatnonzero(above).tolist())
@@ -105,16 +101,33 @@ def refusal(
     search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, improvement: HeldOutImprovement
 ) -> str:
     """Return why a selected effect is not called by its name, or nothing."""
-    test = one.test
-    j, size = test.joint, test.visible_rms
     if one.name == "torque_delay":
         rate = search.problem.segments[0].log.filter.rate
         return SMALL_DELAY if abs(search.delay) < SAMPLING / rate else ""
-    if j in unrepeatable(search) and size < 1:
+    if one.test.joint in unrepeatable(search) and one.test.visible_rms < 1:
         return "the disturbance of this joint does not repeat"
-    if test.chow_p_value < SAME:
-        return "it is not the same in all parts of the logs"
-    others = [(other, other.test) for other in effects if other is not one]
+    return (
+        _undetermined(one)
+        or ("it is not the same in all parts of the logs" if one.test.chow_p_value < SAME else "")
+        or _beside_larger(effects, one)
+        or _little_explained(search, effects, one)
+        or _not_smaller(one, improvement)
+    )
+
+
+def _undetermined(one: SelectedEffect) -> str:
+    """Return why size or shape are not known well enough, or nothing."""
+    if one.z < SURE_Z:
+        return f"its size is not determined: {one.z:.1f} standard errors from zero; {SURE_Z:g} are needed"
+    for name in one.free_shape:
+        if one.shape_z(name) < SURE_Z:
+            return _open_shape(one, name)
+    return "" if possible(one) else "no body has these parameters"
+
+
+def _beside_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
+    """Return why it may be part of a larger effect, or nothing."""
+    size, others = one.test.visible_rms, [(other, other.test) for other in effects if other is not one]
     family = [
         larger.visible_rms
         for other, larger in others
@@ -122,15 +135,35 @@ def refusal(
     ]
     if any(size < COMPANION * larger for larger in family):
         return "it is the shape of a larger effect of the same kind"
-    if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == j):
+    if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == one.test.joint):
         return "it is so small that it may be the remainder of a much larger effect"
-    n = len(search.before)
+    return ""
+
+
+def _little_explained(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
+    """Return how much of its joint's gap the effects on it explain, where that is too little, or nothing."""
+    j, n = one.test.joint, len(search.before)
     on_joint = [f for f in effects if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
     left, excess = search.after[j] - 1, search.before[j] - 1
-    share = 1 - left / excess if excess > 0 else 1.0
-    if share < SHARES[min(len(on_joint), len(SHARES)) - 1] and left > NEGLIGIBLE:
-        return f"it explains {100 * max(share, 0):.0f} % of the gap of this joint"
-    return NOT_SMALLER if improvement.ratio[j, 1] >= 1.0 else ""
+    share = max(1 - left / excess, 0.0) if excess > 0 else 1.0
+    needed = SHARES[min(len(on_joint), len(SHARES)) - 1]
+    if share >= needed or left <= NEGLIGIBLE:
+        return ""
+    return f"it explains {np.floor(100 * share):.0f} % of the gap of this joint; {100 * needed:.0f} % are needed"
+
+
+def _not_smaller(one: SelectedEffect, improvement: HeldOutImprovement) -> str:
+    low, high = improvement.ratio[one.test.joint]
+    return f"{NOT_SMALLER} ({100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %)" if high >= 1.0 else ""
+
+
+def _open_shape(one: SelectedEffect, name: str) -> str:
+    """Return why a shape parameter stands in the way of a name."""
+    null = one.effect.nulls.get(name)
+    if null is None:
+        return f"its {name} is not determined: {one.shape_z(name):.1f} standard errors from zero; {SURE_Z:g} are needed"
+    size = f"{name} = {one.values[name]:.2g} +- {one.std_errors[name]:.2g}"
+    return f"{size} is not told from {null:g}, where it is part of the model; {SURE_Z:g} standard errors are needed"
 
 
 def labels(selected: SelectedEffect, joints: Sequence[str]) -> list[str]:

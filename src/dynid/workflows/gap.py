@@ -13,7 +13,7 @@ from dynid.gap.record import GapEffect, GapRecord
 from dynid.log import Log
 from dynid.options import option, share
 from dynid.progress import SILENT, Progress
-from dynid.robot import Robot
+from dynid.robot import EffectSpec, Robot
 from dynid.table import Table
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, load_log
 from dynid.workflows.validate import base_model_of
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
-    from dynid.signals.conditioned_log import ConditionedLog
 
 #: What the verdicts mean.
 VERDICTS = {
@@ -78,9 +77,15 @@ class Gap(GapRecord):
 
     Attributes:
         analysis: the rows and the search; None when it was read from a file.
+        searched: the result that was searched; None when it was read from a file.
+        recordings: the recordings, checked; none when it was read from a file.
+        signals: how they were read.
     """
 
     analysis: GapAnalysis | None = field(default=None, compare=False)
+    searched: Identification | None = field(default=None, compare=False)
+    recordings: tuple[Log, ...] = field(default=(), compare=False)
+    signals: GapOptions = field(default=GapOptions(), compare=False)
 
     @property
     def noise_text(self) -> str:
@@ -105,7 +110,7 @@ class Gap(GapRecord):
         return ": ".join([VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])])
 
     def table(self) -> Table:
-        """Return one row per selected effect: size, held-out rms of its joint before and after [N m or N], p-value."""
+        """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
         rows = [
             {
                 "effect": one.effect,
@@ -252,15 +257,13 @@ class Gap(GapRecord):
         return tuple(found)
 
     def _selected(self) -> list[GapEffect]:
-        """Return all selected effects that were not withdrawn, in the order in which they were fitted."""
-        every = {(one.effect, one.indices): one for one in (*self.named, *self.closest)}
-        order = list(every) if self.analysis is None else [(one.name, one.joints) for one in self.analysis.effects]
-        return [every[key] for key in order]
+        """Return all effects that were found, named or not."""
+        return [*self.named, *self.closest]
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
     ) -> Identification:
-        """Return the arm identified again with effects, on the rows that the search was made on.
+        """Return the arm identified again with effects, from the logs that were searched, as the result before it was.
 
         Args:
             effects: ``"best"`` for those that are named, a name such as ``"spring@7"``, or effects of this search.
@@ -269,36 +272,65 @@ class Gap(GapRecord):
         Raises:
             WrongUsage: the search was read from a file, or there is nothing to add.
         """
-        from dynid.gap.apply import identify_again, specs_of, write_robot
+        from dynid.gap.apply import specs_of, write_robot
 
         analysis = self.analysis
         if analysis is None:
             raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
         wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
-        chosen = [one for one in analysis.effects if (one.name, one.joints) in wanted]
+        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
+        chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
             raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")
         robot = analysis.problem.base.robot
         specs = specs_of(chosen, robot)
         if robot_file is not None:
             write_robot(robot, specs, Path(robot_file))
-        found = identify_again(analysis.logs, analysis.problem, analysis.problem.base, specs)
-        sha256 = tuple(log.sha256 for log in analysis.logs)
+        found = self._identified(specs)
         header = {
-            "robot": found.robot.name,
-            "key": found.robot.model_key,
-            "logs": [log.path for log in analysis.logs],
-            "log_findings": [],
-            "inputs": {f"log {k}": hashed for k, hashed in enumerate(sha256, start=1)},
+            **found.header,
+            "inputs": {f"log {k}": hashed for k, hashed in enumerate(found.log_sha256, start=1)},
             "effects": [asdict(spec) for spec in specs],
             "made_from": self.made_from,
         }
         path = None if robot_file is None else Path(robot_file)
-        return replace(found, robot=replace(found.robot, path=path), log_sha256=sha256, header=header)
+        return replace(found, robot=replace(found.robot, path=path), header=header)
+
+    def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
+        """Return the arm with effects, identified with the filter, the estimator and the set of the result before."""
+        from dynid.gap.analysis import on_one_clock
+        from dynid.gap.apply import stacked_with
+        from dynid.workflows.identify import IdentifyOptions, identify
+        from dynid.workflows.parameters import Observations
+
+        before, analysis = self.searched, self.analysis
+        assert before is not None
+        assert analysis is not None
+        late = self.signals.delay if any(spec.effect == "torque_delay" for spec in specs) else before.delay
+        signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
+        logs = on_one_clock(condition_logs(self.recordings, analysis.problem.base.model, signals))
+        base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta)
+        seen = Observations(
+            base=base,
+            stack=stack,
+            logs=tuple(str(log.source or "") for log in self.recordings),
+            log_sha256=tuple(log.sha256 for log in self.recordings),
+            delay=None,
+            applied_delay=late or 0.0,
+            findings=(),
+        )
+        asked = before.why == "as asked"
+        options = IdentifyOptions(
+            method=before.method if asked else "auto",
+            # Why not where the data contradicted every possible arm: with what was missing they may not any more.
+            feasible=True if before.in_force == "physical" else False if asked or before.choice == "as asked" else None,
+            drop_weak=True,
+        )
+        return identify(base.robot, seen, options)
 
 
-def _with_methods(record: GapRecord, analysis: GapAnalysis | None = None) -> Gap:
-    return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, analysis=analysis)
+def _with_methods(record: GapRecord, **more: Any) -> Gap:  # noqa: ANN401
+    return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, **more)
 
 
 def find_gap(
@@ -333,18 +365,21 @@ def find_gap(
     wanted = selection_options(base.robot, options)
     options = signals_of(result, options)
     frozen = options.mode == "frozen"
-    conditioned = _conditioned(as_list(logs), base, options, progress)
-    before = _conditioned(earlier, base, options, progress) if frozen and earlier else []
+    checked = _checked(as_list(logs), base, options)
+    conditioned = condition_logs(checked, base.model, options, progress)
+    before = (
+        condition_logs(_checked(earlier, base, options), base.model, options, progress) if frozen and earlier else []
+    )
     progress.stage("search")
     kept = kept_model(result) if frozen else None
     analysis = analyse_gap(conditioned, base, kept, wanted, progress, earlier=before)
     made_from = str(result.path) if result.path.name else ""
-    return _with_methods(record_of(analysis, base.robot, options.mode, made_from), analysis)
+    record = record_of(analysis, base.robot, options.mode, made_from)
+    return _with_methods(record, analysis=analysis, searched=result, recordings=tuple(checked), signals=options)
 
 
-def _conditioned(logs: Sequence[Log], base: BaseModel, options: GapOptions, progress: Progress) -> list[ConditionedLog]:
-    checked = [checked_log(log, base.robot, options, identify=False) for log in logs]
-    return condition_logs(checked, base.model, options, progress)
+def _checked(logs: Sequence[Log], base: BaseModel, options: GapOptions) -> list[Log]:
+    return [checked_log(log, base.robot, options, identify=False) for log in logs]
 
 
 def signals_of(result: Identification, options: GapOptions) -> GapOptions:

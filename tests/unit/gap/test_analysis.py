@@ -9,7 +9,7 @@ from dynid.gap.analysis import analyse_gap, on_one_clock, proved
 from dynid.gap.refit import refit
 from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
-from dynid.gap.verdict import NOT_SMALLER, refusal
+from dynid.gap.verdict import refusal
 
 SOME = SelectionOptions(effects=("spring", "torque_offset", "asymmetric_viscous"))
 
@@ -48,12 +48,29 @@ def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_ag
     options = SelectionOptions(effects=("torque_offset", "asymmetric_viscous"))
     search = search_effects(sources, twolinks.base, None, options)
     assert {one.key for one in search.selected} >= {("torque_offset", (1,)), ("asymmetric_viscous", (0,))}
-    rest, fitted, withdrawn, improvement, _ = proved(search.problem, search)
-    assert ("torque_offset", (1,)) in {(one.name, one.joints) for one in withdrawn}
-    assert ("asymmetric_viscous", (0,)) in {(one.name, one.joints) for one in fitted}
-    assert {one.key for one in rest.selected} == {(one.name, one.joints) for one in fitted}
-    assert all(refusal(rest, fitted, one, improvement) != NOT_SMALLER for one in fitted)
-    assert len(refit(search)[0]) == len(fitted) + len(withdrawn)
+    proof = proved(search.problem, search)
+    assert ("torque_offset", (1,)) in {one.key for one, _ in proof.refused}
+    assert [one.key for one in proof.effects] == [("asymmetric_viscous", (0,))]
+    assert [one.key for one in proof.search.selected] == [("asymmetric_viscous", (0,))]
+    assert not any(refusal(proof.search, proof.effects, one, proof.improvement) for one in proof.effects)
+    assert len(refit(search)[0]) == len(proof.effects) + len(proof.refused)
+
+
+def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
+    """The held-out error after is that of a model with the named effect and without the withdrawn one."""
+    sources = on_one_clock(
+        twolinks.logs(
+            lambda t, q, qd, qdd: on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
+        )
+    )
+    options = SelectionOptions(effects=("torque_offset", "asymmetric_viscous"))
+    seen = analyse_gap(sources, twolinks.base, None, options, simulate=False)
+    alone = replace(options, effects=("asymmetric_viscous",), joints=(0,))
+    expected = analyse_gap(sources, twolinks.base, None, alone, simulate=False)
+    assert [one.key for one in seen.effects] == [one.key for one in expected.effects]
+    np.testing.assert_allclose(seen.improvement.after, expected.improvement.after, rtol=0.01)
+    for one, why in seen.verdict.closest:
+        assert why, one.name
 
 
 def test_time_runs_through_logs_whose_stamps_do(twolinks):

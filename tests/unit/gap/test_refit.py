@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.refit import held_out_improvement, refit
 from dynid.gap.search import search_effects
@@ -87,3 +88,21 @@ def test_without_effects_nothing_shrinks(offset):
     found = held_out_improvement(offset.problem, offset, [])
     np.testing.assert_array_equal(found.before, found.after)
     np.testing.assert_allclose(found.ratio, 1.0)
+
+
+def test_a_stribeck_hump_is_fitted_to_its_optimum(twolinks, on_joint):
+    """Height, width and exponent form a valley that steps along single parameters do not leave."""
+    law = lambda v: 0.6 * np.exp(-np.abs(v) / 0.15) * np.tanh(v / twolink.SMOOTH)  # noqa: E731
+    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(qd[:, 0])), ("stribeck",))
+    (one,), _ = refit(search)
+    for name, truth in (("a", 0.6), ("vs", 0.15), ("d", 1.0)):
+        assert abs(one.values[name] - truth) < 3 * one.std_errors[name]
+        assert one.values[name] == pytest.approx(truth, rel=0.08)
+    assert one.z > 10
+
+
+def test_a_time_constant_that_the_logs_do_not_show_is_held_and_not_told(twolinks, on_joint):
+    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, 0.004 * t), ("torque_drift",))
+    (one,), _ = refit(search)
+    assert (one.values["tc"], one.std_errors["tc"]) == (1e6, float("inf"))
+    assert abs(one.values["a"] - 0.004) < 3 * one.std_errors["a"] < 0.0012

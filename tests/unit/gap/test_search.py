@@ -30,7 +30,7 @@ def test_chi_square_falls_to_one_when_all_is_found(both):
 
 
 def test_without_an_effect_its_joint_has_its_gap_again(both):
-    bare = without(both, both.selected[0])
+    bare = without(both.problem, both, both.selected[0])
     assert bare.selected == []
     assert bare.after[1] > 1.5 * both.after[1]
     np.testing.assert_allclose(bare.before, both.before)

@@ -77,6 +77,7 @@ class Stribeck(Effect):
     positive = True
     shape_units: ClassVar[dict[str, str]] = {"vs": "rad/s", "d": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"vs": ("times", 1.25), "d": ("times", 1.3)}
+    simple: ClassVar[dict[str, float]] = {"d": 1.0}
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"vs": vs, "d": d} for vs in (0.014, 0.022, 0.036, 0.06, 0.1, 0.16) for d in (0.7, 1.0, 2.0)
     )
@@ -99,6 +100,7 @@ class NonlinearViscous(Effect):
     family = "friction curve"
     shape_units: ClassVar[dict[str, str]] = {"p": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
+    nulls: ClassVar[dict[str, float]] = {"p": 1.0}
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (1.3, 1.6, 2.0, 2.5, 3.0))
     units: ClassVar[dict[str, str]] = {"a": "N m (s/rad)^p"}
 

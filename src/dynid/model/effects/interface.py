@@ -137,7 +137,8 @@ class Effect(ABC):
         separate: the motion that tells it from what looks like it.
         family: effects that describe the same physics on one joint.
         scope: ``"joint"``, ``"pair"`` (joint and the other one it depends on) or ``"arm"``.
-        uses: ``"refit"`` when no re-identification can absorb it, ``"frozen"`` when it can be a change of the arm.
+        uses: ``"refit"`` when no re-identification can absorb it, ``"frozen"`` when it can be a change of the arm,
+            ``"arm"`` when only links that no arm has absorb it.
         positive: whether its only amplitude must be positive.
         needs_model: whether its columns change with the model.
         units: unit of each amplitude, a parameter that enters linearly, where they do not depend on the shape.
@@ -145,6 +146,8 @@ class Effect(ABC):
         shapes: the shapes that are tried, where they do not depend on the motion.
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
         trials: so many times more often than another it fits by accident: a frequency that is free.
+        nulls: value of a shape parameter at which the effect is part of the model; 0 of a ``"times"`` one not listed.
+        simple: value that a shape parameter is held at where the logs do not determine it.
     """
 
     name: ClassVar[str]
@@ -162,6 +165,8 @@ class Effect(ABC):
     shapes: ClassVar[tuple[dict[str, float], ...]] = ({},)
     steps: ClassVar[dict[str, tuple[str, float]]] = {}
     trials: ClassVar[int] = 1
+    nulls: ClassVar[dict[str, float]] = {}
+    simple: ClassVar[dict[str, float]] = {}
 
     def candidate_joints(self, n: int) -> list[Joints]:
         """Return where it may sit on an arm of n joints."""

@@ -119,6 +119,7 @@ class Counterbalance(Effect):
         "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
     )
     separate = "turn the joint through its whole travel with the arm folded and stretched, which changes gravity alone"
+    uses = ("arm",)
     family = "position torque"
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 

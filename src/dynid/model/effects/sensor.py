@@ -72,6 +72,7 @@ class TorqueDrift(Effect):
     family = "time"
     shape_units: ClassVar[dict[str, str]] = {"tc": "s"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"tc": ("times", 1.4)}
+    simple: ClassVar[dict[str, float]] = {"tc": 1e6}
     shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tc": tc} for tc in (1e6, 10.0, 25.0, 60.0, 150.0))
     units: ClassVar[dict[str, str]] = {"a": "N m/s"}
 

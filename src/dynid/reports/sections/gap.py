@@ -37,7 +37,9 @@ def gap(evidence: Evidence) -> dict[str, Any]:
 def _row(one: GapEffect) -> dict[str, Any]:
     """Return one candidate as the words of a row."""
     before, after = one.rms_before, one.rms_after
-    change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %" if before else "-"
+    change = f"{before:.3g} {one.unit}"
+    if before and after is not None:
+        change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %"
     return {
         "effect": CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect,
         "joints": ", ".join(one.joints),
