@@ -189,7 +189,7 @@ def _shape_fit(regression: WhitenedRegression, selected: Sequence[SelectedEffect
         blocks.append(tried)
     columns = [{j: C[0] for j, C in tried.items()} for tried in blocks]
     gram, right = _beside(regression, columns)
-    beta: Floats = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
+    beta = np.asarray(np.linalg.lstsq(gram, right, rcond=1e-12)[0], dtype=np.float64)
     at, slopes = 0, []
     for one, tried in zip(selected, blocks, strict=True):
         count = len(next(iter(tried.values()))[0])
