@@ -78,6 +78,7 @@ LIMITS: dict[str, Limit] = {
     ),
     "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
+    "links": Limit(1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(
         100, "characters", "a name of a robot, joint or link", "names go into file names, of which systems keep 255",
@@ -155,8 +156,8 @@ def read_limits(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     if name not in LIMITS:
         raise ValueError(f"no limit '{name}'; the limits are {', '.join(LIMITS)}")
-    if not re.fullmatch(r"\d+(\.\d+)?([eE]\d{1,2})?", value) or float(value) <= 0:
-        raise ValueError(f"'{value}' is not a positive number")
+    if not re.fullmatch(r"\d+(\.\d+)?([eE]\d{1,2})?", value) or not 0 < float(value) < 1e18:
+        raise ValueError(f"'{value[:40]}' is not a positive number below 1e18")
     return name, float(value)
 
 

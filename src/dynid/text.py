@@ -21,6 +21,8 @@ _LATEX = {
 }  # fmt: skip
 #: A sign that starts a formula, where a spreadsheet may start a cell: at the beginning or behind a separator.
 _FORMULA = re.compile(r"(^|[;|\t])(\s*)(?=[=+\-@＝＋－＠])")
+#: Words that YAML reads as something else than text.
+_YAML = frozenset(["y", "n", "yes", "no", "on", "off", "true", "false", "null", "nan", "inf"])
 #: Longest label and title of a figure and longest name of a file, in characters; what is longer is cut.
 LABEL_LENGTH, TITLE_LENGTH, FILE_LENGTH = 60, 120, 100
 
@@ -106,21 +108,35 @@ def csv_row(cells: Iterable[object]) -> str:
     return stream.getvalue()
 
 
-def yaml_text(document: Mapping[str, Any], head: str) -> str:
+def yaml_text(document: Mapping[str, Any], head: str | None = None, **style: Any) -> str:  # noqa: ANN401
     """Return a YAML document under one line of comment; text in it is read back exactly.
 
     Args:
         document: mappings, sequences, text and numbers.
-        head: the comment, without ``#``.
+        head: the comment, without ``#``; none when None.
+        **style: of PyYAML's ``safe_dump``, where it is not the usual one.
     """
     import yaml
 
-    style: dict[str, Any] = {"sort_keys": False, "width": 120, "default_flow_style": None}
+    style = {"sort_keys": False, "width": 120, "default_flow_style": None, **style}
     body = yaml.safe_dump(document, allow_unicode=True, **style)
     # Why: PyYAML writes characters that reorder a line as they are, unless all that is not ASCII is written out.
     if not body.replace("\n", "").isprintable():
         body = yaml.safe_dump(document, allow_unicode=False, **style)
-    return f"# {printable(head)}\n{body}"
+    return f"# {printable(head)}\n{body}" if head is not None else body
+
+
+def yaml_word(text: str) -> str:
+    """Return text as one word of YAML that is read back exactly, quoted where it could be anything else."""
+    import json
+
+    return text if re.fullmatch(r"[A-Za-z_/][A-Za-z0-9_/]*", text) and text.lower() not in _YAML else json.dumps(text)
+
+
+def column(text: str) -> str:
+    """Return the name of a column: one cell in a table of any dialect, and no formula."""
+    name = "".join(c if c.isprintable() and c not in ',;|"' else _written_out(c) for c in text)
+    return _FORMULA.sub(r"\1'\2", name)
 
 
 def label(text: str, most: int = LABEL_LENGTH) -> str:

@@ -6,9 +6,10 @@ import os
 
 import numpy as np
 import pytest
-from forked import run
+from forked import load, run
 
 from dynid.files.bag import write_bag
+from dynid.files.convert import write_log
 from dynid.log import Log
 
 ROBOT = """name: swing
@@ -57,6 +58,15 @@ jobs:
 """
 
 
+WAYPOINTS = "t,q_shoulder,q_elbow\n0,0,0\n2,0.4,-0.3\n4,0,0\n"
+SETTINGS = """seed: 3
+verbose: 1
+identify: {cutoff: auto, method: wls, holdout: 10%, report: false}
+trajectory: {alpha: 0.3}
+check: {rate: 100}
+"""
+
+
 def motion(seed: int) -> Log:
     rng = np.random.default_rng(seed)
     t = np.arange(1200) / 100
@@ -81,6 +91,7 @@ def first_seed() -> int:
 @pytest.fixture(scope="session")
 def originals(tmp_path_factory):
     """Return a folder with whole inputs of every kind, and out/ with results made from them."""
+    load()
     folder = tmp_path_factory.mktemp("originals") / "work"
     folder.mkdir()
     (folder / "arm.yaml").write_text(ROBOT)
@@ -94,6 +105,10 @@ def originals(tmp_path_factory):
     head = "t," + ",".join(f"{kind}_{name}" for kind in ("q", "tau") for name in log.names)
     rows = np.column_stack([log.t, log.q, log.tau])
     np.savetxt(folder / "log.csv", rows, delimiter=",", header=head, comments="", fmt="%.8g")
+    for suffix in ("db3", "mcap", "parquet", "tsv"):
+        write_log(log, folder / f"log.{suffix}")
+    (folder / "way.csv").write_text(WAYPOINTS)
+    (folder / "settings.yaml").write_text(SETTINGS)
     (folder / "text").mkdir()
     for name, values in {"position": log.q, "torque": log.tau, "time": log.t[:, None]}.items():
         np.savetxt(folder / "text" / f"{name}.txt", values, fmt="%.8g")

@@ -15,8 +15,6 @@ from pathlib import Path
 MEMORY, SECONDS = 1 << 30, 60
 #: Statuses that the documentation knows, without 70 (internal error).
 DOCUMENTED = {0, 1, 2, 3, 4, 5, 6, 7}
-#: Escape sequences, and characters that reorder or hide text, which no name may bring to the terminal.
-TERMINAL = re.compile("[\x00-\x08\x0b-\x1f\x7f\x80-\x9f\u202a-\u202e\u2066-\u2069]")
 #: Markup that became alive in a page: a script or a handler that dynid does not write itself.
 MARKUP = re.compile(r"<script[^>]*>\s*alert|<img[^>]+onerror|HACKED_MARKUP[^&<]*<b>", re.I)
 
@@ -28,6 +26,19 @@ class Ended:
     out: str
     err: str
     seconds: float
+
+
+def load() -> None:
+    """Import what the commands import, so that a fork need not: thousands of them then take minutes, not hours."""
+    import importlib
+
+    from dynid.cli.main import available, module_of
+
+    for name in [*map(module_of, available()), "scipy.optimize", "scipy.signal", "scipy.stats", "scipy.sparse.linalg", "sympy",
+                 "matplotlib.backends.backend_agg", "matplotlib.figure", "jinja2", "pyarrow.parquet", "sqlite3", "rosbags.typesys", "yaml",
+                 "dynid.workflows.identify", "dynid.workflows.gap", "dynid.workflows.validate", "dynid.workflows.trajectory",
+                 "dynid.workflows.run", "dynid.workflows.export", "dynid.workflows.compare", "dynid.workflows.check"]:  # fmt: skip
+        importlib.import_module(name)
 
 
 def mapped() -> int:
@@ -73,6 +84,17 @@ def run(words, folder: Path, seconds: float = SECONDS) -> Ended:
     return Ended([str(word) for word in words], status, *texts, time.monotonic() - begin)
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the files of a folder but those of out/; of very long ones the length alone."""
+    found = {}
+    for path in folder.rglob("*"):
+        name = str(path.relative_to(folder))
+        if path.is_file() and not name.startswith("out/"):
+            size = path.stat().st_size
+            found[name] = path.read_bytes() if size < 1 << 25 else str(size).encode()
+    return found
+
+
 def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
     """Return what is wrong with how a command ended; ``before`` are the files of the folder then."""
     found = []
@@ -81,7 +103,8 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
     said = ended.out + ended.err
     if "Traceback" in said or "internal error" in said:
         found.append("traceback")
-    if TERMINAL.search(said.replace("\n", "").replace("\t", "")):
+    # Why not a list: escape sequences, and characters that reorder or hide text, are all that is not printable.
+    if not said.replace("\n", "").isprintable():
         found.append("control characters on the terminal")
     if ended.status not in (0, 1) and not ended.err.strip():
         found.append("no message")
@@ -95,10 +118,7 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
             found.append(f"litter: {name}")
         if path.is_file() and path.suffix == ".html" and MARKUP.search(path.read_text(errors="replace")):
             found.append(f"live markup in {name}")
-    for name, content in before.items():
-        path = folder / name
-        if not path.is_file() or path.read_bytes() != content:
-            found.append(f"input changed: {name}")
-    made = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - set(before)
-    found += [f"outside the output folder: {name}" for name in made if not name.startswith("out/")]
+    now = contents(folder)
+    found += [f"input changed: {name}" for name, content in before.items() if now.get(name) != content]
+    found += [f"outside the output folder: {name}" for name in set(now) - set(before)]
     return found

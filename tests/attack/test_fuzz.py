@@ -7,12 +7,13 @@ import warnings
 
 import mutate
 import numpy as np
+import odd
 import pytest
-from forked import faults, run
+import structured
+from forked import Ended, contents, faults, run
 
 from conftest import first_seed, inputs_wanted
 
-RESULTS = ("regressor", "fullregressor", "fullnumericregressor", "parameters", "estimatedmotion", "trajectory")
 #: Kind of input: file, how it is broken, share of 5000 inputs, commands that read it.
 KINDS = {
     "robot": ("arm.yaml", mutate.text, 800, ["check {}", "model {} --out out", "identify {} log.csv --out out"]),
@@ -34,7 +35,34 @@ KINDS = {
     "trajectory": (
         "out/trajectory.npz", mutate.npz, 200, ["check {}", "trajectory arm.yaml --review {} --accept --preview none"],
     ),
+    "robot values": ("arm.yaml", structured.document, 500, ["check {}", "model {} --out out", "identify {} log.csv --out out", "gap out/parameters.npz other.npz --no-apply", "simulate {} out/trajectory.npz --out out", "trajectory {} plan.yaml --preview none --out out"]),
+    "urdf elements": ("arm.urdf", structured.urdf, 400, ["import {} --out out/a.yaml", "check {}", "import {} --tip lower --out out/a.yaml", "import {} --tip ring_a --out out/a.yaml", "model {} --out out", "identify {} log.csv --out out"]),
+    "table": ("log.csv", structured.table, 400, ["check {} --robot arm.yaml", "identify arm.yaml {} --out out", "check {}", "convert {} --to out/x.npz"]),
+    "tsv": ("log.tsv", structured.table, 100, ["check {} --robot arm.yaml", "identify arm.yaml {} --out out", "check {}"]),
+    "waypoints": ("way.csv", structured.table, 100, ["trajectory arm.yaml --from-waypoints {} --preview none --out out"]),
+    "signals": ("log.npz", structured.signals, 600, ["identify arm.yaml {} --out out", "check {} --robot arm.yaml", "validate out/parameters.npz {} --out out", "gap out/parameters.npz {} --no-apply --out out", "simulate arm.yaml {} --out out", "identify arm.yaml other.npz {} --out out", "parameters arm.yaml {} --out out --no-identify", "convert {} --to out/x.csv"]),
+    "plan values": ("plan.yaml", structured.document, 300, ["trajectory arm.yaml {} --preview none --out out"]),
+    "batch values": ("batch.yaml", structured.document, 150, ["run {} --out out"]),
+    "settings": ("settings.yaml", structured.document, 200, ["check log.npz --robot arm.yaml --config {} --out out", "identify arm.yaml log.npz --config {} --out out", "trajectory arm.yaml plan.yaml --preview none --config {} --out out"]),
+    "store": ("log.db3", structured.store, 300, ["check {}", "identify arm.yaml {} --out out", "check {} --robot arm.yaml", "convert {} --to out/x.mcap"]),
+    "mcap": ("log.mcap", structured.mcap, 300, ["check {}", "identify arm.yaml {} --out out", "check {} --robot arm.yaml"]),
+    "parquet": ("log.parquet", structured.parquet, 200, ["check {}", "identify arm.yaml {} --out out", "check {} --robot arm.yaml"]),
+    "result": ("out/parameters.npz", structured.result, 400, ["check {}", "validate {} other.npz", "export {} --format urdf", "export {} --format python", "export {} --format c", "export {} --format matlab", "export {} --format yaml", "export {} --format sdf", "export {} --format mjcf", "report out", "gap {} other.npz --no-apply", "compare {} {}", "identify arm.yaml other.npz --update {} --out out", "identify arm.yaml other.npz --payload-from {} --out out", "compare out --baseline {} --csv out/a.csv --latex out/a.tex --junit out/a.xml"]),
+    "motion": ("out/trajectory.npz", structured.result, 100, ["check {}", "trajectory arm.yaml --from-trajectory {} --preview none --out out", "simulate arm.yaml {} --out out", "record arm.yaml {} --dry-run --out out"]),
 }  # fmt: skip
+ORDER = list(KINDS)
+TEXT = (mutate.text, structured.document, structured.urdf, structured.table)
+
+
+def judged(words: list[str], folder) -> tuple[Ended, list[str]]:
+    """Run a command in a folder; return how it ended, and what is wrong with that."""
+    before = contents(folder)
+    ended = run(words, folder)
+    return ended, faults(ended, folder, before)
+
+
+def told(seed: int, ended: Ended, found: list[str]) -> str:
+    return f"seed {seed}: dynid {' '.join(ended.words)}: {found}\n{ended.err[-600:]}"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -44,24 +72,35 @@ def test_a_broken_input_is_answered_as_documented(kind, originals, tmp_path):
     bad = []
     for number in range(inputs_wanted(count)):
         seed = first_seed() + number
-        rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
+        rng = np.random.default_rng([seed, ORDER.index(kind)])
         folder = tmp_path / str(seed) / "work"
         shutil.copytree(originals, folder)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            content = broken(rng, original.decode() if broken is mutate.text else original)
+            content = broken(rng, original.decode() if broken in TEXT else original)
         mutate.write(folder / file, content)
-        before = {
-            str(path.relative_to(folder)): path.read_bytes()
-            for path in folder.rglob("*")
-            if path.is_file() and not str(path.relative_to(folder)).startswith("out/")
-        }
-        command = commands[rng.integers(len(commands))].format(file)
+        command = commands[rng.integers(len(commands))].replace("{}", file)
         flags = ["--no-input", "--force"] + (["--json"] if rng.random() < 0.3 else [])
-        ended = run([*command.split(), *flags], folder)
-        found = faults(ended, folder, before)
+        ended, found = judged([*command.split(), *flags], folder)
         if found:
-            bad.append(f"seed {seed}: dynid {command}: {found}\n{ended.err[-600:]}")
+            bad.append(told(seed, ended, found))
         else:
             shutil.rmtree(tmp_path / str(seed))
     assert not bad, f"{len(bad)} of {inputs_wanted(count)}\n" + "\n".join(bad)
+
+
+@pytest.mark.parametrize("kind", ["options", "places"])
+def test_an_odd_command_line_is_answered_as_documented(kind, originals, tmp_path):
+    count, bad = inputs_wanted(500), []
+    for number in range(count):
+        seed = first_seed() + number
+        rng = np.random.default_rng([seed, 100 + (kind == "places")])
+        folder = tmp_path / str(seed) / "work"
+        shutil.copytree(originals, folder)
+        words = odd.options(rng) if kind == "options" else odd.places(rng, folder)
+        ended, found = judged([*words, "--no-input", "--force"], folder)
+        if found:
+            bad.append(told(seed, ended, found))
+        else:
+            shutil.rmtree(tmp_path / str(seed))
+    assert not bad, f"{len(bad)} of {count}\n" + "\n".join(bad)

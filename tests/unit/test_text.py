@@ -163,6 +163,28 @@ def test_yaml_is_read_back_exactly_and_nothing_is_constructed(name):
 
 
 @every
+def test_a_word_of_yaml_is_read_back_in_a_list(name):
+    written = text.yaml_word(name)
+    assert written.isprintable()
+    assert yaml.safe_load(f"names: [{written}, b]") == {"names": [name, "b"]}
+
+
+@pytest.mark.parametrize(
+    "name", ["no", "null", "1e3", "012", "1:30", "~", "true", "Off", "<<", "=", "2001-01-01", "0x1f"]
+)
+def test_a_word_that_yaml_takes_for_something_else_is_quoted(name):
+    assert yaml.safe_load(f"[{text.yaml_word(name)}]") == [name]
+
+
+@every
+def test_a_column_is_one_cell_in_every_dialect_and_no_formula(name):
+    written = text.column(name)
+    assert written.isprintable()
+    assert not set(',;|"\t') & set(written)
+    assert not re.match(r"\s*[=+\-@]", written)
+
+
+@every
 def test_a_label_is_short_and_has_no_formula(name):
     shown = text.label(name)
     assert len(shown.replace(r"\$", "$")) <= text.LABEL_LENGTH

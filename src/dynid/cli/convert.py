@@ -10,6 +10,7 @@ import click
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, OutputExists, WrongUsage
+from dynid.text import shell
 from dynid.workflows.convert import ConvertOptions
 
 
@@ -38,7 +39,7 @@ def command(common: Common, log: Path, target: Path | None, robot: str | None, *
 
     target = target or common.out
     if target is None:
-        raise WrongUsage("no file to write is given", fix=f"dynid convert {log} -o {log.stem}.mcap")
+        raise WrongUsage("no file to write is given", fix=shell("dynid", "convert", log, "-o", f"{log.stem}.mcap"))
     if target.exists() and not common.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
     done = convert(log, target, load_robot(robot) if robot else None, options_of(ConvertOptions, values))

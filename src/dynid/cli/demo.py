@@ -10,6 +10,7 @@ import click
 
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
+from dynid.text import shell
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
@@ -87,7 +88,7 @@ def find_hidden(common: Common, effect: str) -> ExitStatus:
     terminal.fact("verdict", f"{answer['verdict']}: {'right' if right else 'wrong'}")
     terminal.fact("picture", str(folder / "gap" / "shrink.png"))
     if answer["named"]:
-        terminal.fact("next", f"dynid validate {folder / 'with_effect' / 'parameters.npz'} LOG")
+        terminal.fact("next", f"{shell('dynid', 'validate', folder / 'with_effect' / 'parameters.npz')} LOG")
     facts: dict[str, Any] = {"effect": hidden.name, "joint": hidden.joint + 1, "size": hidden.size, "seed": common.seed}
     terminal.emit_json({"schema": "dynid/demo/1", "robot": ROBOT, "hidden": facts, "right": right, "gap": answer})
     return ExitStatus.DONE if right else ExitStatus.LIMIT_NOT_MET

@@ -15,7 +15,7 @@ from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, WrongUsage
-from dynid.text import shell
+from dynid.text import shell, yaml_text
 from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def run_identify(
         add_payload(common, folder, find_payload(result, unloaded), facts)
     if explained:
         if not logs:
-            raise WrongUsage("--explain needs the log", fix=f"dynid identify {robot} LOG --explain")
+            raise WrongUsage("--explain needs the log", fix=f"{shell('dynid', 'identify', robot)} LOG --explain")
         with common.terminal.progress() as progress:
             progress.stage("explain")
             facts["explain"] = sensitivity(result, recordings.read(), options, base=base, progress=progress)
@@ -314,8 +314,6 @@ IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
 
 def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]) -> None:
     """Write payload.yaml, print the load, and add it to the JSON answer."""
-    import yaml
-
     from dynid.files.artifact import write_text
 
     common.terminal.findings(payload.findings())
@@ -325,7 +323,7 @@ def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts:
     body = {"mass": payload.body.mass, "com": list(payload.body.com)}
     tool = {**body, "inertia_com": facts["payload"]["inertia_com_kg_m2"]}
     path = folder / "payload.yaml"
-    write_text(path, yaml.safe_dump({"tool": tool}, sort_keys=False, default_flow_style=None, width=120))
+    write_text(path, yaml_text({"tool": tool}))
     common.terminal.wrote(path)
     facts["wrote"] = [*facts["wrote"], path]
     names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")

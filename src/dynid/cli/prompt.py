@@ -20,7 +20,7 @@ from typing import Any
 from dynid.cli.failure import is_terminal
 from dynid.cli.options import Common
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
-from dynid.text import visible
+from dynid.text import shell, visible
 
 #: After so many answers that are none, the terminal is taken to be a machine.
 ATTEMPTS = 5
@@ -150,13 +150,13 @@ def confirm(common: Common, expected: str, question: str, *, given: str | None =
     """
     if given is not None:
         if given != expected:
-            raise WrongUsage(f"{flag} names '{given}', but this is '{expected}'", fix=f"{flag} {expected}")
+            raise WrongUsage(f"{flag} names '{given}', but this is '{expected}'", fix=shell(flag, expected))
         return
     if not can_ask(common):
-        raise CannotAsk(f'cannot ask "{question}": {_reason(common)}', fix=f"add {flag} {expected}")
+        raise CannotAsk(f'cannot ask "{question}": {_reason(common)}', fix=f"add {shell(flag, expected)}")
     line = _read_line(f"{question}: ")
     if line is None:
-        raise CannotAsk(f'cannot ask "{question}": end of input', fix=f"add {flag} {expected}")
+        raise CannotAsk(f'cannot ask "{question}": end of input', fix=f"add {shell(flag, expected)}")
     if line.strip() != expected:
         raise Declined(f"'{visible(line.strip())}' is not '{expected}'", why="the arm was not moved")
 

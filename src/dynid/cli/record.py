@@ -108,7 +108,9 @@ def _require_name(arm: Robot, move: str | None, options: RecordOptions) -> None:
     """Refuse a --move that names another arm, or does not belong here."""
     if move is not None and move != arm.slug:
         raise WrongUsage(
-            f"--move names '{move}', but this is '{arm.slug}'", why="the arm was not moved", fix=f"--move {arm.slug}"
+            f"--move names '{move}', but this is '{arm.slug}'",
+            why="the arm was not moved",
+            fix=shell("--move", arm.slug),
         )
     if options.listen_only and move is not None:
         raise WrongUsage(

@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 from dynid.errors import DynidError, WrongUsage
+from dynid.text import yaml_text
 from dynid.version import __version__
 
 NAME = "run.yaml"
@@ -57,8 +58,6 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
         folder: results folder.
         inputs: sha256 of every input by name.
     """
-    import yaml
-
     from dynid.files.artifact import write_text
 
     ctx = click.get_current_context()
@@ -71,7 +70,7 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
         "arguments": arguments,
         "inputs": dict(inputs),
     }
-    write_text(path, yaml.safe_dump(runs, sort_keys=True, allow_unicode=True, width=10**6))
+    write_text(path, yaml_text(runs, sort_keys=True, width=10**6, default_flow_style=False))
     return path
 
 

@@ -11,6 +11,7 @@ from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
+from dynid.text import shell
 from dynid.workflows.simulate import SimulateOptions
 
 
@@ -43,4 +44,4 @@ def command(common: Common, robot: str, source: Path, **values: Any) -> None:  #
         wrote.append(found.log.save(target, common.header(inputs)))
         common.terminal.wrote(target)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})
-    common.terminal.next(f"dynid identify {arm.word} {target}")
+    common.terminal.next(f"dynid identify {arm.word} {shell(target)}")

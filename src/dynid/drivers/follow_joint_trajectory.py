@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
 from dynid.drivers.ros import import_ros
 from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
+from dynid.text import shell
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +96,8 @@ def choose_commands(
         found = sorted(name for name in heard if types.get(name) == kind)
         if len(found) > 1:
             raise TopicMissing(
-                f"several topics take motions: {', '.join(found)}", fix=f"name one of them: --command-topic {found[0]}"
+                f"several topics take motions: {', '.join(found)}",
+                fix=f"name one of them: {shell('--command-topic', found[0])}",
             )
         if found:
             return found[0], kind == GOAL

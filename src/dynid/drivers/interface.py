@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from dynid.errors import TopicMissing, WrongMessageType
+from dynid.text import shell
 
 if TYPE_CHECKING:
     from dynid.drivers.command_port import CommandPort
@@ -76,7 +77,7 @@ class Driver(ABC):
         if wanted is None:
             return self._default_topic(states, topics, bag)
         if wanted not in topics:
-            better = f"--topic {states[0]}" if len(states) == 1 else "name one of them with --topic"
+            better = shell("--topic", states[0]) if len(states) == 1 else "name one of them with --topic"
             raise TopicMissing(f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}", where=bag, fix=better)
         if topics[wanted] != JOINT_STATE:
             self.refuse_type(wanted, topics, bag)
@@ -87,7 +88,7 @@ class Driver(ABC):
         states = [name for name, kind in topics.items() if kind == JOINT_STATE]
         note = self.type_note(topics[topic])
         instead = f"; use {states[0]}" if states else f"; {bag} has no {JOINT_STATE} topic"
-        fix = f"--topic {states[0]}" if states else "record the driver's joint state topic"
+        fix = shell("--topic", states[0]) if states else "record the driver's joint state topic"
         raise WrongMessageType(f"{topic} is {topics[topic]}{note}{instead}", where=bag, fix=fix)
 
     def type_note(self, kind: str) -> str:
@@ -107,7 +108,7 @@ class Driver(ABC):
         raise TopicMissing(
             f"{bag} has several joint state topics: {', '.join(states)}",
             where=bag,
-            fix=f"name one of them: --topic {states[0]}",
+            fix=f"name one of them: {shell('--topic', states[0])}",
         )
 
 

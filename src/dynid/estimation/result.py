@@ -37,7 +37,7 @@ from dynid.model.store import reduction_facts, reduction_from
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table
-from dynid.text import visible
+from dynid.text import visible, yaml_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -468,8 +468,6 @@ class Identification:
 
     def save_yaml(self, path: Path) -> Path:
         """Write parameters.yaml; equal results give equal bytes."""
-        import yaml
-
         rows = []
         for row in self.parameter_rows():
             error = row["std_error"]
@@ -494,8 +492,7 @@ class Identification:
             "parameters": rows,
             "not_identifiable": list(self.reduction.none),
         }
-        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-        write_text(path, text)
+        write_text(path, yaml_text(document))
         return path
 
 

@@ -12,6 +12,7 @@ from dynid.errors import CannotWrite, WrongUsage
 from dynid.files.bag import write_bag
 from dynid.log import Log
 from dynid.scratch import scratch_folder
+from dynid.text import column
 
 TOPIC = "/joint_states"
 
@@ -63,7 +64,7 @@ def _csv(log: Log, path: Path) -> None:
     with scratch_folder(path.parent) as folder:
         temporary = folder / path.name
         with temporary.open("w", encoding="utf-8") as stream:
-            stream.write(delimiter.join(columns) + "\n")
+            stream.write(delimiter.join(map(column, columns)) + "\n")
             for row in zip(*(values.tolist() for values in columns.values()), strict=True):
                 stream.write(delimiter.join(map(repr, row)) + "\n")
         temporary.replace(path)

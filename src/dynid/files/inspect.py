@@ -14,6 +14,7 @@ from dynid.files.cdr import MULTI_ARRAY
 from dynid.files.npzlog import read_npz_log
 from dynid.files.textlog import read_folder
 from dynid.log import Log
+from dynid.text import yaml_word
 
 #: Positions that span more than this [rad] are degrees: no joint turns four times in a recording.
 MOST_RADIANS = 25.0
@@ -72,12 +73,13 @@ class Inspected:
         chosen = max(self.joints, key=lambda each: len(each.log))
         lines = ["driver:", "  kind: generic"]
         if chosen.topic:
-            lines.append(f"  topic: {chosen.topic}")
+            lines.append(f"  topic: {yaml_word(chosen.topic)}")
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
         if chosen.topic and not np.isfinite(chosen.log.tau).any() and arrays:
-            lines.append(f"  effort_topic: {arrays[0]}")
+            lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
         if chosen.log.names and not self.patterns:
-            lines.append(f"  joint_names: [{', '.join(chosen.log.names)}]    # put them in the order base to tip")
+            names = ", ".join(map(yaml_word, chosen.log.names))
+            lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         if self.patterns:
             lines.append(f"  {tablelog.snippet(self.patterns)}")
         units = chosen.units

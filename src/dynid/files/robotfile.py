@@ -19,7 +19,7 @@ from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, rea
 from dynid.files.robotkeys import read_prior as prior_of
 from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
-from dynid.text import printable
+from dynid.text import printable, yaml_text
 from dynid.units import ANGLE
 
 #: Gravity on Earth lies between 9.76 and 9.84 m/s^2; the band leaves room for rounded values.
@@ -191,8 +191,6 @@ def robot_text(robot: Robot, head: str = "") -> str:
         robot: the arm.
         head: comment lines for the top, without ``#``.
     """
-    import yaml
-
     document: dict[str, Any] = {
         "name": robot.name,
         "convention": robot.convention,
@@ -203,9 +201,7 @@ def robot_text(robot: Robot, head: str = "") -> str:
     }
     document |= _beyond_geometry(robot)
     comment = "".join(f"# {printable(line)}\n" for line in head.splitlines())
-    return (
-        f"{comment}{yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140, default_flow_style=None)}"
-    )
+    return comment + yaml_text(document, width=140)
 
 
 def _angle(angle: float) -> float | str:

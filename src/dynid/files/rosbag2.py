@@ -21,6 +21,7 @@ from dynid.files.bag_records import Connection
 from dynid.files.mcap_records import BrokenMcap
 from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
 from dynid.log import Log
+from dynid.text import shell
 
 SQLITE = b"SQLite format 3\0"
 SUFFIXES = (".db3", ".mcap")
@@ -127,7 +128,7 @@ def parts_of(path: Path) -> list[Path]:
     parts = [part for part in path.iterdir() if part.suffix in SUFFIXES and part.is_file()]
     if not parts:
         packed = [part.name for part in path.iterdir() if part.name.endswith(".zstd")]
-        fix = f"unpack it with: zstd -d {path / packed[0]}" if packed else "check the path"
+        fix = f"unpack it with: {shell('zstd', '-d', path / packed[0])}" if packed else "check the path"
         raise LogNotFound(f"{path} has no .db3 or .mcap file", where=str(path), fix=fix)
 
     def place(part: Path) -> tuple[list[int], str]:
@@ -268,6 +269,8 @@ def _open(part: Path) -> sqlite3.Connection:
     journal = part.with_name(part.name + "-wal").exists()
     base = sqlite3.connect(f"{quoted}?mode=ro" + ("" if journal else "&immutable=1"), uri=True)
     base.execute("PRAGMA trusted_schema = OFF")
+    if hasattr(base, "setlimit"):  # Python 3.11
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, int(limits.limit("chunk_bytes")))
     return base
 
 
@@ -282,6 +285,10 @@ def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, st
         str(name) for name, text in base.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")
         if str(text).upper().startswith("CREATE TABLE")
     }  # fmt: skip
+    for table in ("topics", "messages"):
+        # Why: a column that is computed could be made to fill the memory.
+        if any(column[-1] for column in base.execute(f"PRAGMA table_xinfo({table})")):
+            raise LogNotFound(f"{part.name} computes its {table}: it is not of rosbag2", where=str(part))
     if not {"topics", "messages"} <= plain:
         raise LogNotFound(f"{part.name} has no tables of rosbag2", where=str(part))
     rows = base.execute("SELECT id, name, type, serialization_format FROM topics")

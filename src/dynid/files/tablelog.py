@@ -5,6 +5,7 @@ Reads block by block and keeps only the columns that are asked for. Stamps in ms
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -177,7 +178,7 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
 def snippet(patterns: Mapping[str, str]) -> str:
     """Return patterns as they stand in a robot file."""
     order = ("time", "position", "velocity", "effort", "reference")
-    inside = ", ".join(f'{key}: "{patterns[key]}"' for key in order if key in patterns)
+    inside = ", ".join(f"{key}: {json.dumps(patterns[key])}" for key in order if key in patterns)
     return f"columns: {{{inside}}}"
 
 

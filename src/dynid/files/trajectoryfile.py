@@ -20,6 +20,7 @@ from dynid.errors import JointCountDiffers, NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.motion import Motion
 from dynid.robot import Robot
+from dynid.text import column, yaml_word
 
 Floats = NDArray[np.float64]
 SCHEMA = "dynid/trajectory/1"
@@ -171,7 +172,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
 
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
-    header = ["t", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in joints)]
+    header = ["t", *(column(f"{kind}_{name}") for kind in ("q", "qd", "qdd") for name in joints)]
     rows = np.column_stack([motion.t, motion.q, motion.qd, motion.qdd])
     lines = [",".join(header), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_text(path, "\n".join(lines) + "\n")
@@ -186,7 +187,7 @@ def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
     if robot.driver is not None:
         sign, offset = np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
     lines = ["header: {seq: 0, stamp: {secs: 0, nsecs: 0}, frame_id: ''}"]
-    lines += [f"joint_names: [{', '.join(_quoted(name) for name in robot.log_names)}]", "points:"]
+    lines += [f"joint_names: [{', '.join(map(yaml_word, robot.log_names))}]", "points:"]
     for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
         nanoseconds = round(float(t) * 1e9)
         lines += [
@@ -201,7 +202,3 @@ def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
 
 def _row(values: Floats) -> str:
     return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values) + "]"
-
-
-def _quoted(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"

@@ -19,6 +19,7 @@ from dynid.errors import WrongUrdf
 from dynid.files.robotkeys import SNAP_RAD, SNAP_STEP
 from dynid.files.yamlfile import closest
 from dynid.robot import Body, Limits, rotation_rpy
+from dynid.text import shell
 
 Floats = NDArray[np.float64]
 
@@ -151,7 +152,9 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     if top.tag != "robot":
         raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is no URDF", where=where)
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
-        raise WrongUrdf(f"{path} is a xacro", where=where, fix=f"xacro {path} > arm.urdf")
+        raise WrongUrdf(f"{path} is a xacro", where=where, fix=f"{shell('xacro', path)} > arm.urdf")
+    limits.check("links", len(top.findall("link")), path)
+    limits.check("links", len(top.findall("joint")), path)
     try:
         bodies = {_named(link): _body(link) for link in top.findall("link")}
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
@@ -173,6 +176,15 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
                 )
     if len(set(children)) != len(children) or len(children) != len(bodies) - 1:
         raise WrongUrdf(f"{path} is not one tree: {len(bodies)} links, {len(children)} joints", where=str(path))
+    parents = {joint.child: joint.parent for joint in joints}
+    reached = {link for link in bodies if link not in parents}
+    for link in bodies:
+        before = [link]
+        while before[-1] not in reached:
+            before.append(parents[before[-1]])
+            if len(before) > len(bodies):
+                raise WrongUrdf(f"{path} is not one tree: link '{link}' hangs on itself", where=str(path))
+        reached.update(before)
 
 
 def _named(element: ET.Element) -> str:

@@ -23,6 +23,7 @@ from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 from dynid.signals.delay import segment_without_delay
+from dynid.text import yaml_text
 
 
 def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
@@ -80,16 +81,12 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
         specs: the new entries; those the file already has stay.
         path: the copy.
     """
-    import yaml
-
     text = (robot_text(robot) if robot.path is None else robot.path.read_text(encoding="utf-8")).rstrip("\n")
     entries = [
         {"effect": s.effect, "joints": list(s.joints), "parameters": s.parameters, "std_error": s.std_error}
         for s in (*robot.effects, *specs)
     ]
-    block = yaml.safe_dump(
-        {"effects": entries}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
-    )
+    block = yaml_text({"effects": entries}, width=110)
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
     note = "# Added by dynid gap; amplitudes are identified again with everything else."
     write_text(path, f"{without.rstrip()}\n\n{note}\n{block}")

@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.errors import LogTooShort
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
 from dynid.signals.conditioning import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4
+#: Rows of a part of a log that has a spectrum.
+SHORTEST = 16
 #: Two segments are repeats when their positions differ by less than this share of their spread; repeats of real and of
 #: simulated arms differ by 0.003 to 0.006, other motion by about 1.
 ALIKE = 0.03
@@ -133,12 +136,21 @@ def measure_noise(
         residuals: what the baseline model leaves, one (M, n) per segment.
         pairs: repeats among them.
         train: rows that the baseline model was fitted to, one mask per segment; without repeats, others say nothing.
+
+    Raises:
+        LogTooShort: no part of the logs is long enough to have a spectrum.
     """
     parts = [_difference(segments, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / segments[0].rate
     if seconds >= SHORTEST_REPEAT:
         return _from_repeats(parts, segments[0].rate, seconds)
-    parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True) if rows.any()]
+    parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True)]
+    parts = [(r, use) for r, use in parts if len(r) >= SHORTEST]
+    if not parts:
+        raise LogTooShort(
+            f"no part of the logs has {SHORTEST} usable rows, without which noise cannot be told from what is missing",
+            why="what is missing is judged against the noise",
+        )
     return _from_spectrum(segments[0].log.filter, parts)
 
 

@@ -78,21 +78,31 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
 
 def _tips(urdf: Urdf, joint: UrdfJoint) -> list[str]:
     """Return the last moving link of every chain that begins with a joint."""
-    ahead = _next_moving(urdf, joint.child)
-    return [tip for each in ahead for tip in _tips(urdf, each)] if ahead else [joint.child]
+    found, waiting = [], [joint]
+    while waiting:
+        each = waiting.pop()
+        ahead = _next_moving(urdf, each.child)
+        waiting += reversed(ahead)
+        found += [] if ahead else [each.child]
+    return found
 
 
 def _longest(urdf: Urdf, joint: UrdfJoint) -> int:
     """Return the number of moving joints in the longest chain that begins with one."""
-    return 1 + max((_longest(urdf, each) for each in _next_moving(urdf, joint.child)), default=0)
+    count, layer = 0, [joint]
+    while layer:
+        count, layer = count + 1, [each for one in layer for each in _next_moving(urdf, one.child)]
+    return count
 
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:
     """Return the moving joints that hang on a link, directly or behind fixed ones."""
-    found: list[UrdfJoint] = []
-    for joint in urdf.joints:
-        if joint.parent == link:
-            found += [joint] if joint.moves else _next_moving(urdf, joint.child)
+    found, waiting = [], [link]
+    while waiting:
+        before = waiting.pop()
+        ahead = [joint for joint in urdf.joints if joint.parent == before]
+        found += [joint for joint in ahead if joint.moves]
+        waiting += [joint.child for joint in reversed(ahead) if not joint.moves]
     return found
 
 

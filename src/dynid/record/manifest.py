@@ -13,6 +13,7 @@ from dynid.drivers.ros import Node
 from dynid.files.artifact import sha256, write_text
 from dynid.files.trajectoryfile import person
 from dynid.robot import Robot
+from dynid.text import yaml_text
 from dynid.version import __version__
 
 SCHEMA = "dynid/manifest/1"
@@ -20,9 +21,7 @@ SCHEMA = "dynid/manifest/1"
 
 def write_manifest(path: Path, facts: Mapping[str, Any]) -> None:
     """Write facts as YAML, whole or not at all."""
-    import yaml
-
-    write_text(path, yaml.safe_dump(_plain(facts), sort_keys=False, allow_unicode=True, width=110))
+    write_text(path, yaml_text(_plain(facts), width=110, default_flow_style=False))
 
 
 def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:

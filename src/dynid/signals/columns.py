@@ -13,6 +13,7 @@ from dynid.drivers.registry import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import Log
 from dynid.robot import Robot
+from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY
 
 Floats = NDArray[np.float64]
@@ -62,7 +63,7 @@ def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
     likeness = np.array([[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names])
     rows, columns = linear_sum_assignment(-likeness)
     if np.all(likeness[rows, columns] > ALIKE):
-        return f"[{', '.join(names[k] for k in columns)}]"
+        return f"[{', '.join(yaml_word(names[k]) for k in columns)}]"
     places = ", ".join(f"<the column of {name}>" for name in robot.joint_names)
     return f"[{places}]   (the log's own order need not be that of the chain)"
 

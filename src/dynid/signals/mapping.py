@@ -22,6 +22,7 @@ from dynid.robot import DriverSpec, JointMap, Robot
 from dynid.signals.columns import in_si, matching_columns, robot_columns
 from dynid.signals.gravity import expected_torque
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
+from dynid.text import yaml_word
 
 Floats = NDArray[np.float64]
 
@@ -439,7 +440,7 @@ def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
 
 def _driver_keys(spec: DriverSpec, kinds: set[str], there: bool, named: bool) -> list[str]:
     keys = {
-        "order": f"joint_names: [{', '.join(spec.joint_names)}]" if named else "",
+        "order": f"joint_names: [{', '.join(map(yaml_word, spec.joint_names))}]" if named else "",
         "sign": f"sign: [{', '.join(f'{s:g}' for s in spec.map.sign)}]",
         "offset": f"offset: [{', '.join(map(_angle, spec.map.offset))}]",
         "unit": f"units: {{position: {spec.units['position']}}}",

@@ -80,6 +80,7 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
 
     from dynid.files.artifact import write_text
     from dynid.files.robotfile import load_robot, robot_text
+    from dynid.text import printable, yaml_text
 
     text = robot.path.read_text(encoding="utf-8") if robot.path else robot_text(robot)
     document = yaml.safe_load(text)
@@ -87,8 +88,8 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     document["torque"] = {**torque, "relative": True} if found.relative else torque
     path = folder / f"{robot.slug}.yaml"
     what = "ratios of the gains; their size is unknown" if found.relative else "gains"
-    head = f"# Made by dynid identify: {robot.path.name if robot.path else robot.name} with {what}.\n"
-    write_text(path, head + yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=140))
+    head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."
+    write_text(path, yaml_text(document, head, width=140, default_flow_style=False))
     return path, replace(load_robot(str(path)), prior=robot.prior, known=robot.known)
 
 

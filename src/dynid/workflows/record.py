@@ -15,6 +15,7 @@ from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, Start
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.text import shell
 
 if TYPE_CHECKING:
     from dynid.drivers.command_port import CommandPort
@@ -310,7 +311,7 @@ def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions
     Raises:
         NotReviewed: nobody has, or it was changed afterwards.
     """
-    review, again = planned.review, f"dynid trajectory {robot.word} --review {planned.source}"
+    review, again = planned.review, f"dynid trajectory {robot.word} {shell('--review', planned.source)}"
     if planned.reviewed and review is not None:
         return f"by {review.by}, {review.when}" + ", unseen" * (not review.seen)
     if options.accept_unreviewed:

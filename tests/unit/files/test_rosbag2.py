@@ -12,6 +12,7 @@ from dynid.signals.stamps import take_samples
 from makelogs import lwr, lwr_log
 from recordings import (
     add_view,
+    compute_column,
     of_ros1,
     of_ros2,
     ros2_array,
@@ -99,6 +100,13 @@ def test_a_cut_mcap_gives_the_samples_before_the_cut_and_says_so(log, tmp_path):
     assert 100 < len(found) < len(log)
     assert [finding.code for finding in found.findings] == ["W305"]
     np.testing.assert_array_equal(found.q, log.q[: len(found)])
+
+
+def test_columns_that_are_computed_when_they_are_read_are_refused(log, tmp_path):
+    path = FORMATS["single .db3"](log, tmp_path)
+    compute_column(path)
+    with pytest.raises(DynidError, match="computes its messages"):
+        read_log(path, robot=lwr())
 
 
 def test_a_view_without_end_in_the_place_of_a_table_is_refused(log, tmp_path):

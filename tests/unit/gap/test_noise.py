@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dynid.errors import LogTooShort
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
@@ -88,6 +89,11 @@ def test_repeats_show_the_noise_and_not_what_repeats():
     noise = measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q))
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
+
+
+def test_a_log_without_usable_rows_is_refused():
+    with pytest.raises(LogTooShort, match="usable rows"):
+        measure_noise([Rows(motion(np.arange(9) / RATE))], [np.zeros((9, 2))], [], [np.ones(9, dtype=bool)])
 
 
 def test_a_contact_in_one_repeat_is_called_unrepeatable():

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dynid.errors import WrongUrdf
+from dynid.errors import DynidError, TooLarge, WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
 from dynid.model.from_urdf import import_arm
@@ -29,6 +29,12 @@ ARMS = {
 #: KUKA's iiwa 14, from the figures of its data sheet: joint offsets along the arm, axes turned by right angles.
 IIWA = ((0.1575, 0, 0, 0), (0.2025, 90, 0, 180), (0.2045, 90, 0, 180), (0.2155, 90, 0, 0), (0.1845, -90, 180, 0),
         (0.2155, 90, 0, 0), (0.081, -90, 180, 0))  # fmt: skip
+
+#: Two links that carry each other, beside the arm.
+RING = "<link name='ring_a'/><link name='ring_b'/>" + "".join(
+    f"<joint name='to_{b}' type='revolute'><parent link='ring_{a}'/><child link='ring_{b}'/></joint>"
+    for a, b in ("ab", "ba")
+)
 
 
 def random_urdf(rng, n):
@@ -231,14 +237,29 @@ def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(t
         (lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'), "names link 'nowhere'"),
         (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
         (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "no number"),
+        (lambda t: t.replace("</robot>", RING + "</robot>"), "link 'ring_[ab]' hangs on itself"),
+        (lambda t: t.replace("</robot>", "<link name='x'/>" * 1001 + "</robot>"), "1 009 links"),
     ],
 )
 def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, tmp_path):
     """Each fault has its own sentence."""
     path = tmp_path / "arm.urdf"
     path.write_text(change(iiwa_urdf()))
-    with pytest.raises(WrongUrdf, match=message):
+    with pytest.raises((WrongUrdf, TooLarge), match=message):
         imported(path, tip="l7" if "floating" in message else None)
+
+
+def test_a_chain_of_hundreds_of_links_is_no_matter_of_recursion(tmp_path):
+    """Joints that fork behind a long chain; it is refused for its length, as a file that somebody made up is."""
+    links = "".join(f'<link name="c{k}"/>' for k in range(900))
+    joints = "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="c{k - 1}"/><child link="c{k}"/></joint>'
+        for k in range(1, 900) for kind in ["fixed" if k % 2 else "revolute"]
+    )  # fmt: skip
+    path = tmp_path / "arm.urdf"
+    path.write_text(f"<robot name='long'>{links}{joints}</robot>")
+    with pytest.raises(DynidError):
+        imported(path)
 
 
 def test_an_unknown_link_is_answered_with_the_nearest(tmp_path):
