@@ -36,8 +36,8 @@ def test_raised_limits_hold_in_their_block_also_inside_each_other_and_after_an_e
 
 
 @pytest.mark.parametrize(
-    "text", ["joints", "joints=1e18", "joints=", "joints=-1", "joints=0", "joints=nan", "joints=inf", "joints=1e999", "=5",
-             "x=5", "joints=1_0", "joints=²", "joints=0x10", "joints= 5", "joints=" + "9" * 5000],
+    "text", ["joints", "joints=1e18", "joints=", "joints=-1", "joints=0", "joints=nan", "joints=inf", "joints=1e999",
+             "=5", "x=5", "joints=1_0", "joints=²", "joints=0x10", "joints= 5", "joints=" + "9" * 5000],
 )  # fmt: skip
 def test_what_is_no_limit_is_refused(text):
     with pytest.raises(ValueError, match=r"no limit|not a positive number"):
