@@ -161,6 +161,8 @@ class Case:
     seed: int
     extra: str = "plain"
     facts: dict = field(default_factory=dict)
+    #: A torque of the joint that has no name, of t, q, qd, qdd and the rigid-body torques.
+    law: object = None
 
 
 def lugre(q, qd, dt, stiffness_length):
@@ -202,7 +204,9 @@ def added_torque(arm, case, s, t, q, qd, qdd, rigid, span):
     v, x, sign = qd[:, j], q[:, j], sharp(qd[:, j])
     low, high = span
     e = case.effect
-    if e == "torque_offset":
+    if case.law is not None:
+        out[:, j] = case.law(t, q, qd, qdd, rigid)
+    elif e == "torque_offset":
         out[:, j] = 1
     elif e == "asymmetric_viscous":
         out[:, j] = np.abs(v)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.errors import PackageMissing
+from dynid.gap.formulas import Wording, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
@@ -47,6 +48,7 @@ class GapAnalysis:
             cannot be run.
         verdict: the verdict.
         invisible: effects and joints that these logs cannot show.
+        wording: what is left, put into words.
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -58,6 +60,7 @@ class GapAnalysis:
     simulation: tuple[Floats, Floats] | None
     verdict: GapVerdict
     invisible: dict[str, list[int]]
+    wording: Wording
 
 
 def analyse_gap(
@@ -94,6 +97,7 @@ def analyse_gap(
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
+    wording = find_formulas(found.search, verdict.remainder, progress)
     return GapAnalysis(
         logs,
         problem,
@@ -104,6 +108,7 @@ def analyse_gap(
         simulation,
         verdict,
         invisible,
+        wording,
     )
 
 

@@ -1,0 +1,447 @@
+"""What no effect of the catalogue explains, put into words: a formula over the motion of a joint and its neighbours.
+
+All products of a library are screened on the rows, the leading ones are evaluated exactly, and the shortest of those
+that the best is not clearly better than is taken, term by term. It is told only if halves of the blocks of time choose
+the same, the rows that were never fitted agree, and no other joint gets worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dynid.gap.formula_library import Factor, cost_of, forms, library_of
+from dynid.gap.localisation import NEGLIGIBLE
+from dynid.gap.problem import GapProblem
+from dynid.gap.search import EffectSearch
+from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
+from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
+from dynid.gap.significance import significance_test, whitened_columns
+from dynid.gap.stepwise_selection import EQUAL, SURE
+from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.model.effects.formula import Formula, formula_text
+from dynid.model.effects.interface import Floats
+from dynid.progress import SILENT, Progress
+
+#: Most terms; a longer formula explains nothing to anybody.
+MOST = 3
+#: Products that are evaluated exactly after the screening, and that a later term is chosen from.
+EXACT, LATER = 40, 800
+#: Products that are screened together.
+TOGETHER = 64
+#: Share of a column's power below which the model absorbs it.
+ABSORBED = 1e-3
+#: Draws of half the blocks, and the share of them that has to choose the same or what looks the same.
+DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
+#: Chance of a term by accident, over all products that are tried.
+CHANCE = 0.01
+#: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
+SHARE, MORE = 0.5, 0.15
+#: Upper end of the 95 % interval of the held-out error, after over before; and growth of another's that is too much.
+SMALLER, GROWN = 0.97, 1.02
+#: Chance below which a formula differs between parts of the logs.
+CONSTANT = 1e-3
+#: Parts of a signal's range that tell whether the residual follows it.
+PARTS = 12
+
+
+@dataclass(frozen=True)
+class Clue:
+    """What is known of a joint for which no formula passed.
+
+    Attributes:
+        joint: its index.
+        signal: what the residual follows most, such as ``qd4``.
+        share: share of its power that a curve over this signal explains, where it was not fitted.
+        repeats: share of its power that is the same whenever the motion is; None without repeats.
+        near: the formula that came nearest, and why it is not told; "" for none.
+    """
+
+    joint: int
+    signal: str
+    share: float
+    repeats: float | None
+    near: str = ""
+
+
+@dataclass(frozen=True)
+class Wording:
+    """What was put into words.
+
+    Attributes:
+        formulas: formulas that passed, with numbers; each is one selected effect.
+        clues: joints for which none did.
+    """
+
+    formulas: tuple[SelectedEffect, ...] = ()
+    clues: tuple[Clue, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One or several columns that may become terms.
+
+    Attributes:
+        terms: their texts.
+        cost: what they cost a reader.
+        columns: whitened, beside what explains the rows already, (k, M).
+        gram: of them in each block of time, (B, k, k).
+        right: their products with the residual in each block, (B, k).
+    """
+
+    terms: tuple[str, ...]
+    cost: float
+    columns: Floats
+    gram: Floats
+    right: Floats
+
+    @cached_property
+    def beta(self) -> Floats:
+        """Amplitudes, (k,)."""
+        return _solved(self.gram.sum(axis=0), self.right.sum(axis=0))
+
+    @cached_property
+    def gains(self) -> Floats:
+        """Gain in each block, (B,)."""
+        found: Floats = 2 * self.right @ self.beta - np.einsum("k,bkl,l->b", self.beta, self.gram, self.beta)
+        return found
+
+    @property
+    def score(self) -> float:
+        """Gain less what its freedom costs (BIC)."""
+        return float(self.gains.sum()) - self.penalty
+
+    @property
+    def penalty(self) -> float:
+        """What its freedom costs (BIC)."""
+        return len(self.terms) * float(np.log(self.columns.shape[1]))
+
+    def only(self, chosen: Sequence[int], cost: float) -> Candidate:
+        """Return some of its columns as a candidate."""
+        k = list(chosen)
+        gram = self.gram[:, k][:, :, k]
+        return Candidate(tuple(self.terms[i] for i in k), cost, self.columns[k], gram, self.right[:, k])
+
+
+def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progress = SILENT) -> Wording:
+    """Put what is left of joints into words.
+
+    Args:
+        search: a search; what it has selected explains part of the rows already.
+        joints: joints with more left than noise, 0-based.
+        progress: told how far the work is.
+    """
+    found: list[SelectedEffect] = []
+    clues = []
+    silent = set(search.problem.noise.unrepeatable)
+    for k, j in enumerate(sorted(joints, key=lambda j: -search.after[j])):
+        progress.advance(k + 1, len(joints), "formula")
+        formula, why = (None, "what disturbs it does not repeat") if j in silent else _formula_of(search, j, found)
+        if formula is None:
+            clues.append(_clue(search, j, why))
+        else:
+            found.append(formula)
+    return Wording(tuple(found), tuple(clues))
+
+
+def _formula_of(
+    search: EffectSearch, joint: int, others: Sequence[SelectedEffect]
+) -> tuple[SelectedEffect | None, str]:
+    """Return the formula of one joint, or why there is none."""
+    problem = search.problem
+    regression = with_selected(problem.regression(), [*search.selected, *others])
+    before = float(regression.reduced_chi_square()[joint])
+    if before - 1 < NEGLIGIBLE:
+        return None, "nothing is left of it beside the others"
+    terms, stable, tests = _greedy(regression, joint)
+    if not terms:
+        return None, ""
+    text = formula_text(terms)
+    formula = _selected(problem, [*search.selected, *others], text, joint)
+    after = with_selected(problem.regression(), [*search.selected, *others, formula]).reduced_chi_square()[joint]
+    share = 1 - (float(after) - 1) / (before - 1)
+    why = _doubt(formula, share, stable, tests) or _unproved(problem, [*search.selected, *others], formula, joint)
+    return (None, f"{text}: {why}") if why else (formula, "")
+
+
+def _doubt(formula: SelectedEffect, share: float, stable: float, tests: int) -> str:
+    """Return why a formula is not believed on the rows that it was found in, or nothing."""
+    if share < SHARE:
+        return f"it explains {100 * max(share, 0):.0f} % of what is left"
+    if stable < STABLE:
+        return f"{100 * stable:.0f} % of the halves of the logs agree on it"
+    if formula.test.chow_p_value < CONSTANT:
+        return "it is not the same in all parts of the logs"
+    if tests * max(formula.test.p_value, formula.test.gain_p_value) > CHANCE:
+        return "it may be an accident"
+    return ""
+
+
+# ---------------------------------------------------------------- choosing
+def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], float, int]:
+    """Return the terms of the best short formula, the least share of half logs that agree, and what was tried."""
+    rows = _FactorRows(regression, joint)
+    tried = list(rows.library.products())
+    terms: list[str] = []
+    stable, tests, fixed = 1.0, sum(len(forms(one)) for one in tried), list(regression.effects)
+    for _ in range(MOST):
+        excess = float(regression.reduced_chi_square()[joint]) - 1
+        if excess < NEGLIGIBLE:
+            break
+        gains = rows.gains(regression, tried)
+        order = np.argsort(-gains)
+        exact = _exact(regression, joint, rows, [tried[k] for k in order[:EXACT] if gains[k] > 0], terms)
+        tried = [tried[k] for k in order[:LATER]]
+        best = max(exact, key=lambda one: one.score, default=None)
+        if best is None or best.score <= 2 * np.log(tests):
+            break
+        chosen = _shortest(best, exact)
+        fixed.append({joint: _columns(regression, joint, rows.formula(chosen.terms))})
+        regression = regression.with_effects(fixed)
+        left = float(regression.reduced_chi_square()[joint]) - 1
+        if terms and 1 - left / excess < MORE:
+            break
+        stable = min(stable, _stability(chosen, exact))
+        terms += chosen.terms
+    return terms, stable, tests
+
+
+class _FactorRows:
+    """The values of all factors at the rows of one joint; their products are those of the motion but for the filter."""
+
+    def __init__(self, regression: WhitenedRegression, joint: int) -> None:
+        self.robot, self.joint = regression.segments[0].motion.robot, joint
+        self.revolute = [one.revolute for one in self.robot.joints]
+        load = np.concatenate([np.abs(s.motion.rigid[:, joint]) for s in regression.segments])
+        levels = np.quantile(load, [0.25, 0.5, 0.75])
+        self.library = library_of(joint, self.robot.n, self.revolute, levels.tolist())
+        texts = {text for one in (*self.library.places, *self.library.motions) for text in one.texts}
+        made = [(text, self.formula([text])) for text in sorted(texts)]
+        self.parts = [
+            dict(zip([text for text, _ in made], _filtered(s, [f for _, f in made], joint), strict=True))
+            for s in regression.segments
+        ]
+
+    def formula(self, terms: Sequence[str]) -> Formula:
+        """Return the formula of terms."""
+        return Formula(formula_text(terms), self.revolute, self.joint)
+
+    def gains(self, regression: WhitenedRegression, products: Sequence[tuple[Factor, ...]]) -> Floats:
+        """Return about how much each product explains, less what its freedom costs, (P,)."""
+        found = np.zeros(len(products))
+        by_width: dict[int, list[int]] = {}
+        for k, one in enumerate(products):
+            by_width.setdefault(len(forms(one)), []).append(k)
+        e, Q = regression.fit.e[self.joint].astype(np.float32), regression.fit.Q[self.joint].astype(np.float32)
+        for width, chosen in by_width.items():
+            for start in range(0, len(chosen), TOGETHER):
+                some = chosen[start : start + TOGETHER]
+                texts = [form for k in some for form in forms(products[k])]
+                C = regression.whiten(self.joint, [_products(part, texts) for part in self.parts]).astype(np.float32)
+                P = C @ Q
+                C, P = C.reshape(len(some), width, -1), P.reshape(len(some), width, -1)
+                raw = np.einsum("gkm,gkm->gk", C, C)
+                gram = C @ C.transpose(0, 2, 1) - P @ P.transpose(0, 2, 1)
+                found[some] = _batched(gram.astype(np.float64), (C @ e).astype(np.float64), raw) - width * np.log(
+                    len(e)
+                )
+        return found
+
+
+def _filtered(segment: SegmentRows, formulas: Sequence[Formula], joint: int) -> Floats:
+    values = np.array([one.columns(segment.motion, (joint,), {})[0, 0] for one in formulas])
+    return segment.filtered(values)
+
+
+def _products(part: dict[str, Floats], texts: Sequence[tuple[str, ...]]) -> Floats:
+    """Return products of factors at the rows of one segment, (K, M)."""
+    found: Floats = np.array([part[form[0]] for form in texts])
+    longest = max(len(form) for form in texts)
+    for place in range(1, longest):
+        found *= np.array([part[form[place]] if place < len(form) else np.ones_like(part[form[0]]) for form in texts])
+    return found
+
+
+def _batched(gram: Floats, right: Floats, raw: Floats) -> Floats:
+    """Return the gains of groups of columns, those that the model absorbs left out, (G,)."""
+    own = np.diagonal(gram, axis1=1, axis2=2)
+    there = own > ABSORBED * raw
+    size = np.sqrt(np.where(there, own, 1.0))
+    scaled = gram / (size[:, :, None] * size[:, None, :])
+    scaled = np.where(there[:, :, None] & there[:, None, :], scaled, 0.0)
+    scaled += (1e-3 + ~there[:, :, None]) * np.eye(gram.shape[1])
+    b = np.where(there, right / size, 0.0)
+    gains: Floats = np.einsum("gk,gk->g", b, np.linalg.solve(scaled, b[..., None])[..., 0])
+    return gains
+
+
+def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Floats:
+    return whitened_columns(regression, formula, (joint,), [{}])[joint][0]
+
+
+def _exact(
+    regression: WhitenedRegression,
+    joint: int,
+    rows: _FactorRows,
+    products: Sequence[tuple[Factor, ...]],
+    taken: Sequence[str],
+) -> list[Candidate]:
+    """Return the candidates of products, evaluated before the filter: single columns, pairs, and all of a product."""
+    Q, e, block = regression.fit.Q[joint], regression.fit.e[joint], regression.joints[joint].block
+    starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
+    found = []
+    for factors in products:
+        terms = [" ".join(form) for form in forms(factors)]
+        fresh = [k for k, term in enumerate(terms) if term not in taken]
+        if not fresh:
+            continue
+        C = _columns(regression, joint, rows.formula([terms[k] for k in fresh]))
+        raw = np.einsum("km,km->k", C, C)
+        C = C - (C @ Q) @ Q.T
+        seen = np.flatnonzero(np.einsum("km,km->k", C, C) > ABSORBED * raw).tolist()
+        if not seen:
+            continue
+        C, terms = C[seen], [terms[fresh[k]] for k in seen]
+        gram = np.add.reduceat(np.einsum("km,lm->mkl", C, C), starts)
+        right = np.add.reduceat((C * e).T, starts)
+        whole = Candidate(tuple(terms), cost_of(factors, len(terms)), C, gram, right)
+        sets = [[k] for k in range(len(terms))] + [[k, m] for k in range(len(terms)) for m in range(k)]
+        found += [whole.only(one, cost_of(factors, len(one))) for one in sets if len(one) < len(terms)]
+        found.append(whole)
+    return found
+
+
+def _shortest(best: Candidate, others: Sequence[Candidate]) -> Candidate:
+    """Return the shortest of those that the best is not clearly better than."""
+    equal = []
+    for one in others:
+        spread = float(np.std(best.gains - one.gains) * np.sqrt(len(one.gains)))
+        if one is best or (one.score > 0 and best.score - one.score <= max(EQUAL, SURE * spread)):
+            equal.append(one)
+    return min(equal, key=lambda one: (one.cost, -one.score))
+
+
+def _stability(chosen: Candidate, others: Sequence[Candidate]) -> float:
+    """Return the share of draws of half the blocks in which the chosen is as good as the best, or looks like it."""
+    rng = np.random.default_rng(0)
+    count = len(chosen.gains)
+    shape = chosen.beta @ chosen.columns
+    size = float(np.linalg.norm(shape))
+    agree = 0
+    for _ in range(DRAWS):
+        half = rng.permutation(count)[: count // 2]
+        score = [_gain(one, half) - one.penalty for one in others]
+        winner = others[int(np.argmax(score))]
+        own = _gain(chosen, half) - chosen.penalty
+        other = winner.beta @ winner.columns
+        alike = float(shape @ other) / max(size * float(np.linalg.norm(other)), 1e-30)
+        agree += alike > SAME_SHAPE or own > SAME_SHAPE * max(score)
+    return agree / DRAWS
+
+
+def _gain(one: Candidate, blocks: np.ndarray) -> float:
+    gram, right = one.gram[blocks].sum(axis=0), one.right[blocks].sum(axis=0)
+    return float(right @ _solved(gram, right))
+
+
+def _solved(gram: Floats, right: Floats) -> Floats:
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    found: Floats = np.linalg.solve(gram / np.outer(size, size) + 1e-6 * np.eye(len(size)), right / size) / size
+    return found
+
+
+# ---------------------------------------------------------------- proof
+def _selected(problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int) -> SelectedEffect:
+    """Return a formula with its numbers, fitted beside the model and other effects without what is not judged."""
+    revolute = [one.revolute for one in problem.base.robot.joints]
+    formula = Formula(text, revolute, joint)
+    regression = problem.regression(nuisance=False)
+    for _ in range(2):
+        beside = with_selected(regression, others)
+        columns = {joint: _columns(beside, joint, formula)}
+        whole = beside.with_effects([*beside.effects, columns])
+        regression = problem.regression(whole.fit.theta[: problem.base.reduction.rank], nuisance=False)
+    test = significance_test(beside, columns)
+    names = list(formula.amplitudes({}))
+    values = dict(zip(names, whole.amplitudes[-len(names) :].tolist(), strict=True))
+    errors = dict(zip(names, np.sqrt(np.maximum(np.diag(test.covariance), 0.0)).tolist(), strict=True))
+    return SelectedEffect(formula, (joint,), {}, test, float(test.gains.sum()), (), values, errors)
+
+
+def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: SelectedEffect, joint: int) -> str:
+    """Return why a formula is not believed on rows that were not fitted, or nothing."""
+    before = held_out_squares(problem, others)
+    after = held_out_squares(problem, [*others, formula])
+    for j, (x, y) in enumerate(zip(before, after, strict=True)):
+        low, high, ratio = _ratio(x, y)
+        if j == joint and not high < SMALLER:
+            return f"on unseen data it changes the error by {100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
+        if j != joint and low > 1 and ratio > GROWN:
+            return f"it makes {problem.base.robot.joint_names[j]} worse on unseen data"
+    return ""
+
+
+def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Floats]:
+    """Return sum of squares of the held-out error and number of rows in each block of time, for each joint, (2, B)."""
+    p = problem.base.reduction.rank
+    regression = with_selected(problem.regression(nuisance=False), selected)
+    theta = regression.fit.theta[:p]
+    if selected:
+        regression = with_selected(problem.regression(theta, nuisance=False), selected)
+        theta = regression.fit.theta[:p]
+    held = cut(problem.segments, problem.held)
+    torques = [s.filtered(effect_torque(s.motion, selected, regression.amplitudes)) for s in regression.segments]
+    blocks = np.concatenate(jackknife_blocks(held))
+    e = np.concatenate([s.tau - s.W @ theta - torque.T for s, torque in zip(held, torques, strict=True)])
+    use = np.concatenate([s.use for s in held])
+    found = []
+    for j in range(e.shape[1]):
+        _, at = np.unique(blocks[use[:, j]], return_inverse=True)
+        found.append(np.array([np.bincount(at, e[use[:, j], j] ** 2), np.bincount(at)], dtype=np.float64))
+    return found
+
+
+def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
+    """Return the 95 % interval of the ratio of rms values over drawn blocks, and the ratio."""
+    count = before.shape[1]
+    if count < 3 or after.shape != before.shape:
+        return 0.0, float("inf"), 1.0
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), 400)
+    ratios = np.sqrt((drawn @ after[0]) / np.maximum(drawn @ before[0], 1e-30))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return float(low), float(high), float(np.sqrt(after[0].sum() / max(before[0].sum(), 1e-30)))
+
+
+# ---------------------------------------------------------------- what is known all the same
+def _clue(search: EffectSearch, joint: int, why: str) -> Clue:
+    """Return what the residual of a joint follows, and whether it repeats."""
+    regression = with_selected(search.problem.regression(), search.selected)
+    rows, e, noise = regression.joints[joint], regression.fit.e[joint], search.problem.noise
+    e = e * noise.count[joint] ** 0.5
+    signals = {"t": np.concatenate([s.t for s in regression.segments])[rows.index]}
+    near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(regression.joints)]
+    for k in near:
+        for name, part in (("q", "q"), ("qd", "qd"), ("tau", "tau")):
+            signals[f"{name}{k + 1}"] = np.concatenate([getattr(s, part)[:, k] for s in regression.segments])[
+                rows.index
+            ]
+    shares = {name: _followed(values, e, rows.block) for name, values in signals.items()}
+    best = max(shares, key=lambda name: shares[name])
+    power = float(np.mean(e**2))
+    repeats = max(0.0, 1 - 1 / power) if noise.repeats and power > 0 else None
+    return Clue(joint, best, max(0.0, shares[best]), repeats, why)
+
+
+def _followed(signal: Floats, e: Floats, block: np.ndarray) -> float:
+    """Return the share of a residual's power that its mean over parts of a signal's range explains elsewhere."""
+    part = np.searchsorted(np.quantile(signal, np.linspace(0, 1, PARTS + 1)[1:-1]), signal)
+    left = 0.0
+    even = (np.unique(block, return_inverse=True)[1] // 4) % 2 == 0
+    for fitted in (even, ~even):
+        count = np.maximum(np.bincount(part[fitted], minlength=PARTS), 1)
+        mean = np.bincount(part[fitted], e[fitted], PARTS) / count
+        left += float(np.sum((e[~fitted] - mean[part[~fitted]]) ** 2))
+    return 1 - left / max(float(np.sum(e**2)), 1e-30)

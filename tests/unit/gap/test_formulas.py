@@ -1,0 +1,96 @@
+"""Formulas for what no effect of the catalogue explains, on the two-link arm of the textbook."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.gap.analysis import on_one_clock
+from dynid.gap.formula_library import forms, library_of
+from dynid.gap.formulas import find_formulas
+from dynid.gap.problem import make_problem
+from dynid.gap.search import EffectSearch, chi_squares
+from dynid.model.effects.catalogue import added_effects
+from dynid.model.effects.formula import Formula, formula_text
+from dynid.robot import EffectSpec
+
+
+def search_of(problem, selected=()):
+    """A search that has found nothing."""
+    chi, between = chi_squares(problem.regression())
+    return EffectSearch(problem, list(selected), 0.0, None, chi, chi, between, {})
+
+
+def words(twolinks, added, joint=1, **options):
+    problem = make_problem(on_one_clock(twolinks.logs(added, **options)), twolinks.base, None)
+    return find_formulas(search_of(problem), [joint])
+
+
+def test_a_torque_without_a_name_is_written_down_with_its_size(twolinks, on_joint):
+    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.3 * np.sin(2 * q[:, 1]) * qd[:, 0] * np.abs(qd[:, 1])))
+    (one,) = found.formulas
+    assert one.effect.text in ("a sin(2 q2) qd1 |qd2|", "a sin(2 q2) |qd2| qd1")
+    assert one.joints == (1,)
+    assert one.values["a"] == pytest.approx(0.3, abs=4 * one.std_errors["a"])
+    assert one.std_errors["a"] < 0.03
+    assert one.units == {"a": "N m s^2/rad^2"}
+
+
+def test_a_phase_is_two_terms(twolinks, on_joint):
+    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.4 * np.cos(q[:, 1] + 0.8) * qd[:, 1] * qd[:, 0]))
+    (one,) = found.formulas
+    size = {
+        term: one.values[name]
+        for name, term in zip("ab", one.effect.text.replace("a ", "").split(" + b "), strict=True)
+    }
+    for term, value in size.items():
+        assert value == pytest.approx(0.4 * (np.cos(0.8) if "cos" in term else -np.sin(0.8)), abs=0.05)
+
+
+def test_the_shortest_of_equals_is_taken(twolinks, on_joint):
+    """Over a small travel cos 2q |qd| and |qd| look alike."""
+    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.15 * np.abs(qd[:, 1])))
+    assert [one.effect.text for one in found.formulas] == ["a |qd2|"]
+
+
+def test_nothing_is_written_down_where_nothing_is_hidden(twolinks, clean):
+    found = find_formulas(search_of(clean), [0, 1])
+    assert found.formulas == ()
+    assert {clue.joint for clue in found.clues} == {0, 1}
+
+
+def test_what_does_not_stay_is_no_formula(twolinks, on_joint):
+    """A torque that is there in the first part of each log only."""
+    found = words(
+        twolinks, lambda t, q, qd, qdd: on_joint(1, np.where(t % 20 < 11, 0.4, 0.0) * np.sin(2 * q[:, 1]) * qd[:, 0])
+    )
+    assert found.formulas == ()
+
+
+def test_a_clue_says_what_the_residual_follows_and_whether_it_repeats(twolinks, on_joint):
+    """Teeth of three lengths: a torque over the position that no short formula has."""
+    found = words(
+        twolinks, lambda t, q, qd, qdd: on_joint(1, 0.3 * np.sign(np.sin(9 * q[:, 1] + 4 * np.cos(5 * q[:, 1]))))
+    )
+    (clue,) = found.clues
+    assert clue.signal == "q2"
+    assert clue.repeats > 0.8
+
+
+def test_every_product_of_the_library_is_a_formula():
+    for joint in range(3):
+        library = library_of(joint, 3, (True, False, True), (1.0, 2.0))
+        products = list(library.products())
+        texts = {tuple(sorted(form)) for one in products for form in forms(one)}
+        assert len(texts) == sum(len(forms(one)) for one in products), "none is there twice"
+        assert ("sign(qd1)",) not in texts
+        for form in list(texts)[::37]:
+            assert Formula(formula_text([" ".join(form)]), (True, False, True)).amplitudes({}).keys() == {"a"}
+
+
+def test_a_formula_goes_through_the_robot_file(twolinks, on_joint):
+    (one,) = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.3 * qd[:, 0] * qd[:, 1])).formulas
+    robot = twolinks.base.robot
+    spec = EffectSpec("formula", (robot.joint_names[1],), one.values, {}, one.effect.text)
+    (added,) = added_effects(replace(robot, effects=(spec,)))
+    assert [column.value for column in added.columns] == list(one.values.values())
