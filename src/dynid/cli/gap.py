@@ -148,6 +148,13 @@ def show(common: Common, gap: Gap) -> None:
         effect = CATALOGUE[one.effect]
         terminal.fact("named", f"{effect.title} on {one.where}: {effect.signature}")
         terminal.fact("", ", ".join(one.texts()))
+    for one in gap.formulas:
+        terminal.fact("formula", f"{one.formula} on {one.where}, not in the catalogue")
+        terminal.fact(
+            "", f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
+        )
+    for clue in gap.clues:
+        terminal.fact("left", clue)
     terminal.fact("verdict", gap.verdict_text)
     improvement_table(common, gap)
     if not len(gap.simulation):

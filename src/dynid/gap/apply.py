@@ -16,6 +16,7 @@ from dynid.files.robotfile import robot_text
 from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
 from dynid.model.reference import model_torques
@@ -49,6 +50,7 @@ def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec
             tuple(robot.joint_names[j] for j in one.joints or range(robot.n)),
             {name: float(f"{value:.6g}") for name, value in one.values.items()},
             {name: float(f"{value:.2g}") for name, value in one.std_errors.items() if np.isfinite(value)},
+            one.effect.text if isinstance(one.effect, Formula) else None,
         )
         for one in effects
     ]
@@ -82,10 +84,7 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
         path: the copy.
     """
     text = (robot_text(robot) if robot.path is None else robot.path.read_text(encoding="utf-8")).rstrip("\n")
-    entries = [
-        {"effect": s.effect, "joints": list(s.joints), "parameters": s.parameters, "std_error": s.std_error}
-        for s in (*robot.effects, *specs)
-    ]
+    entries = [{**s.facts(), "joints": list(s.joints)} for s in (*robot.effects, *specs)]
     block = yaml_text({"effects": entries}, width=110)
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
     note = "# Added by dynid gap; amplitudes are identified again with everything else."

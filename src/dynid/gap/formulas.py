@@ -68,15 +68,34 @@ class Clue:
 
 
 @dataclass(frozen=True)
+class HeldOutFormula:
+    """A formula on rows that were never fitted, of its joint.
+
+    Attributes:
+        t: times, (M,) [s].
+        residual: what is left without it, (M,) [N m or N].
+        torque: what it says, (M,) [N m or N].
+        left: what is left with it, everything fitted again, (M,) [N m or N].
+    """
+
+    t: Floats
+    residual: Floats
+    torque: Floats
+    left: Floats
+
+
+@dataclass(frozen=True)
 class Wording:
     """What was put into words.
 
     Attributes:
         formulas: formulas that passed, with numbers; each is one selected effect.
+        proofs: each on held-out rows.
         clues: joints for which none did.
     """
 
     formulas: tuple[SelectedEffect, ...] = ()
+    proofs: tuple[HeldOutFormula, ...] = ()
     clues: tuple[Clue, ...] = ()
 
 
@@ -135,7 +154,7 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
         progress: told how far the work is.
     """
     found: list[SelectedEffect] = []
-    clues = []
+    proofs, clues = [], []
     silent = set(search.problem.noise.unrepeatable)
     for k, j in enumerate(sorted(joints, key=lambda j: -search.after[j])):
         progress.advance(k + 1, len(joints), "formula")
@@ -143,8 +162,9 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
         if formula is None:
             clues.append(_clue(search, j, why))
         else:
+            proofs.append(held_out_formula(search.problem, [*search.selected, *found], formula))
             found.append(formula)
-    return Wording(tuple(found), tuple(clues))
+    return Wording(tuple(found), tuple(proofs), tuple(clues))
 
 
 def _formula_of(
@@ -279,7 +299,8 @@ def _batched(gram: Floats, right: Floats, raw: Floats) -> Floats:
 
 
 def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Floats:
-    return whitened_columns(regression, formula, (joint,), [{}])[joint][0]
+    columns: Floats = whitened_columns(regression, formula, (joint,), [{}])[joint][0]
+    return columns
 
 
 def _exact(
@@ -386,22 +407,48 @@ def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: Se
 
 def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Floats]:
     """Return sum of squares of the held-out error and number of rows in each block of time, for each joint, (2, B)."""
-    p = problem.base.reduction.rank
-    regression = with_selected(problem.regression(nuisance=False), selected)
-    theta = regression.fit.theta[:p]
-    if selected:
-        regression = with_selected(problem.regression(theta, nuisance=False), selected)
-        theta = regression.fit.theta[:p]
-    held = cut(problem.segments, problem.held)
-    torques = [s.filtered(effect_torque(s.motion, selected, regression.amplitudes)) for s in regression.segments]
-    blocks = np.concatenate(jackknife_blocks(held))
-    e = np.concatenate([s.tau - s.W @ theta - torque.T for s, torque in zip(held, torques, strict=True)])
-    use = np.concatenate([s.use for s in held])
+    held, e, _ = _held_out(problem, selected)
+    blocks, use = np.concatenate(jackknife_blocks(held)), np.concatenate([s.use for s in held])
     found = []
     for j in range(e.shape[1]):
         _, at = np.unique(blocks[use[:, j]], return_inverse=True)
         found.append(np.array([np.bincount(at, e[use[:, j], j] ** 2), np.bincount(at)], dtype=np.float64))
     return found
+
+
+def held_out_formula(problem: GapProblem, others: Sequence[SelectedEffect], formula: SelectedEffect) -> HeldOutFormula:
+    """Return what a formula says of the held-out rows of its joint, beside what is left there without it."""
+    j = formula.joints[0]
+    held, residual, _ = _held_out(problem, others)
+    _, left, torques = _held_out(problem, [*others, formula], formula)
+    use = np.concatenate([s.use[:, j] for s in held])
+    t = np.concatenate([s.t for s in held])
+    return HeldOutFormula(*(x[use] for x in (t, residual[:, j], torques[:, j], left[:, j])))
+
+
+def _held_out(
+    problem: GapProblem, selected: Sequence[SelectedEffect], shown: SelectedEffect | None = None
+) -> tuple[list[SegmentRows], Floats, Floats]:
+    """Return the segments with held-out rows alone, what effects leave of all rows, and the torque of the last, (M, n).
+
+    Args:
+        problem: the rows.
+        selected: effects that are fitted with the model to the training rows.
+        shown: the last of them, where its torque is wanted.
+    """
+    p = problem.base.reduction.rank
+    regression = with_selected(problem.regression(nuisance=False), selected)
+    if selected:
+        regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
+    theta, beta = regression.fit.theta[:p], regression.amplitudes
+    held = cut(problem.segments, problem.held)
+    e, torques = [], []
+    for s, row in zip(held, regression.segments, strict=True):
+        e.append(s.tau - s.W @ theta - row.filtered(effect_torque(row.motion, selected, beta)).T)
+        if shown is not None:
+            own = beta[len(beta) - len(shown.values) :]
+            torques.append(row.filtered(effect_torque(row.motion, [shown], own)).T)
+    return held, np.concatenate(e), np.concatenate(torques) if torques else np.zeros((0, 0))
 
 
 def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
@@ -416,6 +463,13 @@ def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
 
 
 # ---------------------------------------------------------------- what is known all the same
+def clue_text(clue: Clue, names: Sequence[str]) -> str:
+    """Return what is known of a joint, in words."""
+    repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of what is left repeats with the motion; "
+    near = f"; nearest: {clue.near}" if clue.near else ""
+    return f"{names[clue.joint]}: {repeats}it follows {clue.signal} most ({100 * clue.share:.0f} % of its power){near}"
+
+
 def _clue(search: EffectSearch, joint: int, why: str) -> Clue:
     """Return what the residual of a joint follows, and whether it repeats."""
     regression = with_selected(search.problem.regression(), search.selected)

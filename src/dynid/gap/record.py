@@ -41,6 +41,7 @@ class GapEffect:
         unit: unit of these torques.
         why_not: why it is not named; "" when it is.
         rivals: other effects and joints that explain as much, in words.
+        formula: the torque of ``effect: formula``.
     """
 
     effect: str
@@ -57,6 +58,7 @@ class GapEffect:
     unit: str
     why_not: str = ""
     rivals: tuple[str, ...] = ()
+    formula: str = ""
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -75,6 +77,7 @@ class GapEffect:
             "heldout_rms_before_nm": self.rms_before,
             "heldout_rms_after_nm": self.rms_after,
             **({"why_not": self.why_not} if self.why_not else {}),
+            **({"formula": self.formula} if self.formula else {}),
         }
 
     def open(self, name: str) -> bool:
@@ -118,6 +121,8 @@ class GapRecord:
         cannot_judge: effects that these logs cannot show, with the 0-based joints; () for the whole arm.
         logs: where the logs came from.
         made_from: the result that was searched; "" for one that is in no file.
+        formulas: what no effect of the catalogue explains, as formulas.
+        clues: what is known of joints for which there is none, in words.
     """
 
     robot: str
@@ -139,6 +144,8 @@ class GapRecord:
     cannot_judge: Mapping[str, tuple[int, ...]]
     logs: tuple[str, ...]
     made_from: str
+    formulas: tuple[GapEffect, ...] = ()
+    clues: tuple[str, ...] = ()
 
 
 def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) -> GapRecord:
@@ -152,6 +159,7 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
     """
     import numpy as np
 
+    from dynid.gap.formulas import clue_text
     from dynid.gap.verdict import unrepeatable
 
     verdict, names = analysis.verdict, robot.joint_names
@@ -176,11 +184,24 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
         cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
         logs=tuple(log.path for log in analysis.logs),
         made_from=made_from,
+        formulas=tuple(_formulas(analysis, robot)),
+        clues=tuple(clue_text(clue, names) for clue in analysis.wording.clues),
     )
+
+
+def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
+    import numpy as np
+
+    found = []
+    for one, proof in zip(analysis.wording.formulas, analysis.wording.proofs, strict=True):
+        before, after = (float(np.sqrt(np.mean(x**2))) for x in (proof.residual, proof.left))
+        found.append(replace(_effect(one, analysis, robot), rms_before=before, rms_after=after))
+    return found
 
 
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
     from dynid.gap.verdict import joints_text, labels
+    from dynid.model.effects.formula import Formula
 
     names, j = robot.joint_names, one.test.joint
     return GapEffect(
@@ -197,6 +218,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         rms_after=float(analysis.improvement.after[j]),
         unit=robot.joints[j].torque_unit,
         rivals=tuple(labels(one, names)[1:]),
+        formula=one.effect.text if isinstance(one.effect, Formula) else "",
     )
 
 
@@ -218,6 +240,9 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
 
 #: What of an effect is a mapping: stored as pairs, because a header is sorted.
 _MAPPINGS = ("values", "std_errors", "units")
+#: What of a record is a list of effects, and of words.
+_EFFECTS = ("named", "closest", "formulas")
+_WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues")
 #: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
 _IMPROVEMENT = ("before", "after", "ratio", "floor")
 
@@ -229,7 +254,7 @@ def write_record(path: Path, record: GapRecord) -> None:
     facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
     improvement, simulation = facts.pop("improvement"), facts.pop("simulation")
     arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {"simulation": simulation}
-    facts |= {key: [_stored(one) for one in facts[key]] for key in ("named", "closest")}
+    facts |= {key: [_stored(one) for one in facts[key]] for key in _EFFECTS}
     facts |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
     write_artifact(path, Artifact(SCHEMA, {"record": facts}, arrays))
 
@@ -247,8 +272,8 @@ def read_record(path: Path) -> GapRecord:
     artifact = read_artifact(path, SCHEMA)
     with reading(path):
         found = dict(artifact.header["record"])
-        found |= {key: tuple(_effect_of(one) for one in found[key]) for key in ("named", "closest")}
-        found |= {key: tuple(found[key]) for key in ("joint_names", "torque_units", "not_repeatable", "logs")}
+        found |= {key: tuple(_effect_of(one) for one in found.get(key, [])) for key in _EFFECTS}
+        found |= {key: tuple(found.get(key, [])) for key in _WORDS}
         found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
         found["cannot_judge"] = {name: tuple(joints) for name, joints in found["cannot_judge"]}
         found["joints"] = tuple(
@@ -261,7 +286,7 @@ def read_record(path: Path) -> GapRecord:
         require_shape((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
         require_shape((n, 2), ratio=improvement.ratio)
         require_shape((len(record.simulation), n), simulation=record.simulation)
-        for value in (record, *record.named, *record.closest, *record.joints):
+        for value in (record, *record.named, *record.closest, *record.formulas, *record.joints):
             require_fields(value)
         if {one.joint for one in record.joints} != set(range(n)) or len(record.torque_units) != n:
             raise ValueError("it has other joints than names")

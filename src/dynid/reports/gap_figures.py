@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.gap.formulas import HeldOutFormula
 from dynid.gap.localisation import JointGap
+from dynid.gap.record import GapEffect
 from dynid.gap.refit import HeldOutImprovement
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 from dynid.text import TITLE_LENGTH, label
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Times the noise's power at which the colours end.
 WORST = 10.0
+#: Seconds of held-out motion, and parts of a formula's range, that are drawn.
+SHOWN, PARTS = 12.0, 10
 
 
 def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
@@ -76,4 +80,39 @@ def improvement_figure(
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
     figure.suptitle(label(title, TITLE_LENGTH), fontsize=10)
+    return figure
+
+
+def formula_figure(formulas: Sequence[GapEffect], proofs: Sequence[HeldOutFormula], title: str) -> Figure:
+    """Draw each formula through what is left of held-out rows: over time, and against what it says."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(9.0, 2.6 * len(formulas) + 0.5), layout="constrained")
+    for (over_time, against), one, proof in zip(
+        figure.subplots(len(formulas), 2, width_ratios=[3, 2], squeeze=False), formulas, proofs, strict=True
+    ):
+        # Why not the residual without it: there the other parameters have taken up part of it.
+        data, shown = proof.left + proof.torque, proof.t < proof.t[0] + SHOWN
+        over_time.plot(proof.t[shown], data[shown], ".", ms=3, color=MEASURED, label="what the model leaves for it")
+        over_time.plot(proof.t[shown], proof.torque[shown], ".", ms=3, color=ESTIMATED, label="the formula")
+        over_time.set_xlabel("time on held-out rows [s]", fontsize=8)
+        over_time.set_ylabel(f"{label(one.where)} [{one.unit}]", fontsize=8)
+        over_time.set_title(label(one.formula, TITLE_LENGTH), fontsize=9, loc="left")
+        over_time.legend(fontsize=7, frameon=False)
+        part = np.searchsorted(np.quantile(proof.torque, np.linspace(0, 1, PARTS + 1)[1:-1]), proof.torque)
+        groups = [part == k for k in range(PARTS) if np.any(part == k)]
+        x, y = (np.array([values[group].mean() for group in groups]) for values in (proof.torque, data))
+        spread = np.array([data[group].std() for group in groups])
+        against.plot(proof.torque, data, ".", ms=1.5, color=RESIDUAL, alpha=0.3)
+        against.errorbar(x, y, spread, fmt="o", ms=4, color=MEASURED, lw=1.0)
+        ends = [proof.torque.min(), proof.torque.max()]
+        against.plot(ends, ends, color=mpl.rcParams["text.color"], lw=1.0)
+        against.set_xlabel(f"the formula [{one.unit}]", fontsize=8)
+        against.set_ylabel(f"what the model leaves for it [{one.unit}]", fontsize=8)
+        for axis in (over_time, against):
+            axis.tick_params(labelsize=7)
+            for side in ("top", "right"):
+                axis.spines[side].set_visible(False)
+    figure.suptitle(label(f"{title}: not in the catalogue, on unseen data", TITLE_LENGTH), fontsize=10)
     return figure

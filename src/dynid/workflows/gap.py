@@ -113,16 +113,16 @@ class Gap(GapRecord):
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
         rows = [
             {
-                "effect": one.effect,
+                "effect": one.formula or one.effect,
                 "where": one.where,
                 "size": ", ".join(one.texts()),
                 "rms before": one.rms_before,
                 "rms after": one.rms_after,
                 "unit": one.unit,
                 "p-value": one.p_value,
-                "said": one.why_not or "named",
+                "said": one.why_not or ("not in the catalogue" if one.formula else "named"),
             }
-            for one in (*self.named, *self.closest)
+            for one in (*self.named, *self.closest, *self.formulas)
         ]
         return Table(rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice))
 
@@ -145,6 +145,7 @@ class Gap(GapRecord):
     def summary(self) -> str:
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
+        sizes += [f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas]
         lines = [self.verdict_text, *sizes, f"where: {self.where_text}", f"noise: {self.noise_text}", self.advice]
         return "\n".join(lines)
 
@@ -177,6 +178,8 @@ class Gap(GapRecord):
             "named": [one.facts() for one in self.named],
             "alternatives": [list(group) for group in self.alternatives],
             "closest": [one.facts() for one in self.closest],
+            "formulas": [one.facts() for one in self.formulas],
+            "clues": list(self.clues),
             "gap": {
                 "joints": list(self.joint_names),
                 "heldout_before_nm": held_out.before,
@@ -223,13 +226,26 @@ class Gap(GapRecord):
         title = f"{self.robot}: the gap on unseen data ({self.heldout})"
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
+    def plot_formulas(self) -> Figure:
+        """Return a figure of each formula drawn through what is left of held-out rows.
+
+        Raises:
+            WrongUsage: the search was read from a file, or there is no formula.
+        """
+        from dynid.reports.gap_figures import formula_figure
+
+        if self.analysis is None or not self.formulas:
+            raise WrongUsage("there is no formula to draw", fix="find_gap(...).plot_formulas()")
+        return formula_figure(self.formulas, self.analysis.wording.proofs, self.robot)
+
     def write_figures(self, folder: Path) -> list[Path]:
-        """Write both figures as PNG."""
+        """Write the figures as PNG."""
         from dynid.reports.figures import write_figure
 
         return [
             write_figure(self.plot_residual(), folder / "where.png"),
             write_figure(self.plot_improvement(), folder / "shrink.png"),
+            *([write_figure(self.plot_formulas(), folder / "formula.png")] if self.analysis and self.formulas else []),
         ]
 
     def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
@@ -257,8 +273,8 @@ class Gap(GapRecord):
         return tuple(found)
 
     def _selected(self) -> list[GapEffect]:
-        """Return all effects that were found, named or not."""
-        return [*self.named, *self.closest]
+        """Return all effects that were found, named or not, and formulas."""
+        return [*self.named, *self.closest, *self.formulas]
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
@@ -278,7 +294,7 @@ class Gap(GapRecord):
         if analysis is None:
             raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
         wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
-        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
+        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest), *analysis.wording.formulas)
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
             raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")
