@@ -28,7 +28,7 @@ def gap(evidence: Evidence) -> dict[str, Any]:
     return {
         "gap": record,
         "verdict": VERDICTS.get(record.verdict, record.verdict),
-        "rows": [_row(one) for one in (*record.named, *record.closest)],
+        "rows": [_row(one) for one in (*record.named, *record.closest, *record.formulas)],
         "alternatives": [" or ".join(group) for group in record.alternatives],
         "pictures": _pictures(record),
     }
@@ -41,12 +41,12 @@ def _row(one: GapEffect) -> dict[str, Any]:
     if before and after is not None:
         change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %"
     return {
-        "effect": CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect,
+        "effect": one.formula or (CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect),
         "joints": ", ".join(one.joints),
         "change": change.replace("-", "\N{MINUS SIGN}"),
         "chance": "< 0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %",
         "numbers": ", ".join(text.replace("+-", "±") for text in one.texts()),
-        "said": one.why_not or "named",
+        "said": one.why_not or ("not in the catalogue" if one.formula else "named"),
     }
 
 
