@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +140,7 @@ class Log:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
 
-    @property
+    @cached_property
     def rate(self) -> float:
         """Median sample rate [Hz]."""
         return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")

@@ -14,7 +14,7 @@ import numpy as np
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
-from dynid.files.bag_records import MAGIC, BrokenBag, Connection, read_index, scan
+from dynid.files.bag_records import MAGIC, BrokenBag, Connection, Messages, read_index, scan
 from dynid.files.cdr import MULTI_ARRAY, multi_array_ros1
 from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
 from dynid.log import Log
@@ -69,8 +69,8 @@ def list_topics(path: Path) -> dict[str, Topic]:
                     count(index.connections[number], messages)
     except BrokenBag:
         found.clear()
-        for connection, _, _ in scan(path):
-            count(connection, 1)
+        for some in scan(path):
+            count(some.connection, len(some))
         if not found:
             raise _nothing_readable(path) from None
     return found
@@ -135,20 +135,25 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
 
 
-def _collect(messages: Iterator[tuple[Connection, int, bytes]], *, lenient: bool = False) -> dict[str, Collector]:
-    found: dict[str, Collector] = {}
-    for connection, time, raw in messages:
+def _collect(found: Iterator[Messages], *, lenient: bool = False) -> dict[str, Collector]:
+    collectors: dict[str, Collector] = {}
+    for messages in found:
+        connection = messages.connection
         if numbers := connection.type == MULTI_ARRAY:
             connection = replace(connection, type=JOINT_STATE, definition="", md5=CHECKSUMS[JOINT_STATE])
-        collector = found.get(connection.topic)
+        collector = collectors.get(connection.topic)
         if collector is None:
-            collector = found[connection.topic] = Collector(connection, lenient=lenient)
-        try:
-            collector.add(time, multi_array_ros1(raw) if numbers else raw)
-        except BrokenMessage:
-            if not lenient:
-                raise
-    return found
+            collector = collectors[connection.topic] = Collector(connection, lenient=lenient)
+        if not numbers:
+            collector.add_alike(messages.arrival, messages.raw)
+            continue
+        for time, raw in zip(messages.arrival.tolist(), messages.raw, strict=True):
+            try:
+                collector.add(time, multi_array_ros1(raw.tobytes()))
+            except BrokenMessage:
+                if not lenient:
+                    raise
+    return collectors
 
 
 def recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:

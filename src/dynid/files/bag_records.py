@@ -16,6 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynid import limits
 
 #: Length of the line ``#ROSBAG V2.0`` that opens every bag.
@@ -24,6 +27,10 @@ _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2
 #: A record header holds a few short fields; a larger number is debris.
 _LARGEST_HEADER = 1 << 20
 _PIECE = 1 << 16
+#: The field of a message's header that differs from message to message: length, name, eight bytes.
+_TIME = b"\r\0\0\0time="
+#: Records of one length in a row from which on it is tried whether those after them have it too.
+FEW = 16
 #: So many unpacked bytes of a whole bag are read however small it is.
 _FREE_BYTES = 1 << 30
 
@@ -56,6 +63,25 @@ class Index:
 
     connections: dict[int, Connection]
     chunks: dict[int, dict[int, int]]
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one connection and one length.
+
+    Attributes:
+        connection: their publisher.
+        arrival: when they were recorded, (N,) [ns].
+        raw: their bytes, (N, length).
+    """
+
+    connection: Connection
+    arrival: NDArray[np.int64]
+    raw: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.arrival)
 
 
 class BrokenBag(Exception):
@@ -109,8 +135,8 @@ class _Walk:
 
 def scan(
     path: Path, *, recover: bool = True, index: Index | None = None, topics: Collection[str] | None = None
-) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield connection, arrival time [ns] and raw bytes of every readable message, in the order of the file.
+) -> Iterator[Messages]:
+    """Yield every readable message, chunk by chunk in the order of the file; those that are alike come together.
 
     Args:
         path: the bag.
@@ -138,7 +164,7 @@ def scan(
                 else:
                     messages = _chunk(stream, header, size, end, walk)
                 for item in messages:
-                    if topics is None or item[0].topic in topics:
+                    if topics is None or item.connection.topic in topics:
                         yield item
                 if walk.broken and not recover:
                     raise BrokenBag(walk.broken)
@@ -155,9 +181,7 @@ def _without(index: Index, place: int, topics: Collection[str]) -> bool:
     return not any(number in index.connections and index.connections[number].topic in topics for number in counts)
 
 
-def _chunk(
-    stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, walk: _Walk
-) -> Iterator[tuple[Connection, int, bytes]]:
+def _chunk(stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, walk: _Walk) -> Iterator[Messages]:
     """Yield the messages of a chunk.
 
     Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of an
@@ -208,23 +232,105 @@ def _fields(block: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def _messages(chunk: bytes, walk: _Walk) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the messages of a chunk up to the first broken one."""
-    position, end = 0, len(chunk)
+def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
+    """Yield the messages of a chunk up to the first broken one, those together that are alike."""
+    places: dict[tuple[int, int], list[int]] = {}
+    position, end, last, row = 0, len(chunk), (0, 0), 0
+    while position < end:
+        head = 8 + int.from_bytes(chunk[position : position + 4], "little")
+        body = position + head
+        size = int.from_bytes(chunk[body - 4 : body], "little")
+        if body > end or body + size > end:
+            walk.broken = walk.broken or "a chunk ends in the middle of a message"
+            break
+        row = row + 1 if (head, size) == last else 0
+        last, count = (head, size), 1
+        if row == FEW:
+            count, row = _alike(chunk, position, head, size), 0
+        after = position + count * (head + size)
+        places.setdefault(last, []).extend(range(position, after, head + size))
+        position = after
+    groups = [each for (head, size), where in places.items() for each in _by_header(chunk, head, size, np.array(where))]
     try:
-        while position < end:
-            head = int.from_bytes(chunk[position : position + 4], "little")
-            body = position + 8 + head
-            size = int.from_bytes(chunk[body - 4 : body], "little")
-            if body > end or body + size > end:
-                raise BrokenBag("a chunk ends in the middle of a message")
-            yield from _one(_fields(chunk[position + 4 : body - 4]), chunk[body : body + size], walk)
-            position = body + size
+        for group in sorted(groups, key=lambda group: int(group.where[0])):
+            end = int(group.where[0])
+            group.header = _fields(chunk[end + 4 : end + group.head - 4])
+            if group.header.get(b"op") == _CONNECTION:
+                for place in group.where.tolist():
+                    _remember(group.header, chunk[place + group.head :][: group.size], walk.connections, walk.path)
+        end = len(chunk)
     except BrokenBag as error:
         walk.broken = walk.broken or str(error)
+    for group in groups:
+        yield from _of_group(chunk, group, end, walk)
 
 
-def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[tuple[Connection, int, bytes]]:
+@dataclass
+class _Group:
+    """Records of a chunk with one header but for the time.
+
+    Attributes:
+        head: bytes of the header, lengths included.
+        size: bytes of the data.
+        where: where they begin, (N,).
+        header: fields of the first.
+    """
+
+    head: int
+    size: int
+    where: NDArray[np.int64]
+    header: dict[bytes, bytes] = field(default_factory=dict)
+
+
+def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
+    """Return how many records that begin like the one at a position follow it, itself included."""
+    record = head + size
+    rows = np.frombuffer(chunk, np.uint8, (len(chunk) - position) // record * record, position).reshape(-1, record)
+    lengths = np.r_[0:4, head - 4 : head]
+    equal = np.all(rows[:, lengths] == rows[0, lengths], axis=1)
+    return len(equal) if equal.all() else int(np.argmin(equal))
+
+
+def _by_header(chunk: bytes, head: int, size: int, where: NDArray[np.int64]) -> Iterator[_Group]:
+    """Yield records with headers and data of one length each by what their headers say besides the time."""
+    time = chunk.find(_TIME, where[0], where[0] + head) - where[0] + len(_TIME)
+    headers = _rows(chunk, where, head, head + size).copy()
+    if len(_TIME) <= time <= head - 8:
+        headers[
+            np.all(headers[:, time - len(_TIME) : time] == np.frombuffer(_TIME, np.uint8), axis=1), time : time + 8
+        ] = 0
+    if np.all(headers == headers[0]):
+        yield _Group(head, size, where)
+        return
+    _, kind = np.unique(headers.view(f"V{head}").ravel(), return_inverse=True)
+    order = np.argsort(kind, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
+        yield _Group(head, size, where[part])
+
+
+def _of_group(chunk: bytes, group: _Group, end: int, walk: _Walk) -> Iterator[Messages]:
+    """Yield the messages of a group that begin before the end of what is whole."""
+    where = group.where[group.where < end]
+    if group.header.get(b"op") != _MESSAGE or not len(where) or len(group.header.get(b"time", b"")) != 8:
+        return
+    connection = walk.connections.get(_number(group.header, b"conn"))
+    if connection is None:
+        return
+    records = _rows(chunk, where, group.head + group.size, group.head + group.size)
+    time = chunk.find(_TIME, where[0]) - where[0] + len(_TIME)
+    words = np.ascontiguousarray(records[:, time : time + 8]).view("<u4").astype(np.int64)
+    yield Messages(connection, words[:, 0] * 10**9 + words[:, 1], records[:, group.head :])
+
+
+def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDArray[np.uint8]:
+    """Return pieces of one length of a chunk, (N, length); those a step apart without a copy."""
+    content = np.frombuffer(chunk, np.uint8)
+    if where[-1] - where[0] == (len(where) - 1) * step:
+        return content[where[0] : where[0] + len(where) * step].reshape(-1, step)[:, :length]
+    return np.asarray(content[where[:, None] + np.arange(length)])
+
+
+def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[Messages]:
     """Yield the message of a record, or remember the connection it describes."""
     op = header.get(b"op")
     if op == _MESSAGE:
@@ -232,7 +338,8 @@ def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[tuple
         stamp = header.get(b"time", b"")
         if connection is not None and len(stamp) == 8:
             seconds, nanoseconds = struct.unpack("<II", stamp)
-            yield connection, seconds * 10**9 + nanoseconds, data
+            arrival = np.array([seconds * 10**9 + nanoseconds], dtype=np.int64)
+            yield Messages(connection, arrival, np.frombuffer(data, np.uint8)[None])
     elif op == _CONNECTION:
         _remember(header, data, walk.connections, walk.path)
 

@@ -20,6 +20,7 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import TooLarge, WrongMessageType
 from dynid.files.bag_records import Connection
 from dynid.log import Log
+from dynid.longarrays import Growing, taken
 
 Times = NDArray[np.int64]
 #: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,
@@ -51,6 +52,8 @@ BLOCK = 4096
 BLOCK_BYTES = 8 << 20
 #: A clock ticks: header stamps with fewer distinct values than this share of the messages are not one.
 LEAST_DISTINCT = 0.5
+#: Fewer messages than this are put together with others before they are decoded.
+FEW = 64
 
 
 class BrokenMessage(Exception):
@@ -109,7 +112,20 @@ class Collector:
         self._pending: list[tuple[int, bytes]] = []
         self._bytes = 0
         self._count = 0
-        self._blocks: dict[frozenset[str], list[tuple[tuple[str, ...], Columns]]] = {}
+        self._groups: dict[frozenset[str], _Group] = {}
+
+    def add_alike(self, arrival: Times, raw: NDArray[np.uint8]) -> None:
+        """Take messages of one length, (N, length), with their times of arrival, (N,) [ns]."""
+        limits.check("message_bytes", raw.shape[1], self.connection.topic)
+        if len(raw) < FEW:
+            for time, one in zip(arrival.tolist(), raw, strict=True):
+                self.add(time, one.tobytes())
+            return
+        self._flush()
+        self._count += len(raw)
+        limits.check("samples", self._count, self.connection.topic)
+        fast = joint_state_block(arrival, raw) if self.connection.type == JOINT_STATE else None
+        self._keep([fast] if fast is not None else self._one_by_one(arrival, [one.tobytes() for one in raw]))
 
     def add(self, arrival: int, raw: bytes) -> None:
         """Take one message."""
@@ -122,7 +138,7 @@ class Collector:
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
         self._flush()
-        found = (_log(*_joined(blocks), self.connection.topic) for blocks in self._blocks.values())
+        found = (_log(group.names, group.columns(), self.connection.topic) for group in self._groups.values())
         return sorted(found, key=len, reverse=True)
 
     def _flush(self) -> None:
@@ -133,10 +149,18 @@ class Collector:
         self._count += len(raws)
         limits.check("samples", self._count, self.connection.topic)
         self._pending, self._bytes = [], 0
-        fast = joint_state_block(arrival, raws) if self.connection.type == JOINT_STATE else None
-        for names, columns in [fast] if fast is not None else self._one_by_one(arrival, raws):
-            self._blocks.setdefault(frozenset(names), []).append((names, columns))
-        limits.check("joint_sets", len(self._blocks), self.connection.topic)
+        fast = None
+        if self.connection.type == JOINT_STATE and len({len(raw) for raw in raws}) == 1:
+            fast = joint_state_block(arrival, np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1))
+        self._keep([fast] if fast is not None else self._one_by_one(arrival, raws))
+
+    def _keep(self, blocks: Sequence[tuple[tuple[str, ...], Columns]]) -> None:
+        for names, columns in blocks:
+            key = frozenset(names)
+            if key not in self._groups:
+                self._groups[key] = _Group(names)
+            self._groups[key].append(names, columns)
+        limits.check("joint_sets", len(self._groups), self.connection.topic)
 
     def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[tuple[tuple[str, ...], Columns]]:
         """Decode message by message; those with equal names and lengths go into one block."""
@@ -148,7 +172,7 @@ class Collector:
                 if self.lenient:
                     continue
                 # Why: sizes that no message before it had are damage, sizes of the first one are what was recorded.
-                if isinstance(error, TooLarge) and (rows or self._blocks):
+                if isinstance(error, TooLarge) and (rows or self._groups):
                     raise BrokenMessage("a message has sizes that cannot be") from None
                 raise
             key = (names, len(position), len(velocity), len(effort))
@@ -156,25 +180,69 @@ class Collector:
         return [(key[0], _columns(key[0], entries)) for key, entries in rows.items()]
 
 
-def joint_state_block(arrival: Times, raws: Sequence[bytes]) -> tuple[tuple[str, ...], Columns] | None:
-    """Decode JointStates of one layout in one go; None when they differ in anything but stamps and numbers."""
-    length = len(raws[0])
-    if any(len(raw) != length for raw in raws):
-        return None
-    layout = _layout(raws[0])
+class _Group:
+    """The numbers of messages that carry the same joints, in the order of their first message's names.
+
+    Args:
+        names: of the first message.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
+        self._width = len(names) or 7
+        self._times = {key: Growing(0, np.int64) for key in ("arrival", "stamp")}
+        self._fields: dict[str, Growing] = {}
+
+    def append(self, own: tuple[str, ...], columns: Columns) -> None:
+        """Add messages whose names may stand in another order; NaN where some lack what others have."""
+        before, count = len(self._times["arrival"]), len(columns["arrival"])
+        for key in FIELDS:
+            values = columns[key]
+            if values.shape[1] and key not in self._fields:
+                self._fields[key] = Growing(values.shape[1])
+                self._lack(key, before)
+            if not values.shape[1]:
+                self._lack(key, count)
+            else:
+                order = None if own == self.names else [own.index(name) for name in self.names]
+                self._fields[key].append(values if order is None else values[:, order])
+        for key, growing in self._times.items():
+            growing.append(columns[key])
+
+    def _lack(self, key: str, count: int) -> None:
+        for start in range(0, count if key in self._fields else 0, BLOCK):
+            self._fields[key].append(np.full((min(BLOCK, count - start), self._width), np.nan))
+
+    def columns(self) -> Columns:
+        """Return all messages in the order of arrival."""
+        found: Columns = {key: growing.whole() for key, growing in (self._times | self._fields).items()}
+        if np.any(np.diff(found["arrival"]) < 0):
+            order = np.argsort(found["arrival"], kind="stable")
+            found = {key: taken(values, order) for key, values in found.items()}
+        return {key: np.zeros((len(found["arrival"]), 0)) for key in FIELDS} | found
+
+
+def joint_state_block(arrival: Times, table: NDArray[np.uint8]) -> tuple[tuple[str, ...], Columns] | None:
+    """Decode JointStates of one layout in one go; None when they differ in anything but stamps and numbers.
+
+    Args:
+        arrival: when they were recorded, (N,) [ns].
+        table: their bytes, (N, length).
+    """
+    length = table.shape[1]
+    layout = _layout(table[0].tobytes())
     if layout is None:
         return None
     names, starts, counts = layout
-    table = np.frombuffer(b"".join(raws), dtype=np.uint8).reshape(len(raws), length)
     # Unit: bytes 0-3 are the sequence number, 4-11 the stamp; from 12 on only the three number fields may differ.
     edges = [12, *(edge for s, c in zip(starts, counts, strict=True) for edge in (s, s + 8 * c))]
     for begin, end in zip(edges[::2], [*edges[1::2], length], strict=True):
-        if not np.array_equal(table[:, begin:end], np.broadcast_to(table[0, begin:end], (len(raws), end - begin))):
+        if not np.all(table[:, begin:end] == table[0, begin:end]):
             return None
     stamp = np.ascontiguousarray(table[:, 4:12]).view("<u4").astype(np.int64)
     columns: Columns = {"arrival": arrival, "stamp": stamp[:, 0] * 10**9 + stamp[:, 1]}
     for key, s, c in zip(FIELDS, starts, counts, strict=True):
-        columns[key] = np.ascontiguousarray(table[:, s : s + 8 * c]).view("<f8").reshape(len(raws), c).astype(float)
+        columns[key] = np.ascontiguousarray(table[:, s : s + 8 * c]).view("<f8").reshape(len(table), c).astype(float)
     return names, columns
 
 
@@ -240,26 +308,6 @@ def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any
     return {"arrival": times[:, 0], "stamp": times[:, 1], **dict(zip(FIELDS, arrays, strict=True))}
 
 
-def _joined(blocks: list[tuple[tuple[str, ...], Columns]]) -> tuple[tuple[str, ...], Columns]:
-    """Join blocks that carry the same joints, perhaps in another order, in the order of arrival."""
-    names = blocks[0][0]
-    joined = {key: np.concatenate([columns[key] for _, columns in blocks]) for key in ("arrival", "stamp")}
-    for key in FIELDS:
-        width = max(columns[key].shape[1] for _, columns in blocks)
-        joined[key] = np.concatenate([_ordered(columns[key], own, names, width) for own, columns in blocks])
-    if np.any(np.diff(joined["arrival"]) < 0):
-        order = np.argsort(joined["arrival"], kind="stable")
-        joined = {key: values[order] for key, values in joined.items()}
-    return names, joined
-
-
-def _ordered(values: NDArray[Any], own: tuple[str, ...], names: tuple[str, ...], width: int) -> NDArray[Any]:
-    """Return columns in the order of ``names``; NaN where these messages lack what others have."""
-    if values.shape[1] != width:
-        return np.full((len(values), width), np.nan)
-    return values if own == names or not width else values[:, [own.index(name) for name in names]]
-
-
 def _log(names: tuple[str, ...], columns: Columns, topic: str) -> Log:
     """Return messages as a raw log.
 
@@ -269,7 +317,8 @@ def _log(names: tuple[str, ...], columns: Columns, topic: str) -> Log:
     ns, clock = _time(columns["stamp"], columns["arrival"])
     t = (ns - ns[0]) * 1e-9
     n = max(len(names), *(columns[key].shape[1] for key in FIELDS))
-    q, qd, tau = (columns[key] if columns[key].shape[1] else np.full((len(t), n), np.nan) for key in FIELDS)
+    nothing = np.broadcast_to(np.array(np.nan), (len(t), n))
+    q, qd, tau = (columns[key] if columns[key].shape[1] else nothing for key in FIELDS)
     absent = tuple(key for key in FIELDS if not columns[key].shape[1])
     span = (int(columns["arrival"][0]), int(columns["arrival"][-1]))
     return Log(
@@ -284,6 +333,7 @@ def _time(stamp: Times, arrival: Times) -> tuple[Times, str]:
     Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
     with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed.
     """
-    ticking = len(np.unique(stamp)) >= max(2, LEAST_DISTINCT * len(stamp))
+    rising = len(stamp) > 1 and bool(np.all(np.diff(stamp) > 0))
+    ticking = rising or len(np.unique(stamp)) >= max(2, LEAST_DISTINCT * len(stamp))
     sane = bool(np.all(stamp > 0)) and ticking
     return (stamp, "header") if sane else (arrival, "arrival")

@@ -19,10 +19,12 @@ from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot
 from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
+from dynid.signals.pieces import changed, spans
 from dynid.signals.repeats import without_stale
 from dynid.signals.stamps import (
     check_gaps,
     check_rate,
+    same_rows,
     with_even_clock,
     with_findings,
     with_rising_time,
@@ -85,10 +87,10 @@ def prepare(
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
-    log = columns = without_stale(in_si(log, robot), robot)
+    log = columns = without_stale(changed(log, lambda part: in_si(part, robot)), robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped_samples(log, robot)
-    log = with_even_clock(unwrapped(to_dh(log, robot), robot))
+    log = with_even_clock(unwrapped(changed(log, lambda part: to_dh(part, robot)), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
     check_torque_scale(log, robot)
@@ -105,7 +107,8 @@ def prepare(
         if alone:
             check_amount([log], robot)
         findings += check_mapping(columns, robot, named, anyway=anyway)
-    log = replace(log, checked=True, extra={**log.extra, "clipped": flat @ joint_of_motor(robot)})
+    clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
+    log = replace(log, checked=True, extra={**log.extra, "clipped": clipped})
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 
 
@@ -116,11 +119,10 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
     """
     if log.qd is None:
         return log
-    whole = measurable(log.qd)
-    empty = not (whole.any() if driver_of(robot).velocity_trusted else whole.all()) or (
-        not np.any(log.qd) and bool(np.any(np.diff(log.q, axis=0)))
-    )
-    return replace(log, qd=None) if empty else log
+    whole = [measurable(log.qd[part]) for part in spans(len(log))] if len(log) else [np.zeros(0, dtype=bool)]
+    usable = any(part.any() for part in whole) if driver_of(robot).velocity_trusted else all(p.all() for p in whole)
+    still = usable and not any(np.any(log.qd[part]) for part in spans(len(log)))
+    return replace(log, qd=None) if not usable or (still and not np.all(same_rows(log.q))) else log
 
 
 def _trusted_velocity(log: Log, robot: Robot) -> Log:

@@ -13,6 +13,7 @@ from dynid.drivers.registry import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import Log
 from dynid.robot import Robot
+from dynid.signals.pieces import changed
 from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY
 
@@ -95,6 +96,10 @@ def robot_columns(log: Log, robot: Robot) -> Log:
     columns, _ = matching_columns(log, robot)
     if list(columns) == list(range(log.n)):
         return replace(log, names=robot.joint_names)
+    return changed(log, lambda part: _chosen_columns(part, columns, robot))
+
+
+def _chosen_columns(log: Log, columns: Sequence[int], robot: Robot) -> Log:
     extra = {key: value[:, columns] if key == "q_ref" else value for key, value in log.extra.items()}
     qd = log.qd[:, columns] if log.qd is not None else None
     return replace(log, q=log.q[:, columns], tau=log.tau[:, columns], qd=qd, names=robot.joint_names, extra=extra)

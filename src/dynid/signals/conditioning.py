@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort
 from dynid.log import Log
+from dynid.longarrays import empty, release
 from dynid.robot import Coulomb, Robot
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
 from dynid.signals.motion import bandwidth, runs
+from dynid.signals.pieces import spans
 from dynid.signals.velocity_sign import NOISE_SAMPLES, VelocitySign, choose_velocity_sign
 
 Floats = NDArray[np.float64]
@@ -208,11 +210,11 @@ def condition(
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
-    still = np.abs(segment.qd) < rest_speed
     least = max(1, round(LEAST_REST / (segment.t[1] - segment.t[0]))) if len(segment) > 1 else 1
     usable = segment.usable.copy()
-    for j in np.flatnonzero(still.any(axis=0)):
-        for rest in runs(still[:, j], least):
+    for j in np.flatnonzero(rest_speed > 0.0):
+        still = np.concatenate([np.abs(segment.qd[part, j]) < rest_speed[j] for part in spans(len(segment))])
+        for rest in runs(still, least):
             usable[rest, j] = False
     return replace(segment, usable=usable)
 
@@ -261,9 +263,11 @@ def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Cou
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
         block = _block(on_grid, wanted, kernels, step, measured, velocity_sign)
-        joined = joined or [np.empty((outputs, *x.shape[1:]), dtype=x.dtype) for x in block]
+        joined = joined or [empty((outputs, *x.shape[1:]), x.dtype) for x in block]
         for whole, piece in zip(joined, block, strict=True):
             whole[first:last] = piece
+        if outputs > per_block:
+            release()
     joined[-2:-2] = [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
     return Segment(*joined)
 
@@ -331,12 +335,15 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
     Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
     it is read whole or in pieces.
     """
-    right = np.clip(np.searchsorted(t, grid), 2, len(t) - 2)
-    nodes = right[:, None] + np.arange(-2, 2)
-    times = t[nodes]
-    result = np.zeros((len(grid), x.shape[1]))
-    for k in range(4):
-        others = [m for m in range(4) if m != k]
-        weight = np.prod([(grid - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0)
-        result += weight[:, None] * x[nodes[:, k]]
+    result = empty((len(grid), x.shape[1]))
+    for part in spans(len(grid)):
+        wanted = grid[part]
+        right = np.clip(np.searchsorted(t, wanted), 2, len(t) - 2)
+        nodes = right[:, None] + np.arange(-2, 2)
+        times, found = t[nodes], np.zeros((len(wanted), x.shape[1]))
+        for k in range(4):
+            others = [m for m in range(4) if m != k]
+            weight = np.prod([(wanted - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0)
+            found += weight[:, None] * x[nodes[:, k]]
+        result[part] = found
     return result

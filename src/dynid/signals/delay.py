@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from dynid.log import Log
+from dynid.longarrays import empty, taken
 from dynid.signals.conditioning import GAP_SAMPLES, Segment, resampled
+from dynid.signals.pieces import spans
 
 
 def without_delay(log: Log, delay: float) -> Log:
@@ -21,22 +23,24 @@ def without_delay(log: Log, delay: float) -> Log:
     if delay == 0.0 or len(log) < 4:
         return log
     wanted = log.t + delay
-    inside = (wanted >= log.t[0]) & (wanted <= log.t[-1])
-    right = np.clip(np.searchsorted(log.t, wanted[inside]), 1, len(log) - 1)
+    rows = np.flatnonzero((wanted >= log.t[0]) & (wanted <= log.t[-1]))
+    right = np.clip(np.searchsorted(log.t, wanted[rows]), 1, len(log) - 1)
     # Why: a torque from the middle of a gap was never measured; its samples count as little as clipped ones.
     unknown = log.t[right] - log.t[right - 1] > (GAP_SAMPLES + 0.5) / log.rate
 
     def kept(value: Any) -> Any:  # noqa: ANN401
-        return value[inside] if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape else value
+        return taken(value, rows) if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape else value
 
     extra = {key: kept(value) for key, value in log.extra.items()}
     clipped = log.extra.get("clipped")
-    before = np.zeros((len(right), log.n), dtype=bool)
-    if clipped is not None:
-        before = clipped[right] | clipped[right - 1]
-    extra["clipped"] = before | unknown[:, None]
-    tau = resampled(log.t, log.tau, wanted[inside])
-    return replace(log, t=log.t[inside], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
+    late = empty((len(right), log.n), bool)
+    for part in spans(len(right)):
+        late[part] = unknown[part, None]
+        if clipped is not None:
+            late[part] |= clipped[right[part]] | clipped[right[part] - 1]
+    extra["clipped"] = late
+    tau = resampled(log.t, log.tau, wanted[rows])
+    return replace(log, t=log.t[rows], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
 
 
 def segment_without_delay(segment: Segment, delay: float) -> Segment:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
-from dynid.signals.motion import speed
-from dynid.signals.stamps import GAP_SAMPLES, take_samples
+from dynid.signals.motion import speeds
+from dynid.signals.pieces import changed, extremes, spans, take_samples
+from dynid.signals.stamps import GAP_SAMPLES
 from dynid.signals.values import measurable, unwrapped
 from dynid.signals.velocity import slopes
 
@@ -66,13 +67,16 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     """
     columns, ignored = matching_columns(log, robot)
     samples = len(log)
-    clean = unwrapped(to_dh(in_si(_whole_rows(robot_columns(log, robot)), robot), robot), robot)
+    whole = _whole_rows(robot_columns(log, robot))
+    clean = unwrapped(changed(whole, lambda part: to_dh(in_si(part, robot), robot)), robot)
     step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
     usual = float(np.median(step)) or float("nan")
     low, high = np.percentile(step, [2.5, 97.5])
-    v = speed(clean) if len(clean) > 2 else np.zeros_like(clean.q)
-    rms = np.sqrt(np.mean(v**2, axis=0)) if len(clean) else np.zeros(robot.n)
-    top = np.max(np.abs(clean.tau), axis=0) if len(clean) else np.zeros(robot.n)
+    rms, top, span = np.zeros(robot.n), np.zeros(robot.n), np.zeros(robot.n)
+    if len(clean):
+        top, span = np.max(np.abs(extremes(clean.tau)), axis=0), np.subtract(*extremes(clean.q)[::-1])
+    if len(clean) > 2:
+        rms = np.sqrt(np.sum([np.sum(v**2, axis=0) for _, v in speeds(clean)], axis=0) / len(clean))
     slope = slopes(clean, robot) if len(clean) > 2 else np.full(robot.n, np.nan)
     limits = [joint.limits for joint in robot.joints]
     ratings = [None if clean.tau_unit == "A" else limit.torque for limit in limits]
@@ -86,7 +90,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         longest_gap=float(step.max()),
         matched=tuple(log.names[i] for i in columns) if log.names else (),
         ignored=tuple(ignored),
-        span=tuple(np.ptp(clean.q, axis=0).tolist()) if len(clean) else (0.0,) * robot.n,
+        span=tuple(span.tolist()),
         rms_velocity=tuple(rms.tolist()),
         velocity_slope=tuple(None if np.isnan(value) else float(value) for value in slope),
         torque_max=tuple(top.tolist()),
@@ -99,7 +103,9 @@ def describe(log: Log, robot: Robot) -> LogSummary:
 def _whole_rows(log: Log) -> Log:
     """Return the samples that are numbers throughout and later than the one before."""
     latest = np.fmax.accumulate(np.concatenate([[-np.inf], log.t[:-1]]))
-    good = np.isfinite(log.t) & (log.t > latest) & measurable(log.q).all(axis=1) & measurable(log.tau).all(axis=1)
-    if log.qd is not None and not measurable(log.qd).all():
+    good = np.isfinite(log.t) & (log.t > latest)
+    for part in spans(len(log)):
+        good[part] &= measurable(log.q[part]).all(axis=1) & measurable(log.tau[part]).all(axis=1)
+    if log.qd is not None and not all(measurable(log.qd[part]).all() for part in spans(len(log))):
         log = replace(log, qd=None)
-    return take_samples(log, np.flatnonzero(good))
+    return log if good.all() else take_samples(log, np.flatnonzero(good))

@@ -16,7 +16,7 @@ from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
-from dynid.signals.motion import MOVING_SPEED, moving, per_joint, rest_slices
+from dynid.signals.motion import MOVING_SPEED, any_moves, per_joint, rest_slices
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
     if at_rest:
         q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
         besides: list[Floats] = []
-    elif moving(log, robot).any():
+    elif any_moves(log, robot).any():
         q, tau, besides = _in_motion(log, robot)
     else:
         return

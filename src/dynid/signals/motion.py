@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import JointStill, LogTooShort
 from dynid.log import Log
+from dynid.longarrays import empty, release
 from dynid.robot import Robot
+from dynid.signals.pieces import extremes, spans
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -30,6 +32,8 @@ POWER_SHARE = 0.99
 #: each swing gives about four independent numbers (two accelerations, speed, position). One per parameter is plenty.
 SWINGS_PER_PARAMETER = 0.4
 GOOD_SWINGS_PER_PARAMETER = 1.0
+#: Samples whose spectrum is taken at once; a longer log has the mean of several [samples].
+SPECTRUM = 1 << 20
 #: Base parameters of the rigid bodies per joint, on average; a seven-joint arm has 48.
 BASE_PER_JOINT = 7
 
@@ -39,22 +43,43 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
     return np.array([pair[0] if joint.revolute else pair[1] for joint in robot.joints])
 
 
+def speeds(log: Log) -> Iterator[tuple[slice, Floats]]:
+    """Yield the samples of a log piece by piece, with the change of position over a short window, (M, n) [rad/s].
+
+    Of sliding joints [m/s]. Needs increasing time.
+    """
+    half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (len(log) - 1) // 2))
+    for part in spans(len(log)):
+        ends = []
+        for x in (log.q, log.t):
+            before = x[max(0, part.start - half) : max(0, part.stop - half)]
+            after = x[min(part.start + half, len(x)) : min(part.stop + half, len(x))]
+            missing = part.stop - part.start - len(before), part.stop - part.start - len(after)
+            edges = np.repeat(x[:1], missing[0], axis=0), np.repeat(x[-1:], missing[1], axis=0)
+            ends.append(np.concatenate([after, edges[1]]) - np.concatenate([edges[0], before]))
+        yield part, ends[0] / ends[1][:, None]
+
+
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
-    half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (len(log) - 1) // 2))
-    index = np.arange(len(log))
-    before, after = np.maximum(index - half, 0), np.minimum(index + half, len(log) - 1)
-    # Why in place: of a long log, three more copies would not fit into memory.
-    result: Floats = log.q[after]
-    for j in range(log.n):
-        result[:, j] -= log.q[before, j]
-    result /= (log.t[after] - log.t[before])[:, None]
-    return result
+    found = empty(log.q.shape)
+    for part, v in speeds(log):
+        found[part] = v
+    return found
 
 
 def moving(log: Log, robot: Robot) -> Flags:
     """Return which joints move at which sample, (N, n)."""
-    return np.asarray(np.abs(speed(log)) > per_joint(MOVING_SPEED, robot), dtype=bool)
+    found, least = empty(log.q.shape, bool), per_joint(MOVING_SPEED, robot)
+    for part, v in speeds(log):
+        np.greater(np.abs(v), least, out=found[part])
+    return found
+
+
+def any_moves(log: Log, robot: Robot) -> Flags:
+    """Return at which samples a joint moves, (N,)."""
+    least = per_joint(MOVING_SPEED, robot)
+    return np.concatenate([np.any(np.abs(v) > least, axis=1) for _, v in speeds(log)])
 
 
 def runs(flags: Flags, least: int = 1) -> list[slice]:
@@ -68,7 +93,8 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
 
 def rest_slices(log: Log, robot: Robot) -> list[slice]:
     """Return the samples in which no joint moves, without the first and last tenth of a second of each rest."""
-    still = np.all(np.abs(speed(log)) < per_joint(REST_SPEED, robot), axis=1)
+    slow = per_joint(REST_SPEED, robot)
+    still = np.concatenate([np.all(np.abs(v) < slow, axis=1) for _, v in speeds(log)])
     margin = round(0.1 * log.rate)
     found = [slice(rest.start + margin, rest.stop - margin) for rest in runs(still)]
     return [part for part in found if part.stop - part.start >= max(2, (LEAST_REST - 0.2) * log.rate)]
@@ -76,23 +102,34 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
 
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
-    v = speed(log)[:, moving(log, robot).any(axis=0)]
-    if not v.shape[1]:
+    v, least = speed(log), per_joint(MOVING_SPEED, robot)
+    alive = np.any([np.any(np.abs(v[part]) > least, axis=0) for part in spans(len(v))], axis=0)
+    if not alive.any():
         return 0.0
-    power = np.abs(np.fft.rfft(v * np.hanning(len(v))[:, None], axis=0)) ** 2
-    share = np.cumsum(power, axis=0) / np.sum(power, axis=0)
-    frequency = np.fft.rfftfreq(len(v), 1.0 / log.rate)
-    return float(max(frequency[np.searchsorted(column, POWER_SHARE)] for column in share.T))
+    several = -(-len(v) // SPECTRUM)
+    length = len(v) // several
+    frequency, found = np.fft.rfftfreq(length, 1.0 / log.rate), []
+    for j in np.flatnonzero(alive):
+        window, power = np.hanning(length), np.zeros(len(frequency))
+        for start in range(0, several * length, length):
+            power += np.abs(np.fft.rfft(v[start : start + length, j] * window)) ** 2
+            release()
+        share = np.cumsum(power) / np.sum(power)
+        found.append(float(frequency[np.searchsorted(share, POWER_SHARE)]))
+    return max(found)
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     """Return how many times each joint swings from one reversal to the next, (n,)."""
-    v = speed(log)
-    counts = []
-    for column, threshold in zip(v.T, per_joint(MOVING_SPEED, robot), strict=True):
-        sign = np.sign(column[np.abs(column) > max(threshold, 0.05 * np.max(np.abs(column)))])
-        counts.append(1 + int(np.sum(np.diff(sign) != 0)) if len(sign) else 0)
-    return np.array(counts)
+    fastest = np.max([np.max(np.abs(v), axis=0) for _, v in speeds(log)], axis=0)
+    least = np.maximum(per_joint(MOVING_SPEED, robot), 0.05 * fastest)
+    counts, before = np.zeros(log.n, dtype=np.int64), np.zeros(log.n)
+    for _, v in speeds(log):
+        for j in range(log.n):
+            sign = np.sign(v[np.abs(v[:, j]) > least[j], j])
+            counts[j] += int(np.sum(np.diff(sign, prepend=before[j]) != 0))
+            before[j] = sign[-1] if len(sign) else before[j]
+    return counts
 
 
 def check_amount(logs: Sequence[Log], robot: Robot) -> None:
@@ -102,7 +139,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> None:
         JointStill: some joints move, but not this one.
         LogTooShort: too few swings for the number of parameters.
     """
-    span = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
+    span = np.max([np.subtract(*extremes(log.q)[::-1]) for log in logs], axis=0)
     still = span < per_joint(STILL_SPAN, robot)
     if still.any() and not still.all():
         j = int(np.flatnonzero(still)[0])
@@ -114,7 +151,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> None:
             + (f"; nor those of {others}" if others else ""),
             where=logs[0].topic,
         )
-    seconds = sum(float(np.sum(moving(log, robot).any(axis=1))) / log.rate for log in logs)
+    seconds = sum(float(np.sum(any_moves(log, robot))) / log.rate for log in logs)
     wanted = sum(BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
     count = sum(int(np.sum(swings(log, robot))) for log in logs)
     if count < SWINGS_PER_PARAMETER * wanted:

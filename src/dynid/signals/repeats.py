@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.motion import moving, runs
-from dynid.signals.stamps import LEAST_SAMPLES, take_samples, with_findings
+from dynid.signals.motion import any_moves, moving, runs
+from dynid.signals.pieces import spans, take_samples
+from dynid.signals.stamps import LEAST_SAMPLES, same_rows, with_findings
 
 Flags = NDArray[np.bool_]
 
@@ -39,12 +40,10 @@ def without_stale(log: Log, robot: Robot) -> Log:
         log: with increasing time and finite columns, in SI units.
         robot: its robot.
     """
-    alive = moving(log, robot)
-    busy: Flags = np.asarray(alive.any(axis=1))[1:]
-    same_q = np.all(np.diff(log.q, axis=0) == 0, axis=1)
-    same_tau = np.all(np.diff(log.tau, axis=0) == 0, axis=1)
-    stale = same_q & same_tau
-    if not _counts(stale & busy, busy) and _held(log, alive[1:], same_q):
+    busy = any_moves(log, robot)[1:]
+    same_q = same_rows(log.q)
+    stale = same_q & same_rows(log.tau)
+    if not _counts(stale & busy, busy) and _held(log, robot, busy, same_q):
         stale = same_q
     share = float(np.sum(stale & busy) / max(1, busy.sum()))
     if not _counts(stale & busy, busy):
@@ -73,14 +72,17 @@ def _near_motion(busy: Flags) -> Flags:
     return near
 
 
-def _held(log: Log, alive: Flags, same_q: Flags) -> bool:
+def _held(log: Log, robot: Robot, busy: Flags, same_q: Flags) -> bool:
     """Return whether positions are held as a whole: where any joint changes, those that move change nearly all."""
-    busy: Flags = np.asarray(alive.any(axis=1))
-    several = (alive.sum(axis=1) >= 2) & ~same_q
-    if not _counts(same_q & busy, busy) or not several.any():
+    if not _counts(same_q & busy, busy):
         return False
-    changed = np.diff(log.q, axis=0) != 0
-    return float(np.mean(changed[several][alive[several]])) > TOGETHER
+    alive, changes, count = moving(log, robot), 0, 0
+    for part in spans(len(busy)):
+        after = slice(part.start + 1, part.stop + 1)
+        several = (alive[after].sum(axis=1) >= 2) & ~same_q[part]
+        moved = (log.q[after] != log.q[part])[several][alive[after][several]]
+        changes, count = changes + int(moved.sum()), count + len(moved)
+    return changes > TOGETHER * count
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
@@ -119,8 +121,11 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
 
 def _keys(log: Log) -> NDArray[np.uint64]:
     """Return a hash of the positions and torques of each sample, (N,)."""
-    rows = np.ascontiguousarray(np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
     # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
-    factors = np.random.default_rng(0).integers(1, 2**63, rows.shape[1], dtype=np.uint64) * np.uint64(2) + np.uint64(1)
-    mixed = rows ^ (rows >> np.uint64(29))
-    return np.asarray(np.sum(mixed * factors, axis=1, dtype=np.uint64))
+    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    found = np.empty(len(log), dtype=np.uint64)
+    for part in spans(len(log)):
+        rows = np.ascontiguousarray(np.hstack([log.q[part], log.tau[part]]) + 0.0).view(np.uint64)
+        mixed = rows ^ (rows >> np.uint64(29))
+        found[part] = np.sum(mixed * factors, axis=1, dtype=np.uint64)
+    return found

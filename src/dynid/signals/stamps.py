@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.motion import bandwidth, moving
+from dynid.signals.motion import any_moves, bandwidth
+from dynid.signals.pieces import spans, take_samples
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +71,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     repeated = int(np.sum(~fresh))
     if not repeated:
         return log
-    twice = ~fresh[1:] & np.all(np.diff(log.q, axis=0) == 0, axis=1) & np.all(np.diff(log.tau, axis=0) == 0, axis=1)
+    twice = ~fresh[1:] & same_rows(log.q) & same_rows(log.tau)
     # Why: a sample that is stored twice leaves nothing open; two samples with one stamp do.
     if repeated - int(twice.sum()) > DUPLICATE_SHARE * len(log):
         text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
@@ -79,6 +81,13 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     return with_findings(
         take_samples(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated})
     )
+
+
+def same_rows(x: Floats) -> NDArray[np.bool_]:
+    """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
+    return np.concatenate([
+        np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1) for part in spans(len(x) - 1)
+    ])  # fmt: skip
 
 
 def _check_order(log: Log) -> None:
@@ -119,7 +128,7 @@ def with_even_clock(log: Log) -> Log:
     if count is None:
         return log
     number = np.concatenate([[0.0], np.cumsum(count)])
-    slope, start = np.polyfit(number, log.t, 1)
+    slope, start = _line(number, log.t)
     t = start + slope * number
     if float(np.abs(t - log.t).max()) > GAP_SAMPLES * slope:
         return log
@@ -142,12 +151,21 @@ def _samples_between(step: Floats) -> Floats | None:
     usual = float(np.mean(step[step < 1.5 * np.median(step)]))
     number = np.arange(len(step))
     away = np.cumsum(step) / usual
-    away -= np.polyval(np.polyfit(number, away, 1), number)
+    slope, start = _line(number, away)
+    away -= start + slope * number
     if float(np.ptp(_block_medians(away, max(4, len(step) // 25)))) < UNCLEAR:
         return np.ones(len(step))  # none is lost, however late single ones are
     count = np.round(step / usual)
     unclear = (np.abs(step / usual - count) > UNCLEAR) & (count < GAP_SAMPLES)
     return None if np.any(count < 1) or np.any(unclear) else count
+
+
+def _line(x: NDArray[Any], y: Floats) -> tuple[float, float]:
+    """Return slope and value at zero of the straight line that is closest to y, both (N,)."""
+    across, up = float(np.mean(x)), float(np.mean(y))
+    away = x - across
+    slope = float(away @ y) / float(away @ away)
+    return slope, up - slope * across
 
 
 def _block_medians(x: Floats, count: int) -> Floats:
@@ -160,9 +178,13 @@ def _block_medians(x: Floats, count: int) -> Floats:
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
     """Return the mean square distance of samples from the line between their neighbours, (n,)."""
-    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    away = q[1:-1] - (1 - share) * q[:-2] - share * q[2:]
-    return np.asarray(np.mean(away[close] ** 2, axis=0)) if close.any() else np.zeros(q.shape[1])
+    total = np.zeros(q.shape[1])
+    for part in spans(len(close)):
+        before, here, after = (slice(part.start + k, part.stop + k) for k in range(3))
+        share = ((t[here] - t[before]) / (t[after] - t[before]))[:, None]
+        away = q[here] - (1 - share) * q[before] - share * q[after]
+        total += np.sum(away[close[part]] ** 2, axis=0)
+    return total / max(1, int(close.sum()))
 
 
 def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
@@ -235,7 +257,7 @@ def check_rate(log: Log, robot: Robot) -> None:
     Raises:
         RateTooLow: its fix says how the driver publishes faster.
     """
-    if not moving(log, robot).any():
+    if not any_moves(log, robot).any():
         return
     fastest = bandwidth(log, robot)
     needed = max(LEAST_RATE, SAMPLES_PER_PERIOD * fastest)
@@ -248,17 +270,6 @@ def check_rate(log: Log, robot: Robot) -> None:
         )
 
 
-def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
-    """Return the log with some of its rows, in the given order."""
-    extra = {key: value[keep] if _has_rows(value, len(log)) else value for key, value in log.extra.items()}
-    qd = log.qd[keep] if log.qd is not None else None
-    return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)
-
-
 def with_findings(log: Log, *findings: Finding) -> Log:
     """Return the log with further findings."""
     return replace(log, findings=(*log.findings, *findings))
-
-
-def _has_rows(value: object, n: int) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == n

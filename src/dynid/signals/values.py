@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotFinite, PositionInDegrees, TorqueScale, WrongMessageType
 from dynid.log import Log
+from dynid.longarrays import empty
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import moving, per_joint, runs, speed
-from dynid.signals.stamps import with_findings
+from dynid.signals.motion import any_moves, per_joint, runs, speeds
+from dynid.signals.pieces import changed, extremes, spans, spread
+from dynid.signals.stamps import same_rows, with_findings
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -41,6 +43,8 @@ _THIRD = 20**0.5
 LARGEST = 1e9
 #: A percentile of speeds needs no more samples than this.
 SPEED_SAMPLES = 100_000
+#: The noise of positions needs no more than this.
+NOISE_SAMPLES = 1 << 18
 #: Bad samples closer than this [s] go into one --exclude; more intervals than MOST_INTERVALS into one for all.
 TOGETHER = 0.2
 MOST_INTERVALS = 4
@@ -60,8 +64,11 @@ def check_finite(log: Log, robot: Robot) -> None:
         NotFinite: names joint, quantity, count, first time and row.
     """
     columns = {"position": log.q, "torque": log.tau} | ({"velocity": log.qd} if log.qd is not None else {})
+    if all(measurable(values[part]).all() for values in columns.values() for part in spans(len(log))):
+        return
     bad = np.zeros(len(log), dtype=bool)
     first: tuple[int, str] | None = None
+    # Why whole columns here: what cannot be used need not be quick.
     for quantity, values in columns.items():
         wrong = ~measurable(values)
         bad |= wrong.any(axis=1)
@@ -96,7 +103,8 @@ def _exclude_options(t: Floats) -> str:
 def _usual_speed(log: Log) -> Floats:
     """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
     every = max(1, len(log) // SPEED_SAMPLES)
-    return np.asarray(np.percentile(np.abs(speed(log)[::every]), 95, axis=0))
+    some = [np.abs(v)[-part.start % every :: every] for part, v in speeds(log)]
+    return np.asarray(np.percentile(np.concatenate(some), 95, axis=0))
 
 
 def check_degrees(log: Log, robot: Robot) -> None:
@@ -107,17 +115,19 @@ def check_degrees(log: Log, robot: Robot) -> None:
     Raises:
         PositionInDegrees: with the line for the robot file.
     """
-    as_is = to_dh(log, robot)
     if units(log, robot)["position"] != "rad":
         return
-    as_degrees = to_dh(replace(log, q=np.radians(log.q)), robot)
-    fast, slow = (_usual_speed(each) for each in (as_is, as_degrees))
+    as_is = changed(log, lambda part: to_dh(part, robot))
+    fast = _usual_speed(as_is)
+    wide = [joint.revolute and _beyond_range(as_is.q[:, j], joint) for j, joint in enumerate(robot.joints)]
+    speed = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
+    if not any(wide) and not np.any(fast > BEYOND_SPEED * np.array(speed)):
+        return
+    as_degrees = changed(log, lambda part: to_dh(replace(part, q=np.radians(part.q)), robot))
+    slow, ends = _usual_speed(as_degrees), np.transpose(extremes(as_degrees.q))
     for j, joint in enumerate(robot.joints):
-        if not joint.revolute:
-            continue
-        beyond = _beyond_range(as_is.q[:, j], as_degrees.q[:, j], joint)
-        limit = joint.limits.velocity
-        quick = limit is not None and fast[j] > BEYOND_SPEED * limit and slow[j] <= limit
+        beyond = wide[j] and _within_range(float(ends[j, 0]), float(ends[j, 1]), joint)
+        quick = fast[j] > BEYOND_SPEED * speed[j] and slow[j] <= speed[j]
         if beyond or quick:
             raise PositionInDegrees(
                 f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {_limit_text(joint, beyond)}",
@@ -126,17 +136,25 @@ def check_degrees(log: Log, robot: Robot) -> None:
             )
 
 
-def _beyond_range(q: Floats, in_degrees: Floats, joint: Joint) -> bool:
+def _within_range(least: float, most: float, joint: Joint) -> bool:
     if joint.limits.position is None:
         return False
     low, high = joint.limits.position
     slack = 0.05 * (high - low)
-    turns = _full_turns(q)
+    return least > low - slack and most < high + slack
+
+
+def _beyond_range(q: Floats, joint: Joint) -> bool:
+    if joint.limits.position is None:
+        return False
+    low, high = joint.limits.position
+    (least, most), where, turns = extremes(q), *_full_turns(q)
     # Why: a joint that is read modulo a full turn jumps now and then; degrees look like turns all the time.
-    if np.mean(turns != 0) < RARE_TURNS:
-        q = q - 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
-    outside = np.ptp(q) > BEYOND_RANGE * (high - low)
-    return bool(outside and in_degrees.min() > low - slack and in_degrees.max() < high + slack)
+    if len(where) < RARE_TURNS * (len(q) - 1) and len(where):
+        ends = [extremes(part) for part in np.split(q, where)]
+        back = 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
+        least, most = (f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max)))
+    return bool(most - least > BEYOND_RANGE * (high - low))
 
 
 def _limit_text(joint: Joint, by_range: bool) -> str:
@@ -150,8 +168,8 @@ def _degrees_fix(log: Log, robot: Robot) -> str:
     """Name the velocity's unit too where it follows the position."""
     given = {"position": "deg"}
     if log.qd is not None:
-        v = speed(log)
-        if 0.5 < float(np.sum(log.qd * v) / max(np.sum(v * v), 1e-12)) < 1.5:
+        both, own = np.sum([[np.sum(log.qd[part] * v), np.sum(v * v)] for part, v in speeds(log)], axis=0)
+        if 0.5 < float(both / max(own, 1e-12)) < 1.5:
             given["velocity"] = "deg/s"
     return unit_fix(robot, given)
 
@@ -167,28 +185,42 @@ def unit_fix(robot: Robot, given: dict[str, str]) -> str:
 
 def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
-    q = log.q.copy()
-    findings = []
+    found = {}
     for j, joint in enumerate(robot.joints):
-        if not joint.revolute:
-            continue
-        step, turns = np.diff(q[:, j]), _full_turns(q[:, j])
-        where = np.flatnonzero(turns)
+        where, turns = _full_turns(log.q[:, j]) if joint.revolute else (np.zeros(0, dtype=int), np.zeros(0))
         if len(where):
-            q[1:, j] -= 2 * np.pi * np.cumsum(turns)
-            more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
-            at = float(log.t[where[0] + 1])
-            text = f"{joint.name} jumps by {step[where[0]]:.2f} rad at {at:.2f} s{more}; unwrapped"
-            findings.append(Finding("W315", "warning", text, {"joint": joint.name, "at_s": log.t[where + 1].tolist()}))
+            found[j] = where, 2 * np.pi * np.cumsum(turns)
+    if not found:
+        return log
+    q, findings = empty(log.q.shape), []
+    for part in spans(len(log)):
+        q[part] = log.q[part]
+        for j, (where, back) in found.items():
+            # Unit: jumps before each sample.
+            count = np.searchsorted(where, np.arange(part.start, part.stop), "right")
+            q[part, j] -= np.concatenate([[0.0], back])[count]
+    for j, (where, _) in found.items():
+        name, row = robot.joint_names[j], int(where[0])
+        more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
+        at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
+        text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
+        findings.append(Finding("W315", "warning", text, {"joint": name, "at_s": log.t[where].tolist()}))
     return with_findings(replace(log, q=q), *findings)
 
 
-def _full_turns(q: Floats) -> Floats:
-    """Return how many full turns each step of a joint jumps by, (N - 1,)."""
-    step = np.diff(q)
-    turns = np.round(step / (2 * np.pi))
-    turns[np.abs(step - 2 * np.pi * turns) > TURN_REST] = 0
-    return turns
+def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the samples that a joint gets to by a jump of full turns, (k,), and the number of turns, (k,)."""
+    where, found = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+    for part in spans(len(q) - 1):
+        step = np.diff(q[part.start : part.stop + 1])
+        if float(np.abs(step).max()) < np.pi:
+            continue
+        turns = np.round(step / (2 * np.pi))
+        turns[np.abs(step - 2 * np.pi * turns) > TURN_REST] = 0
+        some = np.flatnonzero(turns)
+        where.append(some + part.start + 1)
+        found.append(turns[some])
+    return np.concatenate(where), np.concatenate(found)
 
 
 def check_torque_scale(log: Log, robot: Robot) -> None:
@@ -198,7 +230,9 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
         WrongMessageType: the effort is zero in every sample.
         TorqueScale: far beyond the rating.
     """
-    if not np.any(log.tau):
+    low, highest = extremes(log.tau)
+    largest = np.maximum(-low, highest)
+    if not np.any(largest):
         raise WrongMessageType(
             "effort is 0 in every sample of every joint",
             where=log.topic,
@@ -208,12 +242,12 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
         return
     for j, joint in enumerate(robot.joints):
         rating = joint.limits.torque
-        if rating is None:
+        if rating is None or largest[j] <= BEYOND_RATING * rating:
             continue
         # Why: a lone spike is a bad sample, not another unit.
         high = float(np.percentile(np.abs(log.tau[:, j]), 99))
         if high > BEYOND_RATING * rating:
-            top = f"{np.max(np.abs(log.tau[:, j])):,.0f}".replace(",", " ")
+            top = f"{largest[j]:,.0f}".replace(",", " ")
             unit = joint.torque_unit.replace(" ", "")
             guess, fix = "raw counts", "find out what the driver publishes; give the gain under `torque:`"
             if high / 1000 <= BEYOND_RATING * rating:
@@ -224,48 +258,62 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
 
 def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
     """Return which torques sit at their largest value, (N, n), and findings W319; in the driver's columns."""
-    mask = np.zeros(log.tau.shape, dtype=bool)
-    alive: Flags = np.asarray(moving(log, robot).any(axis=1))
-    for j in range(log.tau.shape[1]):
-        for sign in (1.0, -1.0):
-            mask[:, j] |= _flat_top(sign * log.tau[:, j], alive)
+    mask = empty(log.tau.shape, bool)
+    alive, flat, level = any_moves(log, robot), np.zeros(log.n, dtype=int), np.zeros(log.n)
+    low, high = extremes(log.tau)
+    for j in range(log.n):
+        above = _flat_top(log.tau[:, j], 1.0, float(high[j]), float(low[j]), alive)
+        below = _flat_top(log.tau[:, j], -1.0, float(-low[j]), float(-high[j]), alive)
+        mask[:, j], flat[j] = above | below, int(np.sum(above | below))
+        level[j] = max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0)
     findings = []
-    for k in np.flatnonzero(mask.any(axis=0)):
-        share = float(np.mean(mask[:, k]))
-        level = float(np.max(np.abs(log.tau[mask[:, k], k])))
+    for k in np.flatnonzero(flat):
+        share = float(flat[k] / len(log))
         unit = "A" if log.tau_unit == "A" else robot.joints[k].torque_unit.replace(" ", "")
         text = (
-            f"{robot.joint_names[k]} torque sits at {level:.4g} {unit} for {mask[:, k].sum() / log.rate:.2g} s: "
+            f"{robot.joint_names[k]} torque sits at {level[k]:.4g} {unit} for {flat[k] / log.rate:.2g} s: "
             f"clipped samples are left out ({100 * share:.1f} %)"
         )
         findings.append(
-            Finding("W319", "warning", text, {"joint": robot.joint_names[k], "share": share, "level": level})
+            Finding("W319", "warning", text, {"joint": robot.joint_names[k], "share": share, "level": float(level[k])})
         )
     return mask, tuple(findings)
 
 
-def _flat_top(values: Floats, alive: Flags) -> Flags:
-    """Return the samples of runs at the maximum while the arm moves, if there are suspiciously many."""
-    top = float(values.max())
+def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -> Flags:
+    """Return the samples of runs at the maximum while the arm moves, if there are suspiciously many.
+
+    Args:
+        x: torques of a joint, (N,).
+        sign: -1 to look at the other end.
+        top: largest of the values times the sign.
+        bottom: the smallest.
+        alive: at which samples the arm moves, (N,).
+    """
+    flat, least = np.zeros(len(x), dtype=bool), top - 1e-9 * abs(top)
     if top <= 0:
-        return np.zeros(len(values), dtype=bool)
-    at_top = (values >= top - 1e-9 * abs(top)) & alive
-    flat = np.zeros(len(values), dtype=bool)
+        return flat
+    at_top = np.concatenate([sign * x[part] >= least for part in spans(len(x))]) & alive
     for run in runs(at_top, FLAT_RUN):
         flat[run] = True
     if not flat.any():
         return flat
-    below = values[values < top - 1e-9 * abs(top)]
-    second = int(np.sum(below == below.max())) if len(below) else 0
-    near = int(np.sum(below > top - 0.01 * np.ptp(values)))
+    near, level, second = 0, -np.inf, 0
+    for part in spans(len(x)):
+        below = sign * x[part]
+        below = below[below < least]
+        near += int(np.sum(below > top - 0.01 * (top - bottom)))
+        highest = float(below.max(initial=-np.inf))
+        second = (second if highest == level else 0) + int(np.sum(below == highest)) if highest >= level else second
+        level = max(level, highest)
     count = int(flat.sum())
-    return flat if count >= FLAT_SHARE * second and count >= near else np.zeros(len(values), dtype=bool)
+    return flat if count >= FLAT_SHARE * second and count >= near else np.zeros(len(x), dtype=bool)
 
 
 def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     """Return finding W314 when many samples in motion repeat the positions before them."""
-    alive: Flags = np.asarray(moving(log, robot).any(axis=1))[1:]
-    repeated = np.all(np.diff(log.q, axis=0) == 0, axis=1) & alive
+    alive = any_moves(log, robot)[1:]
+    repeated = same_rows(log.q) & alive
     share = float(repeated.sum() / alive.sum()) if alive.any() else 0.0
     if share < REPEAT_SHARE:
         return ()
@@ -279,7 +327,8 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
 
     Why: least squares takes the regressor for exact; noise of the positions biases it, and no interval knows.
     """
-    noise = np.median(np.abs(np.diff(log.q, 3, axis=0)), axis=0) * 1.4826 / _THIRD
+    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), NOISE_SAMPLES)]
+    noise = np.median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD
     bad = np.flatnonzero(noise > per_joint(POSITION_NOISE, robot))
     if not len(bad) or "q_ref" in log.extra:
         return ()

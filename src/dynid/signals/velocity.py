@@ -9,7 +9,8 @@ from dynid.errors import Finding, JointNamesDiffer, VelocityInconsistent
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals.columns import units
-from dynid.signals.motion import moving, speed
+from dynid.signals.motion import MOVING_SPEED, per_joint, speeds
+from dynid.signals.pieces import extremes
 from dynid.signals.values import unit_fix
 
 Floats = NDArray[np.float64]
@@ -30,15 +31,16 @@ LEAST_MOVING = 20
 
 def slopes(log: Log, robot: Robot) -> Floats:
     """Return the slope of measured velocity on the change of position, (n,); NaN for a joint that does not move."""
-    result = np.full(robot.n, np.nan)
     if log.qd is None:
-        return result
-    v, alive = speed(log), moving(log, robot)
-    for j in range(robot.n):
-        rows = alive[:, j]
-        if rows.sum() >= LEAST_MOVING:
-            result[j] = float(log.qd[rows, j] @ v[rows, j] / (v[rows, j] @ v[rows, j]))
-    return result
+        return np.full(robot.n, np.nan)
+    rows, both, own = np.zeros(robot.n, dtype=int), np.zeros(robot.n), np.zeros(robot.n)
+    for part, v in speeds(log):
+        alive = np.abs(v) > per_joint(MOVING_SPEED, robot)
+        v = np.where(alive, v, 0.0)
+        rows += alive.sum(axis=0)
+        both += np.sum(v * log.qd[part], axis=0)
+        own += np.sum(v * v, axis=0)
+    return np.where(rows >= LEAST_MOVING, both / np.where(own > 0.0, own, 1.0), np.nan)
 
 
 def check_order(log: Log, robot: Robot) -> None:
@@ -51,12 +53,14 @@ def check_order(log: Log, robot: Robot) -> None:
     """
     if log.qd is None:
         return
-    joints = np.flatnonzero((moving(log, robot).sum(axis=0) >= LEAST_MOVING) & (np.ptp(log.qd, axis=0) > 0))
+    low, high = extremes(log.qd)
+    rows = np.sum([np.sum(np.abs(v) > per_joint(MOVING_SPEED, robot), axis=0) for _, v in speeds(log)], axis=0)
+    joints = np.flatnonzero((rows >= LEAST_MOVING) & (high > low))
     if len(joints) < 2:
         return
     k = len(joints)
     # Why: a reversed sign is another mistake (E308), so it must not look like a wrong column.
-    likeness = np.abs(np.corrcoef(speed(log)[:, joints].T, log.qd[:, joints].T)[:k, k:])
+    likeness = np.abs(_correlation(log, joints))
     if np.all(np.diag(likeness) >= WRONG_COLUMN):
         return
     from scipy.optimize import linear_sum_assignment
@@ -72,6 +76,20 @@ def check_order(log: Log, robot: Robot) -> None:
                 why="the velocity column of one joint follows the position of the other",
                 fix="correct the columns of the log; if only the velocities are swapped: --velocity derived",
             )
+
+
+def _correlation(log: Log, joints: NDArray[np.intp]) -> Floats:
+    """Return how the change of position of each joint correlates with the measured velocity of each, (k, k)."""
+    assert log.qd is not None
+    k = len(joints)
+    total, square = np.zeros(2 * k), np.zeros((2 * k, 2 * k))
+    for part, v in speeds(log):
+        x = np.hstack([v[:, joints], log.qd[part][:, joints]])
+        total += x.sum(axis=0)
+        square += x.T @ x
+    covariance = square - np.outer(total, total) / len(log)
+    size = np.sqrt(np.diagonal(covariance))
+    return np.asarray((covariance / np.outer(size, size))[:k, k:])
 
 
 def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:

@@ -1,0 +1,133 @@
+"""Arrays that are too long for memory: in a temporary file without a name, mapped, and let go of after every piece.
+
+A recording of hours has some hundred million numbers. They are decoded once; from then on they are worked on piece by
+piece, and after each piece ``release`` gives the pages of all such files back, so that a process is no larger than one
+piece whatever the length. The files have no name, so nothing is left behind however a process ends.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+import weakref
+from contextlib import suppress
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from dynid.errors import CannotWrite
+from dynid.scratch import prefix
+
+#: Arrays up to this size stay in memory [bytes].
+IN_MEMORY = 12 << 20
+#: Rows of a piece.
+PIECE = 1 << 16
+_MAPPED: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+
+
+class Growing:
+    """Rows that come block by block; in memory while they are few, in a file when they are many.
+
+    Args:
+        width: numbers in a row; 0 for single numbers.
+        dtype: their type.
+    """
+
+    def __init__(self, width: int, dtype: DTypeLike = np.float64) -> None:
+        self._shape, self._dtype = ((width,) if width else ()), np.dtype(dtype)
+        self._blocks: list[NDArray[Any]] = []
+        self._bytes = 0
+        self._file: IO[bytes] | None = None
+        self._count = 0
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return self._count
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Add rows, (N, width) or (N,)."""
+        rows = np.ascontiguousarray(rows, dtype=self._dtype)
+        self._count += len(rows)
+        if self._file is not None:
+            self._write(rows)
+            return
+        self._blocks.append(rows)
+        self._bytes += rows.nbytes
+        if self._bytes > IN_MEMORY:
+            self._file = _file()
+            for block in self._blocks:
+                self._write(block)
+            self._blocks = []
+
+    def _write(self, rows: NDArray[Any]) -> None:
+        assert self._file is not None
+        try:
+            self._file.write(rows.data)
+        except OSError as error:
+            raise _no_room(error) from error
+
+    def whole(self) -> NDArray[Any]:
+        """Return all rows; of a file they cannot be changed."""
+        if self._file is None:
+            if not self._blocks:
+                return np.zeros((0, *self._shape), self._dtype)
+            return self._blocks[0] if len(self._blocks) == 1 else np.concatenate(self._blocks)
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise _no_room(error) from error
+        mapped = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        _MAPPED.add(mapped)
+        return np.frombuffer(mapped, self._dtype).reshape(self._count, *self._shape)
+
+
+def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Return an array to be filled, in a file where it is long; a new file holds zeros."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    if size <= IN_MEMORY:
+        return np.empty(shape, dtype)
+    with _file() as file:
+        try:
+            # Why: a mapped file that meets a full disk ends the process; room is taken before.
+            os.posix_fallocate(file.fileno(), 0, size) if hasattr(os, "posix_fallocate") else file.truncate(size)
+        except OSError as error:
+            raise _no_room(error) from error
+        mapped = mmap.mmap(file.fileno(), size)
+    _MAPPED.add(mapped)
+    return np.frombuffer(mapped, dtype).reshape(shape)
+
+
+def taken(array: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return some rows of an array, in the given order; piece by piece where they are many."""
+    if array.nbytes <= IN_MEMORY:
+        return np.asarray(array[rows])
+    found = empty((len(rows), *array.shape[1:]), array.dtype)
+    for start in range(0, len(rows), PIECE):
+        found[start : start + PIECE] = array[rows[start : start + PIECE]]
+        release()
+    return found
+
+
+def release() -> None:
+    """Give back the memory of all mapped pages; what was written stays in the files."""
+    if not hasattr(mmap, "MADV_DONTNEED"):
+        return
+    for mapped in list(_MAPPED):
+        with suppress(ValueError, OSError):
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _file() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile(prefix=prefix())
+    except OSError as error:
+        raise _no_room(error) from error
+
+
+def _no_room(error: OSError) -> CannotWrite:
+    return CannotWrite(
+        f"no room for the columns of a long log in {tempfile.gettempdir()}: {error.strerror}",
+        fix="free some space there, or set TMPDIR to another folder",
+    )

@@ -1,0 +1,50 @@
+"""Long arrays live in files without a name: what was put in comes out, and memory holds a piece of them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+
+from dynid import longarrays
+
+
+def test_rows_come_back_as_they_were_added_whether_they_fit_into_memory_or_not(monkeypatch):
+    rows = np.random.default_rng(0).standard_normal((5000, 3))
+    for size in (longarrays.IN_MEMORY, 1000):
+        monkeypatch.setattr(longarrays, "IN_MEMORY", size)
+        growing = longarrays.Growing(3)
+        for start in range(0, 5000, 700):
+            growing.append(rows[start : start + 700])
+        np.testing.assert_array_equal(growing.whole(), rows)
+        np.testing.assert_array_equal(longarrays.taken(growing.whole(), np.arange(4999, 0, -3)), rows[4999:0:-3])
+
+
+def test_released_pages_keep_what_was_written(monkeypatch):
+    monkeypatch.setattr(longarrays, "IN_MEMORY", 1000)
+    array = longarrays.empty((4000, 2))
+    array[:] = 7.0
+    longarrays.release()
+    assert np.all(array == 7.0)
+
+
+def test_a_gigabyte_is_written_and_read_in_a_tenth_of_the_memory():
+    code = """
+import resource
+import numpy as np
+from dynid.longarrays import PIECE, Growing, release
+growing, block, total = Growing(8), np.ones((PIECE, 8)), 0.0
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+for _ in range(256):
+    growing.append(block)
+whole = growing.whole()
+for start in range(0, len(whole), PIECE):
+    total += whole[start : start + PIECE].sum()
+    release()
+print(total == 256 * PIECE * 8, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    right, more = done.stdout.split()
+    assert right == "True"
+    assert int(more) < 100_000
