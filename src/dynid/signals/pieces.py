@@ -118,11 +118,6 @@ def has_rows(value: object, log: Log) -> bool:
     return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(log)
 
 
-def thinned(values: Callable[[Piece], NDArray[Any]], log: Log, every: int) -> NDArray[Any]:
-    """Return every k-th row of what is computed from each sample of a log."""
-    return np.concatenate([values(piece)[piece.own][-piece.where.start % every :: every] for piece in pieces(log)])
-
-
 def spread(count: int, most: int) -> list[slice]:
     """Return parts of so many samples, evenly spread, that together are at most so many; all of them if few enough."""
     if count <= most:
