@@ -146,10 +146,22 @@ class Known:
 
 @dataclass(frozen=True)
 class JointMap:
-    """How another program's joint values become DH values: q_dh = sign * q + offset, tau_dh = sign * tau."""
+    """How another program's joint values become DH values: q_dh = sign * q + offset, tau_dh = sign * torque_sign * tau.
+
+    Attributes:
+        sign: direction of each joint.
+        offset: offset of each joint [rad or m].
+        torque_sign: direction of each joint's torque against that of its position; () where they agree.
+    """
 
     sign: tuple[float, ...]
     offset: tuple[float, ...]
+    torque_sign: tuple[float, ...] = ()
+
+    @property
+    def torque_signs(self) -> tuple[float, ...]:
+        """Direction of each joint's torque against that of its position."""
+        return self.torque_sign or (1.0,) * len(self.sign)
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,7 @@ class Columns:
         self._effort = EFFORT[units["effort"]]
         self.sign = np.array(robot.driver.map.sign) if robot.driver else np.ones(robot.n)
         self._offset = np.array(robot.driver.map.offset) if robot.driver else np.zeros(robot.n)
+        self._torque_sign = self.sign * np.array(robot.driver.map.torque_signs) if robot.driver else self.sign
 
     def indices(self, names: Sequence[str]) -> list[int] | None:
         """Return where the robot's joints stand in a message; None when one is missing."""
@@ -87,7 +88,7 @@ class Columns:
 
     def efforts_dh(self, tau: Floats) -> Floats:
         """Return driver efforts, in its unit, as DH torques, (..., n) [N m or N, A for a current]."""
-        return np.asarray(tau * self._effort * self.sign)
+        return np.asarray(tau * self._effort * self._torque_sign)
 
     def velocities_dh(self, qd: Floats) -> Floats:
         """Return driver velocities, in its unit, as DH velocities, (..., n) [rad/s or m/s]."""
@@ -103,7 +104,7 @@ class Columns:
 
     def efforts(self, tau: Floats) -> Floats:
         """Return DH torques, (..., n) [N m or N], in the driver's unit."""
-        return np.asarray(tau * self.sign / self._effort)
+        return np.asarray(tau * self._torque_sign / self._effort)
 
     def in_degrees(self, qd: Floats) -> Floats:
         """Return DH velocities, (..., n) [rad/s], as the driver's [deg/s], whatever unit its joint states have."""

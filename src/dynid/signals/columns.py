@@ -135,7 +135,8 @@ def _mapped(x: Floats, factor: Floats, offset: Floats | float = 0.0) -> Floats:
 def to_dh(log: Log, robot: Robot) -> Log:
     """Return a log in SI units as DH quantities: gain, coupling, then sign and offset.
 
-    q_motor = M q and tau_joint = M^T tau_motor undo the gears; q_dh = sign q + offset and tau_dh = sign tau follow.
+    q_motor = M q and tau_joint = M^T tau_motor undo the gears; q_dh = sign q + offset and
+    tau_dh = sign torque_sign tau follow.
 
     Raises:
         LogLayout: motor-side numbers, but the robot file has no coupling.
@@ -156,12 +157,13 @@ def to_dh(log: Log, robot: Robot) -> Log:
             where=log.name,
             fix="add `coupling: {reduction: [...]}` to the robot file",
         )
-    sign, offset = _map(robot)
+    sign, offset, torque = _map(robot)
     extra = dict(log.extra)
     if reference is not None:
         extra["q_ref"] = _mapped(reference, sign, offset)
     return replace(
-        log, q=_mapped(q, sign, offset), tau=_mapped(tau, sign), qd=_mapped(qd, sign) if qd is not None else None,
+        log, q=_mapped(q, sign, offset), tau=_mapped(tau, sign * torque),
+        qd=_mapped(qd, sign) if qd is not None else None,
         tau_unit=unit, units={}, motor_side=False, dh=True, extra=extra,
     )  # fmt: skip
 
@@ -173,10 +175,11 @@ def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
     return np.asarray(np.array(robot.coupling.matrix) != 0.0, dtype=bool)
 
 
-def _map(robot: Robot) -> tuple[Floats, Floats]:
+def _map(robot: Robot) -> tuple[Floats, Floats, Floats]:
     if robot.driver is None:
-        return np.ones(robot.n), np.zeros(robot.n)
-    return np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
+        return np.ones(robot.n), np.zeros(robot.n), np.ones(robot.n)
+    map_ = robot.driver.map
+    return np.array(map_.sign), np.array(map_.offset), np.array(map_.torque_signs)
 
 
 def _with_gain(log: Log, robot: Robot) -> tuple[Floats, str]:

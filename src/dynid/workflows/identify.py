@@ -209,7 +209,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
         return last_share(stack, kept)
     assert isinstance(kept, Log), "a held-out log is read before it gets here"
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
-    conditioned = condition_logs([checked_log(kept, base.robot, same)], base.model, same, progress)
+    conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
     test = stack_base(scaled(conditioned, base, weighted(*stack.whole).theta), base, progress)
     return HoldOut(stack, test, str(kept.source or "log"))
 

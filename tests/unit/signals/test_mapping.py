@@ -10,7 +10,8 @@ from dynid.files.robotfile import load_robot
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
-from dynid.signals.mapping import Edit, diagnose, driver_columns, edited, pasted
+from dynid.signals.edits import Edit, edited, pasted, said, with_edits
+from dynid.signals.mapping import diagnose, driver_columns
 from makelogs import lwr, lwr_log
 
 
@@ -29,17 +30,19 @@ def test_the_numeric_regressor_is_the_derived_one(name):
 
 
 def test_a_right_file_is_not_questioned():
-    assert diagnose(*columns(lwr())) is None
+    assert not diagnose(*columns(lwr())).wrong
 
 
 @pytest.mark.parametrize(
     "mistake",
     [
-        Edit("convention", ()),
+        Edit("convention"),
         Edit("sign", (1.0,)),
         Edit("offset", (1.0, 1.0)),
         Edit("order", (0.0, 3.0, 2.0, 1.0, 4.0, 5.0, 6.0)),
         Edit("gravity", (9.81, 0.0, 0.0)),
+        Edit("torque", (3.0,)),
+        Edit("unit"),
     ],
     ids=lambda edit: edit.kind,
 )
@@ -48,10 +51,34 @@ def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
     found = diagnose(*columns(wrong))
     assert found is not None
     assert found.wrong
-    repaired = wrong
-    for edit in found.best[0].edits:
-        repaired = edited(repaired, edit)
-    assert diagnose(*columns(repaired)) is None
+    assert mistake.kind in {edit.kind for each in (found.best[0], *found.same) for edit in each.edits}
+    assert not diagnose(*columns(with_edits(wrong, found.best[0].edits))).wrong
+
+
+def test_two_mistakes_are_named_together():
+    wrong = with_edits(lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))])
+    found = diagnose(*columns(wrong))
+    assert {edit.kind for edit in found.best[0].edits} == {"sign", "order"}
+    assert not diagnose(*columns(with_edits(wrong, found.best[0].edits))).wrong
+
+
+def test_edits_that_make_the_same_torques_are_listed_as_such():
+    """Joint 3 turned by 180 degrees reverses what joint 2 does to the links behind it, as a is 0 at both."""
+    found = diagnose(*columns(edited(lwr(), Edit("sign", (1.0,)))))
+    named = {said(each.edits, lwr()) for each in (found.best[0], *found.same)}
+    assert named == {"lwr_1_joint reversed", "lwr_2_joint offset by +180 deg"}
+
+
+def test_an_offset_about_the_direction_of_gravity_changes_nothing_and_is_not_named():
+    for joint in (0, 6):
+        found = diagnose(*columns(edited(lwr(), Edit("offset", (float(joint), 1.0)))))
+        assert not found.wrong
+
+
+def test_reversed_torques_come_right_with_torque_sign():
+    log, wrong = lwr_log(), edited(lwr(), Edit("torques"))
+    assert wrong.driver.map.torque_sign == (-1.0,) * 7
+    np.testing.assert_array_equal(prepare(replace(log, tau=-log.tau), wrong).tau, prepare(log, lwr()).tau)
 
 
 def test_check_stops_with_the_edit_and_goes_on_when_asked():
@@ -62,6 +89,14 @@ def test_check_stops_with_the_edit_and_goes_on_when_asked():
     assert pasted([Edit("sign", (1.0,))], wrong) in caught.value.fix
     log = prepare(lwr_log(), wrong, anyway=True)
     assert "W329" in [finding.code for finding in log.findings]
+
+
+def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_asked():
+    wrong = edited(lwr(), Edit("gravity", (9.81, 0.0, 0.0)))
+    with pytest.raises(WrongMapping):
+        prepare(lwr_log(), wrong)
+    log = prepare(lwr_log(), wrong, anyway=True)
+    assert [finding.code for finding in log.findings].count("W329") == 1
 
 
 def test_a_pause_cuts_the_recording_and_is_listed():

@@ -1,0 +1,328 @@
+"""How well a robot file with edits explains a log, by plain least squares and by bodies that can exist.
+
+Plain least squares takes milliseconds and bounds from below what is left; it is what a first choice is made with.
+A body that can exist is a sum of point masses inside a box around its link, so its parameters lie in a cone:
+non-negative least squares over the corners of that cone leaves more where a robot file demands an impossible arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.log import Log
+from dynid.model.kinematics import link_frames
+from dynid.model.numeric_regressor import body_regressor
+from dynid.robot import Robot
+from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
+from dynid.units import POSITION
+
+Floats = NDArray[np.float64]
+
+#: Samples that robot files are fitted to.
+SAMPLES = 250
+#: Longest time that positions are smoothed over before they are differentiated [s]; a third of the fastest period.
+SMOOTHING = 0.15
+#: Samples from the middle of a long log.
+MOST_SAMPLES = 60_000
+#: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
+RANK = 1e-9
+#: Usual sizes of the ten parameters of a link [kg, kg m, kg m^2]: much larger values come from fitting noise.
+USUAL = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
+#: Samples that follow each other say the same: so many count as one.
+ALIKE = 10.0
+#: Torques are never modelled better than to this share of what a joint's change at all.
+MODELLED = 0.01
+#: Point masses along each side of a link's box, and how far it reaches beyond the joints: [m], and as a share.
+POINTS, MARGIN, MARGIN_SHARE = 4, 0.1, 0.25
+#: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
+OWN = 4
+#: Random samples on which two robot files are compared, and singular values that count as zero, relative.
+RANDOM, SPAN = 60, 1e-9
+
+
+@dataclass(frozen=True)
+class ThinMotion:
+    """A thinned log in the driver's columns and SI units.
+
+    Attributes:
+        x: position, velocity, acceleration, (3, N, n).
+        tau: torques, (N, n).
+        apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
+    """
+
+    x: Floats
+    tau: Floats
+    apart: bool
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What the torques of one robot file are made of.
+
+    Attributes:
+        bodies: columns of the ten parameters of each link, (N, n, 10 n).
+        own: columns of constant, viscous and Coulomb friction and rotor inertia of each joint, n of (N, 4).
+        tau: torques, (N, n) [N m or N].
+    """
+
+    bodies: Floats
+    own: tuple[Floats, ...]
+    tau: Floats
+
+
+def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
+    """Smooth, differentiate and thin a log in SI units; None where it hardly moves."""
+    if len(log) < 50:
+        return None
+    first = max(0, (len(log) - MOST_SAMPLES) // 2)
+    part = slice(first, first + MOST_SAMPLES)
+    t, q, tau = log.t[part], log.q[part], log.tau[part]
+    usual = float(np.median(np.diff(t)))
+    fastest = bandwidth(log, robot)
+    width = max(3, round(min(SMOOTHING, 0.33 / max(fastest, 0.1)) / usual))
+    if len(t) < 6 * width + 20:
+        return None
+    kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
+    turning = np.array([joint.revolute for joint in robot.joints])
+    q = np.where(turning, np.unwrap(q, axis=0), q)
+
+    def smooth(x: Floats) -> Floats:
+        return np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
+
+    def slope(x: Floats) -> Floats:
+        return np.asarray(np.gradient(x, clock, axis=0))
+
+    clock = np.convolve(t, kernel, "valid")
+    x0 = smooth(q)
+    x1 = smooth(slope(x0))
+    clock = np.convolve(clock, kernel, "valid")
+    x2 = smooth(slope(x1))
+    smoothed = smooth(smooth(smooth(tau)))
+    count = len(x2)
+    edge = (len(x0) - count) // 2, (len(x1) - count) // 2
+    position, velocity = x0[edge[0] : edge[0] + count], x1[edge[1] : edge[1] + count]
+    span = len(kernel)
+    reach = t[3 * (span - 1) :][:count] - t[:count]
+    whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
+    alive = np.any(np.abs(velocity) > per_joint(MOVING_SPEED, robot), axis=1) & whole
+    rows = np.flatnonzero(alive)
+    if len(rows) < 50:
+        return None
+    rows = rows[:: max(1, len(rows) // SAMPLES)]
+    unknown = log.tau_unit == "A" and (robot.torque.gain is None or any(g is None for g in robot.torque.gain))
+    gain = np.array(robot.torque.gain, dtype=float) if log.tau_unit == "A" and not unknown else np.ones(log.n)
+    return ThinMotion(np.stack([position[rows], velocity[rows], x2[rows]]), smoothed[:count][rows] * gain, unknown)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Fits robot files that differ from one by edits to one log.
+
+    Attributes:
+        robot: the arm as its file says.
+        motion: the thinned log.
+        mapped: whether signs, offsets and order of the columns still have a say.
+    """
+
+    robot: Robot
+    motion: ThinMotion
+    mapped: bool
+
+    def least(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return what any bodies leave of each joint's torque under an edited file, and what friction alone leaves.
+
+        Args:
+            robot: the arm as the edited file says.
+
+        Returns:
+            Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
+        """
+        terms = self._terms(robot)
+        return self._least(terms), _floor(terms)
+
+    def possible(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
+        terms = self._terms(robot)
+        signed = robot.torque.source in ("motor_torque", "motor_current")
+        parts = [_reduced(terms, j, signed=signed) for j in range(robot.n)]
+        bodies = _corners(robot.convention, robot.joints)
+        if self.motion.apart:
+            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), _floor(terms)
+        return _cone(parts, bodies, 1.0 / np.maximum(self._least(terms), 1e-9)), _floor(terms)
+
+    def same(self, one: Robot, other: Robot) -> bool:
+        """Return whether two edited files can explain the same torques, whatever the arm does.
+
+        Why: base parameters and friction take some edits in whole; no log can tell such files apart.
+        """
+        rng = np.random.default_rng(0)
+        x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
+        drawn = Judge(self.robot, ThinMotion(x, np.zeros_like(x[0]), False), self.mapped)
+        spans = [drawn._columns(robot) for robot in (one, other)]
+        bases = [np.linalg.svd(span, full_matrices=False)[:2] for span in spans]
+        kept = [u[:, s > SPAN * s[0]] for u, s in bases]
+        if kept[0].shape != kept[1].shape:
+            return False
+        return bool(np.linalg.norm(kept[0] - kept[1] @ (kept[1].T @ kept[0])) < np.sqrt(SPAN))
+
+    def _columns(self, robot: Robot) -> Floats:
+        """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
+        N, n = self.motion.x.shape[1:]
+        terms = self._terms(robot)
+        map_ = robot.driver.map if robot.driver is not None and self.mapped else None
+        sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
+        found = np.zeros((n, N, terms.bodies.shape[2] + OWN * n))
+        for j in range(n):
+            row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
+            found[row, :, : -OWN * n] = sign[j] * terms.bodies[:, j]
+            start = terms.bodies.shape[2] + OWN * j
+            found[row, :, start : start + OWN] = terms.own[j]
+        return found.reshape(n * N, -1)
+
+    def _least(self, terms: Terms) -> Floats:
+        if self.motion.apart:
+            joints = enumerate(terms.own)
+            return np.array([_left(np.hstack([own, terms.bodies[:, j]]), terms.tau[:, j]) for j, own in joints])
+        return _shared(terms)
+
+    def _terms(self, robot: Robot) -> Terms:
+        x, tau = self._dh(robot)
+        slow = per_joint(MOVING_SPEED, robot)
+        own = tuple(
+            np.column_stack([np.ones(len(tau)), x[1][:, j], np.tanh(x[1][:, j] / slow[j]), x[2][:, j]])
+            for j in range(robot.n)
+        )
+        free = replace(robot, gravity=(0.0, 0.0, 0.0)) if robot.torque.source == "gravity_free" else robot
+        return Terms(body_regressor(free, *x), own, tau)
+
+    def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
+        x, tau = self.motion.x, self.motion.tau
+        if not self.mapped or robot.driver is None:
+            return self._joint_side(x, tau)
+        order = [self.robot.log_names.index(name) for name in robot.log_names]
+        before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
+        x, tau = self._joint_side(x[:, :, order], tau[:, order])
+        map_ = robot.driver.map
+        sign = np.array(map_.sign)
+        x = x * (sign * POSITION[robot.driver.units["position"]] / POSITION[before])
+        x[0] += np.array(map_.offset)
+        return x, tau * sign * np.array(map_.torque_signs)
+
+    def _joint_side(self, x: Floats, tau: Floats) -> tuple[Floats, Floats]:
+        """Return motion and torques of motors as those of joints."""
+        if self.robot.coupling is None or not self.mapped:
+            return x, tau
+        matrix = np.array(self.robot.coupling.matrix)
+        return x @ np.linalg.inv(matrix).T, tau @ matrix
+
+
+def _floor(terms: Terms) -> Floats:
+    return np.maximum([_left(own, terms.tau[:, j]) for j, own in enumerate(terms.own)], 1e-9)
+
+
+def _left(columns: Floats, tau: Floats) -> float:
+    """Return the root mean square that least squares leaves of one joint's torque."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    G = scaled.T @ scaled
+    value, vector = np.linalg.eigh(G)
+    kept = value > RANK * value[-1]
+    fit = vector[:, kept] @ ((vector[:, kept].T @ (scaled.T @ tau)) / value[kept])
+    return float(np.sqrt(np.mean((tau - scaled @ fit) ** 2)))
+
+
+def _shared(terms: Terms) -> Floats:
+    """Return what is left of each joint's torque when all joints share the bodies, (n,).
+
+    Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
+    """
+    bodies, tau = terms.bodies, terms.tau
+    grams, sides, energies = [], [], []
+    for j, own in enumerate(terms.own):
+        Q = np.linalg.qr(own)[0]
+        rest, left = bodies[:, j] - Q @ (Q.T @ bodies[:, j]), tau[:, j] - Q @ (Q.T @ tau[:, j])
+        grams.append(rest.T @ rest)
+        sides.append(rest.T @ left)
+        energies.append(float(left @ left))
+    energy = np.array(energies) / len(tau)
+    rms = np.sqrt(np.maximum(energy, 1e-18))
+    ridge = np.diag(np.tile(USUAL**-2.0, bodies.shape[2] // 10))
+    for _ in range(3):
+        G = sum(gram / s**2 for gram, s in zip(grams, rms, strict=True))
+        side = sum(side / s**2 for side, s in zip(sides, rms, strict=True))
+        theta = np.linalg.solve(G / ALIKE + ridge, side / ALIKE)
+        quads = np.array([float(theta @ gram @ theta - 2 * theta @ s) for gram, s in zip(grams, sides, strict=True)])
+        rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
+        rms = np.maximum(rms, MODELLED * np.sqrt(energy))
+    return rms
+
+
+def _reduced(terms: Terms, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:
+    """Return columns of the bodies, (N, 10 n), and of friction that must not be negative, (N, 3 or 0), and the torque.
+
+    What may have any sign is taken out of all three: the constant, and all friction where a sensor is behind the gear.
+    """
+    own, tau = terms.own[joint], terms.tau[:, joint]
+    Q = np.linalg.qr(own[:, :1] if signed else own)[0]
+    kept = np.hstack([terms.bodies[:, joint], own[:, 1 if signed else OWN :], tau[:, None]])
+    kept = kept - Q @ (Q.T @ kept)
+    p = terms.bodies.shape[2]
+    return kept[:, :p], kept[:, p:-1], kept[:, -1]
+
+
+def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Floats], weights: Floats) -> Floats:
+    """Return what non-negative least squares over the cone of bodies leaves of some joints, (m,).
+
+    Args:
+        parts: columns of bodies and of friction, and the torque, of m joints.
+        bodies: corners of the cone of each link's parameters, n of (10, points).
+        weights: of the joints, (m,).
+    """
+    from scipy.optimize import nnls
+
+    count = sum(part[1].shape[1] for part in parts)
+    rows, seen = [], 0
+    for (columns, friction, tau), weight in zip(parts, weights, strict=True):
+        wide = np.zeros((len(tau), count))
+        wide[:, seen : seen + friction.shape[1]] = friction
+        seen += friction.shape[1]
+        rows.append(weight * np.hstack([columns, wide, tau[:, None]]))
+    stacked = np.concatenate(rows)
+    R = np.asarray(np.linalg.qr(stacked, mode="r"))
+    p = 10 * len(bodies)
+    corners = np.hstack([R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]])
+    scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
+    found = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
+    edges = np.cumsum([0, *(each.shape[1] for each in bodies)])
+    theta = [each @ found[a:b] for each, a, b in zip(bodies, edges[:-1], edges[1:], strict=True)]
+    left = stacked[:, -1] - stacked[:, :-1] @ np.concatenate([*theta, found[edges[-1] :]])
+    return np.asarray(np.sqrt(np.mean(left.reshape(len(parts), -1) ** 2, axis=1)) / weights)
+
+
+@lru_cache(maxsize=16)
+def _corners(convention: str, joints: tuple[object, ...]) -> tuple[Floats, ...]:
+    """Return the parameters of point masses of 1 kg inside the box of each link, n of (10, points).
+
+    The box is around the link's own frame and those of its neighbours, with a margin: generous, because the DH frames
+    of many arms lie outside the link, and what counts is that masses are positive and levers no longer than the arm.
+    """
+    robot = Robot("", convention, joints)  # type: ignore[arg-type]
+    frames = link_frames(robot, np.zeros((1, robot.n)))
+    R, p = frames.R[0], np.concatenate([np.zeros((1, 3)), frames.p[0]])
+    found = []
+    for i in range(robot.n):
+        ends = (p[i : i + 3] - p[i + 1]) @ R[i]
+        reach = MARGIN + MARGIN_SHARE * np.abs(ends).max()
+        axes = [
+            np.union1d(np.linspace(low, high, POINTS), [0.0])
+            for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
+        ]
+        x, y, z = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+        tensor = [y**2 + z**2, -x * y, -x * z, x**2 + z**2, -y * z, x**2 + y**2]
+        found.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
+    return tuple(found)
