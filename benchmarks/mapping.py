@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mapping_logs import simulated
 
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.signals import mapping
 from dynid.signals.edits import with_edits
 from dynid.signals.mapping_fit import Judge, thin_motion
+from mapping_logs import simulated
 
 ROOT = Path(__file__).parents[1]
 SHARED = next((f / "shared" / "data" for f in ROOT.parents if (f / "shared" / "data").is_dir()), ROOT)
@@ -54,10 +54,11 @@ def loaded(name, source):
     return robot, log if log.names else replace(log, names=robot.log_names)
 
 
+MEMORY = {}
+
+
 class Remembered(Judge):
     """A judge that fits each robot file once, whichever mistake and edits made it."""
-
-    memory = {}
 
     def least(self, robot):
         return self._once("least", robot)
@@ -70,9 +71,9 @@ class Remembered(Judge):
         map_ = robot.driver.map
         key = (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
                robot.driver.units["position"], float(f"{np.abs(self.motion.tau).sum():.6g}"))  # fmt: skip
-        if key not in self.memory:
-            self.memory[key] = getattr(Judge, what)(self, robot)
-        return self.memory[key]
+        if key not in MEMORY:
+            MEMORY[key] = getattr(Judge, what)(self, robot)
+        return MEMORY[key]
 
 
 def mistakes(judge, names, pairs, seed):
@@ -133,14 +134,16 @@ def main():
     parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
     parser.add_argument("--only", default="", help="part of a robot's or recording's name")
     given = parser.parse_args()
-    tasks = [(*each, given.pairs, k) for k, each in enumerate(recordings(given.seed)) if given.only in "".join(each[:2])]
+    tasks = [
+        (*each, given.pairs, k) for k, each in enumerate(recordings(given.seed)) if given.only in "".join(each[:2])
+    ]
     with ProcessPoolExecutor(given.jobs) as pool:
         answers = []
         for answer in pool.map(one, tasks):
             answers.append(answer)
             print(*answer[:4], file=sys.stderr, flush=True)
             for edits, word, said in answer[4]:
-                if word in ("among three", "wrong", "silent") :
+                if word in ("among three", "wrong", "silent"):
                     print("   ", word, [(e.kind, e.value) for e in edits], "->", said, file=sys.stderr, flush=True)
     table(answers)
 

@@ -14,7 +14,7 @@ from dynid.model.kinematics import link_frames
 from dynid.robot import Body
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "physics"))
-import arms  # noqa: E402
+import arms
 
 RATE, SECONDS, HARMONICS, BASE = 200, 20, 5, 0.1
 
