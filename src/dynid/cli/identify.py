@@ -14,7 +14,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
-from dynid.errors import ExitStatus, WrongUsage
+from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.text import shell, yaml_text
 from dynid.workflows.identify import IdentifyOptions
 
@@ -128,7 +128,7 @@ def run_identify(
     """
     from dynid.estimation import result as results
     from dynid.workflows import drive_gains
-    from dynid.workflows.identify import answer_of, find_payload, sensitivity, signals_as
+    from dynid.workflows.identify import answer_of, find_payload, signals_as
     from dynid.workflows.prior import with_prior
     from dynid.workflows.robots import load_robot
 
@@ -158,22 +158,16 @@ def run_identify(
     facts = {
         **answer_of(result), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
     }  # fmt: skip
+    result = replace(result, path=folder / "parameters.npz")
     if show:
         show_result(common, base, result)
     if unloaded is not None:
         add_payload(common, folder, find_payload(result, unloaded), facts)
     if explained:
-        if not logs:
-            raise WrongUsage("--explain needs the log", fix=f"{shell('dynid', 'identify', robot)} LOG --explain")
-        with common.terminal.progress() as progress:
-            progress.stage("explain")
-            facts["explain"] = sensitivity(result, recordings.read(), options, base=base, progress=progress)
-        show_sensitivity(common, facts["explain"], len(base.reduction.base_names))
+        facts["explain"] = explain(common, result, recordings, options, base)
     if show and final:
         common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
-        common.terminal.next(
-            f"{shell('dynid', 'validate', folder / 'parameters.npz')} LOG      (a log that was not used here)"
-        )
+        show_next(common, result)
     return facts
 
 
@@ -248,7 +242,9 @@ def obtain_result(
         base = base_model(robot, common.folder(robot.slug), progress)
     overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
-        return results.load(path), base, []
+        stored = results.load(path)
+        terminal.findings((*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings))
+        return stored, base, []
     logs = recordings.read()
     if isinstance(options.holdout, Path):
         options = replace(options, holdout=read_log(options.holdout, robot, options))
@@ -359,6 +355,26 @@ def show_gains(common: Common, robot: Robot, found: Gains) -> None:
         common.terminal.say(f"uncertain  gain of {robot.joint_names[worst]}: {percent:.0f} %")
 
 
+def explain(
+    common: Common, result: Identification, recordings: Recordings, options: IdentifyOptions, base: BaseModel
+) -> list[dict[str, Any]]:
+    """Print and return how far the parameters move with other cut-offs and another delay.
+
+    Raises:
+        WrongUsage: no log was given.
+    """
+    from dynid.workflows.identify import sensitivity
+
+    logs = recordings.read()
+    if not logs:
+        raise WrongUsage("--explain needs the log", fix=f"dynid identify {base.robot.word} LOG --explain")
+    with common.terminal.progress() as progress:
+        progress.stage("explain")
+        answer = sensitivity(result, logs, options, base=base, progress=progress)
+    show_sensitivity(common, answer, len(base.reduction.base_names))
+    return answer
+
+
 def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -> None:
     """Print how far the parameters move with other cut-offs and another delay."""
     rows = [
@@ -375,8 +391,22 @@ def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -
     common.terminal.table(["instead", "unexplained", "held out", "beyond 2 std errors", "most changed"], rows)
 
 
+def show_next(common: Common, result: Identification) -> None:
+    """Say the two most urgent things to do, each with its reason."""
+    from dynid.reports.evidence import Evidence
+    from dynid.reports.sections.next_steps import steps
+
+    for step in steps(Evidence(result, None, (), None, None))[:2]:
+        common.terminal.next(step.command)
+        common.terminal.stage("", step.why)
+
+
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
-    """Print the table of joints, the list of parameters and how well they are known."""
+    """Print the answer first: the table of joints, the verdict, what is in force; with -v every parameter."""
+    from dynid.estimation.covariance import counted
+    from dynid.reports.evidence import Evidence
+    from dynid.reports.sections.verdict import lights
+
     terminal = common.terminal
     torque = base.robot.torque
     units = ["A" if torque.relative else joint.torque_unit for joint in base.robot.joints]
@@ -397,28 +427,29 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
     terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
-    terminal.answer()
-    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
-    counts = {word: found.knowledge.count(word) for word in ("well", "roughly", "not determined")}
-    terminal.answer()
-    mass = sum(link["mass_kg"] for link in found.links())
-    terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
+    judged = lights(Evidence(found, None, (), None, None))
+    terminal.fact("verdict", "; ".join(f"{light.name} {light.state} ({light.text})" for light in judged))
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
-    terminal.fact(
-        "known",
-        f"{counts['well']} well, {counts['roughly']} roughly, {counts['not determined']} not determined by this log",
-    )
+    mass = sum(link["mass_kg"] for link in found.links())
+    terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
+    terminal.fact("known", f"{counted(found.knowledge)} by these logs")
+    if common.verbose:
+        terminal.answer()
+        terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
+    else:
+        terminal.fact("values", f"{len(found.names)} in {found.path.with_suffix('.csv')}; -v lists them here")
 
 
 def parameter_rows(found: Identification) -> list[list[str]]:
     """Return one line a base parameter, with the digits that its error leaves."""
+    from dynid.reports.sections.parameters import ROUNDING
+
     rows = []
     for row in found.parameter_rows():
         error = row["std_error"]
         value = "not determined" if error is None else f"{row['value']:.4g}"
-        # Why: a centre of mass turned into its DH frame is off an axis by rounding, such as -2.1e-20.
         prior = "-" if row["prior"] is None else f"{row['prior']:.4g}" if abs(row["prior"]) > ROUNDING else "0"
         rows.append(
             [
@@ -434,8 +465,6 @@ def parameter_rows(found: Identification) -> list[list[str]]:
     return rows
 
 
-#: Believed values below this are zero.
-ROUNDING = 1e-12
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
 #: Figures that --fail-if may name.
 FIGURES = (

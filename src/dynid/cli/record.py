@@ -145,7 +145,7 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
             f"torque {100 * outcome.largest_torque_share:.0f} % of the rating",
         )  # fmt: skip
     terminal.emit_json({**done.facts(), "wrote": [*done.files, *converted(common, done, convert)]})
-    terminal.next(shell("dynid", "identify", done.robot.word, done.bag))
+    terminal.next(f"dynid identify {done.robot.word} {shell(done.bag)}")
     return ExitStatus.DONE
 
 
@@ -169,7 +169,7 @@ def converted(common: Common, done: Recording, given: bool | None) -> tuple[Path
 
     assert done.bag is not None
     if ask(common, "P4", given=given) is not Answer.YES:
-        common.terminal.next(shell("dynid", "check", done.bag, "--robot", done.robot.word, "--convert"))
+        common.terminal.next(f"dynid check {shell(done.bag)} --robot {done.robot.word} --convert")
         return ()
     target = convert(done, common.header(input_hashes({"log": done.bag})))
     common.terminal.wrote(target)

@@ -89,5 +89,6 @@ def show(common: Common, found: Validation) -> None:
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
     common.terminal.answer(f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}")
+    common.terminal.answer(found.worth(), indent=0)
     if found.expected_percent:
         common.terminal.answer(found.expectation())

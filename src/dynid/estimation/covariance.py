@@ -34,8 +34,12 @@ FEWEST, MOST = 8, 48
 LEAST_FREEDOM = 2.5
 #: Relative standard error up to which a parameter is known well, and up to which roughly.
 WELL, ROUGHLY = 0.10, 0.30
-#: The word for a parameter that the log says nothing about.
-NOT_DETERMINED = "not determined"
+#: Relative standard error from which on zero lies inside the 95 % interval.
+ZERO_INSIDE = 1 / 1.96
+#: Words for how well a parameter is known: within a tenth of its value; zero as far as the torques can tell; within a
+#: third; or the log says nothing about it.
+KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = "well", "negligible", "roughly", "not determined"
+WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 #: Change of torque, in standard deviations of a single sample, that nobody would notice.
 HARMLESS = 0.05
 
@@ -250,8 +254,9 @@ def _variance(influence: Floats, kernel: Floats) -> Floats:
 def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
     """Say how well each parameter is known.
 
-    A parameter may be well known although its relative error is large: a product of inertia that is zero is known
-    when all values that the interval allows would change the torques by less than their noise.
+    A parameter may be known although its relative error is large: a product of inertia that is zero is known when all
+    values that the interval allows would change the torques by less than their noise. It is negligible when zero
+    cannot be told from it.
 
     Args:
         theta: parameters, (p,), each in its unit.
@@ -260,14 +265,19 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
         effect: root mean square of each whitened column of the regressor, (p,): noise a unit of theta.
 
     Returns:
-        ``"well"``, ``"roughly"`` or ``"not determined"`` for each parameter.
+        One of ``WORDS`` for each parameter.
     """
     relative = std_error / np.where(theta != 0.0, np.abs(theta), np.finfo(float).tiny)
     harmless = (std_error * effect <= HARMLESS) & (effect > 0.0)
     judgement = []
     for error, small in zip(relative, harmless, strict=True):
         if error <= WELL or small:
-            judgement.append("well")
+            judgement.append(KNOWN_WELL if error <= ZERO_INSIDE else NEGLIGIBLE)
         else:
-            judgement.append("roughly" if error <= ROUGHLY else NOT_DETERMINED)
+            judgement.append(KNOWN_ROUGHLY if error <= ROUGHLY else NOT_DETERMINED)
     return tuple(judgement)
+
+
+def counted(knowledge: tuple[str, ...]) -> str:
+    """Return how many parameters are known how well, such as ``"57 well, 5 negligible, 2 roughly"``."""
+    return ", ".join(f"{knowledge.count(word)} {word}" for word in WORDS if word in knowledge)

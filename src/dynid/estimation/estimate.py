@@ -30,6 +30,8 @@ UNCHANGED = 1e-9
 POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
+#: What a share of a fitted log is, compared with its other rows: no proof for another motion.
+SAME_MOTION = "the same motion"
 #: Samples of each fitted motion that a result keeps, so that a repetition of it is recognised: two minutes.
 LONGEST_MOTION = 600
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
@@ -67,7 +69,7 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         cut = len(blocks) - max(1, round(share * len(blocks)))
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
-    return HoldOut(stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log")
+    return HoldOut(stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
 
 
 def last_motion(stack: Stack, share: float) -> HoldOut:
@@ -82,8 +84,7 @@ def last_motion(stack: Stack, share: float) -> HoldOut:
     judged = np.isin(stack.log_of_block, last)
     # Why the size: a motion that is most of the rows has to be fitted.
     if max(numbers, default=0) == 0 or stack.counts[judged].sum() > 0.5 * stack.counts.sum():
-        found = last_share(stack, share)
-        return replace(found, text=f"{found.text}, the same motion")
+        return last_share(stack, share)
     names = ", ".join(stack.logs[k].name for k in last)
     return HoldOut(stack.select(~judged), stack.select(judged), f"another motion: {names}")
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact, WrongUsage
+from dynid.estimation.covariance import counted
 from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
@@ -37,7 +38,7 @@ from dynid.model.store import reduction_facts, reduction_from
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table
-from dynid.text import visible, yaml_text
+from dynid.text import csv_row, visible, yaml_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,7 +97,7 @@ class Identification:
         covariance: of ``theta``: of the posterior, or of the plain estimate where that is in force, (p, p).
         plain_covariance: of ``plain``, allowing for coloured residuals, (p, p).
         std_error: standard errors of ``theta``; infinite where nothing is known at all, (p,).
-        knowledge: ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
+        knowledge: ``"well"``, ``"negligible"``, ``"roughly"`` or ``"not determined"``, (p,).
         prior: prior values, NaN where there is none, (p,).
         noise: residual of each joint that the weights were made from, (n,) [N m or N].
         joints: quality of each joint.
@@ -394,12 +395,11 @@ class Identification:
         error = f"torque error {self.relative_error_percent:.2f} % on the fitted rows"
         if self.heldout_relative_error_percent is not None:
             error += f", {self.heldout_relative_error_percent:.2f} % held out ({self.heldout})"
-        known = ", ".join(f"{self.knowledge.count(word)} {word}" for word in ("well", "roughly", "not determined"))
         lines = [
             error,
             *self.expectation(),
             f"in force: {IN_FORCE[self.in_force]}; {self.choice}",
-            f"parameters known: {known}",
+            f"parameters known: {counted(self.knowledge)}",
             f"condition number {self.condition_number_scaled:.3g} with normalised columns",
         ]
         return [visible(line) for line in lines]
@@ -464,6 +464,13 @@ class Identification:
             "robot_path": str(self.robot.path or ""),
         }
         write_artifact(path, Artifact(SCHEMA, header, arrays))
+        return path
+
+    def save_csv(self, path: Path) -> Path:
+        """Write one row per base parameter, for spreadsheets; no value and no error where the logs determine none."""
+        columns = ("name", "value", "std_error", "unit", "class", "known", "prior", "formula")
+        rows = [[row[column] for column in columns] for row in self.parameter_rows()]
+        write_text(path, "\n".join([csv_row(columns), *map(csv_row, rows), ""]))
         return path
 
     def save_yaml(self, path: Path) -> Path:

@@ -49,7 +49,7 @@ class IdentifiedArm:
     Attributes:
         base: model and base parameters.
         theta: values of the base parameters, (p,).
-        known: how well each is known, ``"well"``, ``"roughly"`` or ``"not determined"``, (p,).
+        known: how well each is known, ``"well"``, ``"negligible"``, ``"roughly"`` or ``"not determined"``, (p,).
         full: one body per link.
         provenance: where the numbers come from.
         urdf: the user's own URDF, None to make one.

@@ -28,12 +28,14 @@ class Unseen:
         motion: estimated and measured motion.
         percent: relative error of all joints [%].
         joint_percent: relative error of each joint, (n,) [%].
+        same_motion: whether it repeats a fitted motion, which tells the noise and not what other motions show.
     """
 
     name: str
     motion: EstimatedMotion
     percent: float
     joint_percent: Floats
+    same_motion: bool = False
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,8 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
 
 def _unseen(path: Path) -> Unseen:
     motion, header = prediction.load(path)
-    return Unseen(Path(str(header.get("log", path.parent.name))).name, motion, *relative_percent(motion))
+    name = Path(str(header.get("log", path.parent.name))).name
+    return Unseen(name, motion, *relative_percent(motion), same_motion=bool(header.get("same_motion", False)))
 
 
 def _spectrum(factors: Floats) -> Floats:

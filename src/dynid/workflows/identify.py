@@ -215,7 +215,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
 
 
 def save_result(folder: Path, result: Identification, facts: dict[str, Any] | None = None) -> list[Path]:
-    """Write parameters.npz, parameters.yaml and estimatedmotion.npz of a new result.
+    """Write parameters.npz, parameters.yaml, parameters.csv and estimatedmotion.npz of a new result.
 
     Args:
         folder: where to.
@@ -231,8 +231,8 @@ def save_result(folder: Path, result: Identification, facts: dict[str, Any] | No
     motion = folder / "estimatedmotion.npz"
     prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
-    table = result.save_yaml(folder / "parameters.yaml")
-    return [motion, table, result.save(folder / "parameters.npz", facts)]
+    tables = [result.save_yaml(folder / "parameters.yaml"), result.save_csv(folder / "parameters.csv")]
+    return [motion, *tables, result.save(folder / "parameters.npz", facts)]
 
 
 def answer_of(found: Identification) -> dict[str, Any]:

@@ -79,8 +79,13 @@ class Validation:
         ratio = self.relative_error_percent / self.expected_percent
         word = "as expected" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse" if ratio > 1 else "better"
         than = "" if word == "as expected" else " than expected"
-        again = "; it is a motion that was fitted" if self.same_motion else ""
-        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion{again}"
+        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion"
+
+    def worth(self) -> str:
+        """Return what the figure can be taken for: the accuracy on another motion, or only the noise floor."""
+        if self.same_motion:
+            return "same motion as a fitted log: this is the noise floor, not the accuracy on other motions"
+        return "another motion than the fitted ones: this is the accuracy"
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
@@ -96,7 +101,7 @@ class Validation:
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
         total = f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
-        said = (total, *([self.expectation()] if self.expected_percent else []))
+        said = (total, self.worth(), *([self.expectation()] if self.expected_percent else []))
         return Table(rows, f"{self.robot.name}, {Path(self.log).name}", said)
 
     def to_dataframe(self) -> DataFrame:
@@ -195,6 +200,7 @@ class Validation:
             "log": self.log,
             "log_sha256": [self.log_sha256],
             "torque_from": "identified",
+            "same_motion": self.same_motion,
         }
         prediction.save(path, [self.motion], header)
         return path

@@ -120,6 +120,6 @@ def test_judgement_separates_unknown_from_known_to_be_zero():
         "well",
         "roughly",
         "not determined",
-        "well",
+        "negligible",
         "not determined",
     )

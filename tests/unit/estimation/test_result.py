@@ -80,7 +80,7 @@ def test_intervals_are_two_standard_errors_wide_and_open_where_nothing_is_known(
 
 def test_it_prints_its_fit_and_every_parameter(base, result):
     text = result.summary()
-    assert f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log)" in text
+    assert f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log, the same motion)" in text
     assert all(f"\n{name} " in text for name in (*result.names, *base.robot.joint_names))
     assert repr(result) == "\n".join([result.title, *result.verdict()])
 

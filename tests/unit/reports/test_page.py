@@ -65,12 +65,12 @@ def by_section(html):
     }
 
 
-def test_all_eleven_sections_are_there_in_their_order(html):
+def test_all_twelve_sections_are_there_in_their_order(html):
     """And each can be reached from the list at the top."""
     found = Elements(html)
     anchors = [section.anchor for section in SECTIONS]
     assert anchors == [
-        "verdict", "run", "quality", "excitation", "parameters", "torque", "unseen", "residual", "gap", "physics",
+        "verdict", "next", "run", "quality", "excitation", "parameters", "torque", "unseen", "residual", "gap", "physics",
         "limits",
     ]  # fmt: skip
     assert [each for each in found.ids if each in anchors] == anchors
@@ -93,6 +93,7 @@ def test_names_are_text_wherever_they_stand(html):
     assert {anchor: text.count(NASTY) for anchor, text in by_section(html).items()} == {
         "": 2,  # title and heading
         "verdict": 2,  # weakest joint, unseen log
+        "next": 0,
         "run": 3,  # robot, command, log
         "quality": 1,  # the finding
         "excitation": 1,  # an axis
@@ -195,7 +196,7 @@ def test_unseen_motion_is_judged_by_the_growth_of_the_error_unless_it_is_small(e
 
 def test_nothing_kept_back_is_neither_good_nor_bad(evidence):
     light = lights(changed(evidence, unseen=False))[1]
-    assert (light.state, light.text) == ("open", "nothing was kept back")
+    assert (light.state, light.text) == ("open", "no other motion has been seen")
 
 
 @pytest.mark.parametrize(("well", "state"), [(17, "good"), (16, "fair"), (11, "fair"), (10, "bad")])
@@ -238,9 +239,9 @@ def test_the_summary_shows_names_as_they_are(evidence):
     lines = summary(evidence).splitlines()
     assert lines[0] == r'### \<b\>x \& "y"\</b\>'
     assert lines[9:12] == [
-        "| 🔴 bad | unseen motion | error 2.1 times that of the fit |",
+        "| 🔴 bad | unseen motion | 2.9 % unexplained, 2.1 times the fit's 1.4 % |",
         "| 🟢 good | knowledge | 95 % of the parameters known well |",
-        "| 🟡 fair | physics | bodies that can exist |",
+        "| 🟡 fair | physics | bodies that can exist, but see the warnings |",
     ]
     assert lines[15] == r'| \<b\>x \& "y"\</b\> | 0.01 N m | 1.4 % | - |'
     assert len(lines) == 19

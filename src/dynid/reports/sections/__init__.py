@@ -3,12 +3,14 @@
 from dynid.reports.sections.gap import gap
 from dynid.reports.sections.interface import Picture, Section
 from dynid.reports.sections.motion import excitation, residual, torque, unseen
+from dynid.reports.sections.next_steps import next_steps
 from dynid.reports.sections.parameters import parameters
 from dynid.reports.sections.physics import physics
 from dynid.reports.sections.verdict import limits, quality, run, verdict
 
 SECTIONS = (
     Section("Verdict", "verdict", verdict),
+    Section("What to do next", "next", next_steps),
     Section("What was run", "run", run),
     Section("Data quality", "quality", quality),
     Section("Excitation", "excitation", excitation),

@@ -13,6 +13,8 @@ from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.robot import LINK_PARAMETERS
 
+#: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
+ROUNDING = 1e-12
 #: Letter of each class in the grid: colour never says it alone.
 LETTERS = {"alone": "A", "combined": "C", "none": "–"}
 
@@ -53,7 +55,7 @@ def _cell(names: tuple[str, ...], class_of: Callable[[str], str], name: str) -> 
 
 def rows(evidence: Evidence) -> list[dict[str, Any]]:
     """Return one row per base parameter."""
-    found, reduction = evidence.result, evidence.result.reduction
+    found, reduction, units = evidence.result, evidence.result.reduction, evidence.result.base.model.units
     table = []
     for i, name in enumerate(found.names):
         error, value, prior = (float(x[i]) for x in (found.std_error, found.theta, found.prior))
@@ -64,8 +66,9 @@ def rows(evidence: Evidence) -> list[dict[str, Any]]:
                 "name": name,
                 "value": f"{value:.4g}",
                 "error": f"{error:.2g}" if np.isfinite(error) else "not determined",
+                "unit": units[reduction.names[reduction.base[i]]],
                 "known": found.knowledge[i],
-                "prior": "" if np.isnan(prior) else f"{prior:.4g}",
+                "prior": "" if np.isnan(prior) else f"{prior:.4g}" if abs(prior) > ROUNDING else "0",
                 "formula": formula if len(terms) > 1 else "",
             }
         )

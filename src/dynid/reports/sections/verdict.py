@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import Finding
+from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE
+from dynid.estimation.estimate import SAME_MOTION
+from dynid.estimation.result import Identification
 from dynid.reports.evidence import Evidence
 
 #: Relative torque error of a joint that is good, and still fair [%]. A joint that moves little has larger ones.
@@ -43,14 +46,16 @@ def sentences(evidence: Evidence) -> list[str]:
     """Return the verdict in three sentences."""
     found = evidence.result
     worst = max(found.joints, key=lambda joint: joint.relative_percent)
-    known = found.knowledge.count("well")
+    known = _known(found)
     unseen = unseen_percent(evidence)
+    held = found.heldout_relative_error_percent
     first = (
         f"The model explains all but {found.relative_error_percent:.2g} % of the measured torque; "
         f"{worst.joint} is the weakest joint with {worst.relative_percent:.2g} % unexplained."
     )
+    floor = "" if held is None else f" On rows kept back ({found.heldout}) {held:.2g} % stay unexplained."
     second = (
-        "No torque was kept back, so nothing is known about motions that were not fitted."
+        f"No other motion has been seen, so nothing is proved about one.{floor}"
         if unseen is None
         else f"On torque that was not fitted ({unseen[0]}) {unseen[1]:.2g} % stay unexplained."
     )
@@ -62,12 +67,17 @@ def sentences(evidence: Evidence) -> list[str]:
 
 
 def unseen_percent(evidence: Evidence) -> tuple[str, float] | None:
-    """Return what was not fitted and its relative error: the worst unseen log, or the rows held out."""
-    if evidence.unseen:
-        worst = max(evidence.unseen, key=lambda unseen: unseen.percent)
+    """Return another motion than the fitted ones and its relative error: the worst, or the one held out."""
+    if others := [unseen for unseen in evidence.unseen if not unseen.same_motion]:
+        worst = max(others, key=lambda unseen: unseen.percent)
         return worst.name, worst.percent
     held = evidence.result.heldout_relative_error_percent
-    return None if held is None else (evidence.result.heldout, held)
+    return None if held is None or evidence.result.heldout.endswith(SAME_MOTION) else (evidence.result.heldout, held)
+
+
+def _known(found: Identification) -> int:
+    """Return how many parameters are known as well as the torques need."""
+    return sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge)
 
 
 def lights(evidence: Evidence) -> list[Light]:
@@ -75,22 +85,30 @@ def lights(evidence: Evidence) -> list[Light]:
     found = evidence.result
     unseen = unseen_percent(evidence)
     worst = max(joint.relative_percent for joint in found.joints)
-    known = found.knowledge.count("well") / len(found.names)
+    known = _known(found) / len(found.names)
     growth = None if unseen is None else unseen[1] / max(found.relative_error_percent, 1e-9)
     warnings = [finding for finding in found.findings if finding.level == "warning"]
     physical = found.in_force == "physical"
     return [
-        Light("fit", _state(worst, GOOD, FAIR), f"weakest joint {worst:.2g} % unexplained"),
+        Light(
+            "fit",
+            _state(worst, GOOD, FAIR),
+            f"{found.relative_error_percent:.2g} % unexplained, {worst:.2g} % at the weakest joint",
+        ),
         Light(
             "unseen motion",
             "open" if growth is None else "good" if unseen and unseen[1] <= SMALL else _state(growth, SAME, NEAR),
-            "nothing was kept back" if growth is None else f"error {growth:.2g} times that of the fit",
+            "no other motion has been seen"
+            if unseen is None or growth is None
+            else f"{unseen[1]:.2g} % unexplained, {growth:.2g} times the fit's {found.relative_error_percent:.2g} %",
         ),
         Light("knowledge", _state(-known, -0.75, -0.5), f"{100 * known:.0f} % of the parameters known well"),
         Light(
             "physics",
             "good" if physical and not warnings else "fair" if physical or not warnings else "bad",
-            "bodies that can exist" if physical else "the plain estimate is in force",
+            f"bodies that can exist{', but see the warnings' if warnings else ''}"
+            if physical
+            else "the plain estimate is in force",
         ),
     ]
 
