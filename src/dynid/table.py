@@ -83,6 +83,15 @@ class Table(Sequence[dict[str, Any]]):
         return "".join([*parts, *(f"<p>{html(line)}</p>" for line in self.footer)])
 
 
+def with_error(value: float, error: float | None) -> str:
+    """Return a value with the digits that two digits of its standard error leave; four digits without an error."""
+    if error is None or not math.isfinite(error) or error <= 0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(error))
+    text = f"{value:.{max(0, places)}f}"
+    return f"{value:.3g}" if places > 7 else "0" if float(text) == 0.0 else text
+
+
 def cell_text(value: Any) -> str:  # noqa: ANN401
     """Return a value as a person wants to read it: four digits, a dash for what is not there, text made visible."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):

@@ -15,6 +15,7 @@ from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
+from dynid.table import with_error
 from dynid.text import shell, yaml_text
 from dynid.workflows.identify import IdentifyOptions
 
@@ -449,7 +450,7 @@ def parameter_rows(found: Identification) -> list[list[str]]:
     rows = []
     for row in found.parameter_rows():
         error = row["std_error"]
-        value = "not determined" if error is None else f"{row['value']:.4g}"
+        value = "not determined" if error is None else with_error(row["value"], error)
         prior = "-" if row["prior"] is None else f"{row['prior']:.4g}" if abs(row["prior"]) > ROUNDING else "0"
         rows.append(
             [

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.covariance import NEGLIGIBLE
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.npz import written_whole
@@ -93,23 +94,15 @@ def motion_figure(
     columns = 1 if len(numbers) <= 3 else 2
     lines = -(-len(numbers) // columns)
     figure = new_figure(5.2 * columns + 0.6, 1.75 * lines + 1.0)
-    axes = figure.subplots(lines, columns, squeeze=False, sharex=True)
-    measured, estimated = getattr(motion, f"{quantity.key}_measured"), getattr(motion, f"{quantity.key}_estimated")
-    for place in range(lines * columns):
-        axis = axes[place % lines][place // lines]
-        if place >= len(numbers):
-            axis.set_visible(False)
-            continue
-        j = numbers[place]
-        both = {"measured": (measured[:, j], MEASURED, 2.2), "estimated": (estimated[:, j], ESTIMATED, 0.9)}
-        rest = {"residual": (measured[:, j] - estimated[:, j], RESIDUAL, 0.9 if residual_only else 0.7)}
-        _curves(axis, motion.t, rest if residual_only else both | rest if quantity is TORQUE else both)
-        axis.set_title(label(robot.joints[j].name), fontsize=9, loc="left")
-        axis.set_ylabel(quantity.units[not robot.joints[j].revolute], fontsize=8)
-        if place % lines == lines - 1 or place == len(numbers) - 1:
+    grid = figure.add_gridspec(lines, columns)
+    for place, j in enumerate(numbers):
+        # Why the last one: a panel alone in its line takes all of it.
+        alone = place == len(numbers) - 1 and place % columns == 0
+        axis = figure.add_subplot(grid[place // columns, :] if alone else grid[place // columns, place % columns])
+        _panel(axis, motion, robot, quantity, j, residual_only=residual_only)
+        if place // columns == lines - 1:
             axis.set_xlabel("time [s]", fontsize=8)
-            axis.tick_params(labelbottom=True)
-    handles, labels = axes[0][0].get_legend_handles_labels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False, fontsize=9)
     what = f"residual {quantity.title}" if residual_only else quantity.title
     figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", x=0.01, ha="left", fontsize=11)
@@ -121,6 +114,28 @@ def torque_figure(
 ) -> Figure:
     """Draw measured, estimated and residual torque of some joints, or the residual alone."""
     return motion_figure(motion, robot, TORQUE, title, joints=joints, residual_only=residual_only)
+
+
+def torque_panel(motion: EstimatedMotion, robot: Robot, joint: int) -> Figure:
+    """Draw measured, estimated and residual torque of one joint, counted from 0, small enough for a telephone."""
+    figure = new_figure(4.6, 1.7)
+    axis = figure.subplots()
+    _panel(axis, motion, robot, TORQUE, joint)
+    axis.set_xlabel("time [s]", fontsize=8)
+    return figure
+
+
+def _panel(
+    axis: Axes, motion: EstimatedMotion, robot: Robot, quantity: Quantity, j: int, *, residual_only: bool = False
+) -> None:
+    """Draw a quantity of joint j, measured and estimated; of torques also the residual."""
+    measured = getattr(motion, f"{quantity.key}_measured")[:, j]
+    estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
+    both = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
+    rest = {"residual": (measured - estimated, RESIDUAL, 0.9 if residual_only else 0.7)}
+    _curves(axis, motion.t, rest if residual_only else both | rest if quantity is TORQUE else both)
+    axis.set_title(label(robot.joints[j].name), fontsize=9, loc="left")
+    axis.set_ylabel(quantity.units[not robot.joints[j].revolute], fontsize=8)
 
 
 def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
@@ -165,32 +180,34 @@ def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     return figure
 
 
-def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
-    """Draw mean and spread of the residual torque over velocity, position, load and time, one row per joint."""
+#: What the residual is drawn over.
+AGAINST = ("velocity", "position", "load", "time")
+
+
+def residual_figure(motion: EstimatedMotion, robot: Robot, against: str) -> Figure:
+    """Draw mean and spread of the residual torque over one of ``AGAINST``, one panel per joint, one below the other."""
     residual = motion.tau_measured - motion.tau_estimated
-    against = (
-        ("velocity", motion.qd_estimated),
-        ("position", motion.q_estimated),
-        ("load", motion.tau_estimated),
-        ("time [s]", np.broadcast_to(motion.t[:, None], residual.shape)),
-    )
-    figure = new_figure(7.2, 0.5 + 1.0 * robot.n)
-    axes = figure.subplots(robot.n, 4, squeeze=False, sharey="row")
-    for j, joint in enumerate(robot.joints):
+    values = {
+        "velocity": motion.qd_estimated,
+        "position": motion.q_estimated,
+        "load": motion.tau_estimated,
+        "time": np.broadcast_to(motion.t[:, None], residual.shape),
+    }[against]
+    figure = new_figure(2.3, 0.5 + 1.05 * robot.n)
+    axes = figure.subplots(robot.n, 1, squeeze=False)[:, 0]
+    for j, (axis, joint) in enumerate(zip(axes, robot.joints, strict=True)):
         usable = motion.usable[:, j]
         size = float(np.std(residual[usable, j])) if usable.any() else 1.0
-        for k, (what, values) in enumerate(against):
-            axis = axes[j][k]
-            centre, mean, spread = binned(values[usable, j], residual[usable, j])
-            axis.axhline(0, lw=0.6, color=MEASURED)
-            axis.fill_between(centre, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0)
-            axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
-            axis.set_ylim(-3.2 * size, 3.2 * size)
-            axis.tick_params(labelsize=6)
-            axis.grid(lw=0.4)
-            if j == robot.n - 1:
-                axis.set_xlabel(what, fontsize=8)
-        axes[j][0].set_ylabel(f"{label(joint.name)}\n[{joint.torque_unit}]", fontsize=6)
+        centre, mean, spread = binned(values[usable, j], residual[usable, j])
+        axis.axhline(0, lw=0.6, color=MEASURED)
+        axis.fill_between(centre, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0)
+        axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
+        axis.set_ylim(-3.2 * size, 3.2 * size)
+        axis.tick_params(labelsize=6)
+        axis.grid(lw=0.4)
+        axis.set_title(f"{label(joint.name)} [{joint.torque_unit}]", fontsize=7, loc="left", pad=2)
+    units = {"velocity": "rad/s, m/s", "position": "rad, m", "load": "N m, N", "time": "s"}
+    axes[-1].set_xlabel(f"{against} [{units[against]}]", fontsize=8)
     return figure
 
 
@@ -225,7 +242,8 @@ def error_figure(found: Identification) -> Figure:
     figure = new_figure(6.4, 2.6)
     axis = figure.subplots()
     place = np.arange(len(share))
-    axis.bar(place, np.clip(share, 0.05, 300), width=0.8, color=ESTIMATED)
+    colors = [MEASURED if word == NEGLIGIBLE else ESTIMATED for word in found.knowledge]
+    axis.bar(place, np.clip(share, 0.05, 300), width=0.8, color=colors)
     axis.axhline(10, color=RESIDUAL, lw=1, ls="--")
     axis.set_yscale("log")
     axis.set_ylabel("error / value [%]")

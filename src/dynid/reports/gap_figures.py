@@ -17,7 +17,7 @@ from dynid.text import TITLE_LENGTH, label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Times the noise's power at which the colours end.
+#: Least times the noise's power at which the colours end; they go on to the worst that there is.
 WORST = 10.0
 #: Seconds of held-out motion, and parts of a formula's range, that are drawn.
 SHOWN, PARTS = 12.0, 10
@@ -34,15 +34,24 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
     for g in gaps:
         for r in g.regions:
             chi[g.joint, names.index((r.kind, r.name))] = r.chi
-    image = axis.imshow(np.log10(np.clip(chi, 0.5, None)), cmap="YlOrBr", vmin=0.0, vmax=np.log10(WORST), aspect="auto")
+    ticks = [1.0, 3.0, 10.0, 100.0, 1000.0, 1e4]
+    worst = max(WORST, float(np.nanmax(chi, initial=WORST)))
+    image = axis.imshow(np.log10(np.clip(chi, 0.5, None)), cmap="YlOrBr", vmin=0.0, vmax=np.log10(worst), aspect="auto")
     for j, k in zip(*np.nonzero(np.isfinite(chi)), strict=True):
         axis.text(
-            k, j, f"{chi[j, k]:.1f}", ha="center", va="center", fontsize=7, color="white" if chi[j, k] > 6 else "black"
+            k,
+            j,
+            f"{chi[j, k]:.1f}" if chi[j, k] < 100 else f"{chi[j, k]:.0f}",
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white" if chi[j, k] > worst**0.75 else "black",
         )
     axis.set_yticks(range(len(joints)), [label(name) for name in joints], fontsize=8)
     axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)
-    bar = figure.colorbar(image, ax=axis, ticks=[0.0, 0.5, 1.0])
-    bar.ax.set_yticklabels(["1", "3", "10"], fontsize=8)
+    ticks = [tick for tick in ticks if tick <= worst]
+    bar = figure.colorbar(image, ax=axis, ticks=np.log10(ticks))
+    bar.ax.set_yticklabels([f"{tick:g}" for tick in ticks], fontsize=8)
     if title:
         what = "residual power over noise power. 1 is the noise; above 1.25 something is missing"
         figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", fontsize=9)

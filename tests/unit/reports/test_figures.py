@@ -104,8 +104,7 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     qd, q = rng.uniform(-1, 1, (2, 4800, robot.n))
     zero = np.zeros_like(q)
     motion = EstimatedMotion(np.arange(4800.0), q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0)
-    axes = residual_figure(motion, robot).axes
-    velocity, position = (curves(axis) for axis in axes[:2])
+    velocity, position = (curves(residual_figure(motion, robot, what).axes[0]) for what in ("velocity", "position"))
     line = next(y for y in velocity.values() if len(y) == 24)
     assert set(np.sign(line[:11])) == {-1.0}
     assert np.abs(np.abs(np.delete(line, [11, 12])) - 1).max() < 1e-12

@@ -82,8 +82,8 @@ def test_without_pybullet_the_outlines_are_drawn(arm, monkeypatch):
         {"link": k, "mass_kg": 1.0, "com_m": [0.1, 0, 0], "inertia_com_kg_m2": tensor, "origin": {}} for k in (1, 2)
     ]
     picture = ellipsoids(arm, links)
-    assert picture.svg.startswith("<svg")
-    assert "image/png" not in picture.svg
+    assert picture.svgs[0].startswith("<svg")
+    assert "image/png" not in picture.svgs[0]
 
 
 def test_names_of_joints_and_labels_stay_text(arm):

@@ -10,6 +10,7 @@ import pytest
 
 from dynid.errors import Finding
 from dynid.estimation.result import JointQuality
+from dynid.files.robotfile import load_robot
 from dynid.reports.figures import binned
 from dynid.reports.page import page, summary
 from dynid.reports.sections import SECTIONS
@@ -17,16 +18,22 @@ from dynid.reports.sections.verdict import lights, sentences
 from dynid.text import printable
 
 NASTY = '<b>x & "y"</b>'
-#: What each drawing shows; the torques of logs name the log.
-DRAWINGS = [
-    "singular values of the stack with normalised columns",
-    "range of positions and velocities of each joint, and its limits",
-    "standard error of each base parameter in percent of its value",
-    "measured and estimated torque of each joint, fitted logs",
-    f"measured and estimated torque of each joint, unseen: {NASTY}",
-    "mean and spread of the residual against velocity, position, load and time",
-    "the arm from two sides with an ellipsoid for each link's mass and inertia",
+#: Joints of the arm; the first has a name that would be markup.
+JOINTS = (NASTY, *load_robot("scara").joint_names[1:])
+#: What each drawing shows, figure by figure; the torques of logs name the log.
+FIGURES = [
+    ["singular values of the stack with normalised columns"],
+    ["range of positions and velocities of each joint, and its limits"],
+    ["standard error of each base parameter in percent of its value"],
+    [f"measured and estimated torque of {joint}, fitted logs" for joint in JOINTS],
+    [f"measured and estimated torque of {joint}, unseen: {NASTY}" for joint in JOINTS],
+    [
+        f"mean and spread of the residual of each joint over {against}"
+        for against in ("velocity", "position", "load", "time")
+    ],
+    ["the arm from two sides with an ellipsoid for each link's mass and inertia"],
 ]
+DRAWINGS = [label for figure in FIGURES for label in figure]
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +77,8 @@ def test_all_twelve_sections_are_there_in_their_order(html):
     found = Elements(html)
     anchors = [section.anchor for section in SECTIONS]
     assert anchors == [
-        "verdict", "next", "run", "quality", "excitation", "parameters", "torque", "unseen", "residual", "gap", "physics",
-        "limits",
+        "verdict", "next", "run", "quality", "excitation", "parameters", "torque", "unseen", "residual", "gap",
+        "physics", "limits",
     ]  # fmt: skip
     assert [each for each in found.ids if each in anchors] == anchors
     assert [link for link in found.links if link[1:] in anchors] == ["#verdict", *(f"#{a}" for a in anchors)]
@@ -99,8 +106,8 @@ def test_names_are_text_wherever_they_stand(html):
         "excitation": 1,  # an axis
         "parameters": 1,  # a row of the grid
         "torque": 2,  # row and panel of the joint
-        "unseen": 4,  # heading, list of joints, title and panel of the figure
-        "residual": 1,  # an axis
+        "unseen": 3,  # heading, list of joints, panel of the figure
+        "residual": 4,  # a panel in each of the drawings
         "gap": 0,
         "physics": 1,  # why the set is in force
         "limits": 1,  # speeds reached
@@ -145,7 +152,7 @@ def test_every_figure_says_what_it_is_how_to_read_it_and_what_would_worry(html):
     """Each drawing has words for those who cannot see it and a caption with both lines."""
     assert Elements(html).labels == DRAWINGS
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", html, flags=re.S)
-    assert len(captions) == len(DRAWINGS)
+    assert len(captions) == len(FIGURES)
     for caption in captions:
         assert re.fullmatch(r"<p><b>How to read this:</b> [^<]{40,}\.</p><p><b>Worrying:</b> [^<]{40,}\.</p>", caption)
 
@@ -229,7 +236,7 @@ def test_the_verdict_is_three_sentences_with_the_numbers_of_the_result(evidence)
 def test_an_old_run_without_its_other_files_still_has_a_report(evidence):
     """Only parameters.npz is needed: drawings of parameters and bodies are left, and what is missing is said."""
     text = page(replace(evidence, motion=None, unseen=(), singular_values=None))
-    assert Elements(text).labels == [DRAWINGS[2], DRAWINGS[6]]
+    assert Elements(text).labels == [DRAWINGS[2], DRAWINGS[-1]]
     assert by_section(text)["unseen"].count("No torque was kept back") == 1
     assert by_section(text)["torque"].count("estimatedmotion.npz is not beside the result") == 1
 

@@ -53,19 +53,23 @@ def _row(one: GapEffect) -> dict[str, Any]:
 def _pictures(record: GapRecord) -> list[Picture]:
     return [
         Picture(
-            drawn(
-                "gap-shrink",
-                lambda: improvement_figure(record.improvement, record.joint_names, record.torque_units, ""),
-                "held-out error of each joint before and after the missing effects, with the noise",
+            (
+                drawn(
+                    "gap-shrink",
+                    lambda: improvement_figure(record.improvement, record.joint_names, record.torque_units, ""),
+                    "held-out error of each joint before and after the missing effects, with the noise",
+                ),
             ),
             "Each joint's error on torque that was not fitted, without and with the named effects; line: the noise.",
             "A bar after that is still far right of the noise: something else is missing there.",
         ),
         Picture(
-            drawn(
-                "gap-where",
-                lambda: residual_figure(record.joints, record.joint_names, ""),
-                "residual power over noise power of each joint, by speed, position, load, time, direction and reversal",
+            (
+                drawn(
+                    "gap-where",
+                    lambda: residual_figure(record.joints, record.joint_names, ""),
+                    "residual power over noise power of each joint, by speed, position, load, time and reversal",
+                ),
             ),
             "Residual power over noise power in each part of the motion before anything was added; 1 is the noise.",
             "Above 1.25 something is missing; 10 and more, and the joint is badly modelled there.",

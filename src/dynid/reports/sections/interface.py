@@ -14,14 +14,16 @@ class Picture:
     """A figure with what a reader needs to judge it.
 
     Attributes:
-        svg: the drawing.
+        svgs: the drawings; several stand side by side where there is room.
         read: how to read it, one sentence.
         worry: which value would be worrying, one sentence.
+        narrow: whether two drawings fit side by side on a telephone.
     """
 
-    svg: str
+    svgs: tuple[str, ...]
     read: str
     worry: str
+    narrow: bool = False
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.reports.evidence import Evidence
-from dynid.reports.figures import coverage_figure, residual_figure, spectrum_figure, torque_figure
+from dynid.reports.figures import AGAINST, coverage_figure, residual_figure, spectrum_figure, torque_panel
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.text import shell
@@ -20,7 +20,7 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
         label = "singular values of the stack with normalised columns"
         pictures.append(
             Picture(
-                drawn("spectrum", lambda: spectrum_figure(values), label),
+                (drawn("spectrum", lambda: spectrum_figure(values), label),),
                 "Each dot is a combination of parameters; the further right, the less the motion shows it.",
                 "Dots below the dashed line (1/1000): noise in those directions is amplified a thousandfold.",
             )
@@ -29,7 +29,7 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
         label = "range of positions and velocities of each joint, and its limits"
         pictures.append(
             Picture(
-                drawn("coverage", lambda: coverage_figure(motion, robot), label),
+                (drawn("coverage", lambda: coverage_figure(motion, robot), label),),
                 "Blue is what the joint did, grey what its limits allow.",
                 "A joint whose blue bar is short taught little: its inertia and friction come from few, small signals.",
             )
@@ -54,10 +54,13 @@ def unseen(evidence: Evidence) -> dict[str, Any]:
 def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture:
     robot = evidence.robot
     return Picture(
-        drawn(
-            title,
-            lambda: torque_figure(motion, robot, robot.joint_names, title),
-            f"measured and estimated torque of each joint, {title}",
+        tuple(
+            drawn(
+                f"{title} {j}",
+                lambda j=j: torque_panel(motion, robot, j),  # type: ignore[misc]
+                f"measured and estimated torque of {name}, {title}",
+            )
+            for j, name in enumerate(robot.joint_names)
         ),
         "Grey is measured, blue estimated, orange what is left, all on one scale per joint.",
         "Orange that follows a pattern (steps at reversals, waves) is an effect that the model misses, not noise.",
@@ -69,11 +72,18 @@ def residual(evidence: Evidence) -> dict[str, Any]:
     motion, robot = evidence.motion, evidence.robot
     if motion is None:
         return {"pictures": []}
-    label = "mean and spread of the residual against velocity, position, load and time"
     one = Picture(
-        drawn("residual", lambda: residual_figure(motion, robot), label),
+        tuple(
+            drawn(
+                f"residual {against}",
+                lambda against=against: residual_figure(motion, robot, against),  # type: ignore[misc]
+                f"mean and spread of the residual of each joint over {against}",
+            )
+            for against in AGAINST
+        ),
         "The line is the mean residual in a bin, the band one standard deviation; noise gives a flat line at zero.",
         "A step at zero velocity is friction, a wave over position gravity or a spring, "
         "a slope over load a gear or gain, a drift over time heat.",
+        narrow=True,
     )
     return {"pictures": [one]}

@@ -12,6 +12,7 @@ from dynid.reports.figures import error_figure
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.robot import LINK_PARAMETERS
+from dynid.table import with_error
 
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
@@ -26,14 +27,12 @@ def parameters(evidence: Evidence) -> dict[str, Any]:
     for joint, name in enumerate(robot.joint_names, start=1):
         cells = [_cell(reduction.names, reduction.class_of, f"{kind}{joint}") for kind in LINK_PARAMETERS]
         grid.append((name, cells))
+    label = "standard error of each base parameter in percent of its value"
     errors = Picture(
-        drawn(
-            "values",
-            lambda: error_figure(evidence.result),
-            "standard error of each base parameter in percent of its value",
-        ),
-        "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %.",
-        "Bars above the dashed line (10 %): do not quote those values without their error.",
+        (drawn("values", lambda: error_figure(evidence.result), label),),
+        "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %. Grey bars belong to "
+        "parameters that are zero as far as the torques can tell.",
+        "Blue bars above the dashed line (10 %): do not quote those values without their error.",
     )
     return {
         "heads": LINK_PARAMETERS,
@@ -64,7 +63,7 @@ def rows(evidence: Evidence) -> list[dict[str, Any]]:
         table.append(
             {
                 "name": name,
-                "value": f"{value:.4g}",
+                "value": with_error(value, error),
                 "error": f"{error:.2g}" if np.isfinite(error) else "not determined",
                 "unit": units[reduction.names[reduction.base[i]]],
                 "known": found.knowledge[i],

@@ -57,7 +57,7 @@ def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
     label = "the arm from two sides with an ellipsoid for each link's mass and inertia"
     drawing = ellipsoid_drawing(robot, pose(robot), [ellipsoid(link) for link in links], label)
     return Picture(
-        drawing or drawn("ellipsoids", lambda: outlines(robot, links), label),
+        (drawing or drawn("ellipsoids", lambda: outlines(robot, links), label),),
         "Each ellipsoid has the mass and inertia of the link whose number it bears; blue is mostly from data, orange "
         "from the prior. The grey arm is made from the DH table.",
         "An ellipsoid far larger than the link, or far off it: the prior or the data are wrong there.",
