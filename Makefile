@@ -56,7 +56,7 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/lint-imports --no-logo
 
 docs: $(VENV)/.ready-docs
-	$(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 reference: $(VENV)/.ready
 	$(BIN)/python -m dynid.cli.reference docs/reference
