@@ -404,7 +404,6 @@ def show_next(common: Common, result: Identification) -> None:
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     """Print the answer first: the table of joints, the verdict, what is in force; with -v every parameter."""
-    from dynid.estimation.covariance import counted
     from dynid.reports.evidence import Evidence
     from dynid.reports.sections.verdict import lights
 
@@ -429,13 +428,13 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     total = f"total relative error {found.relative_error_percent:.2f} %"
     terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
     judged = lights(Evidence(found, None, (), None, None))
-    terminal.fact("verdict", "; ".join(f"{light.name} {light.state} ({light.text})" for light in judged))
+    for light in judged:
+        terminal.fact("another" if light.name == "unseen motion" else light.name, f"{light.state}: {light.text}")
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
     mass = sum(link["mass_kg"] for link in found.links())
     terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
-    terminal.fact("known", f"{counted(found.knowledge)} by these logs")
     if common.verbose:
         terminal.answer()
         terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
