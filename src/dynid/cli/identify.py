@@ -306,6 +306,8 @@ def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
 
 
 # ---------------------------------------------------------------- printing
+#: Labels of judgements where they are not their names.
+JUDGED = {"fit": "verdict", "unseen motion": "another"}
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
 
 
@@ -429,7 +431,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
     judged = lights(Evidence(found, None, (), None, None))
     for light in judged:
-        terminal.fact("another" if light.name == "unseen motion" else light.name, f"{light.state}: {light.text}")
+        terminal.fact(JUDGED.get(light.name, light.name), f"{light.state}: {light.text}")
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))

@@ -203,7 +203,7 @@ def test_unseen_motion_is_judged_by_the_growth_of_the_error_unless_it_is_small(e
 
 def test_nothing_kept_back_is_neither_good_nor_bad(evidence):
     light = lights(changed(evidence, unseen=False))[1]
-    assert (light.state, light.text) == ("open", "no other motion has been seen")
+    assert (light.state, light.text) == ("open", "no motion but the fitted one has been seen")
 
 
 @pytest.mark.parametrize(("well", "state"), [(17, "good"), (16, "fair"), (11, "fair"), (10, "bad")])
@@ -247,7 +247,7 @@ def test_the_summary_shows_names_as_they_are(evidence):
     assert lines[0] == r'### \<b\>x \& "y"\</b\>'
     assert lines[9:12] == [
         "| 🔴 bad | unseen motion | 2.9 % unexplained, 2.1 times the fit's 1.4 % |",
-        "| 🟢 good | knowledge | 95 % of the parameters known well |",
+        "| 🟢 good | knowledge | parameters known 21 well, 1 not determined |",
         "| 🟡 fair | physics | bodies that can exist, but see the warnings |",
     ]
     assert lines[15] == r'| \<b\>x \& "y"\</b\> | 0.01 N m | 1.4 % | - |'

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import Finding
-from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE
+from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, counted
 from dynid.estimation.estimate import SAME_MOTION
 from dynid.estimation.result import Identification
 from dynid.reports.evidence import Evidence
@@ -98,11 +98,11 @@ def lights(evidence: Evidence) -> list[Light]:
         Light(
             "unseen motion",
             "open" if growth is None else "good" if unseen and unseen[1] <= SMALL else _state(growth, SAME, NEAR),
-            "no other motion has been seen"
+            "no motion but the fitted one has been seen"
             if unseen is None or growth is None
             else f"{unseen[1]:.2g} % unexplained, {growth:.2g} times the fit's {found.relative_error_percent:.2g} %",
         ),
-        Light("knowledge", _state(-known, -0.75, -0.5), f"{100 * known:.0f} % of the parameters known well"),
+        Light("knowledge", _state(-known, -0.75, -0.5), f"parameters known {counted(found.knowledge)}"),
         Light(
             "physics",
             "good" if physical and not warnings else "fair" if physical or not warnings else "bad",
