@@ -16,7 +16,7 @@ from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
-from dynid.text import shell, yaml_text
+from dynid.text import yaml_text
 from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
