@@ -12,10 +12,18 @@ from dynid.gap.formulas import Wording, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
-from dynid.gap.refit import GROWN, HeldOutImprovement, held_out_improvement, ratio_interval, refit, with_columns
+from dynid.gap.refit import (
+    GROWN,
+    HeldOutImprovement,
+    held_out_improvement,
+    lead_over_always,
+    ratio_interval,
+    refit,
+    with_columns,
+)
 from dynid.gap.search import EffectSearch, search_effects, without
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
 from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
@@ -153,7 +161,8 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
-        failing = failing or [(one, why) for one, why in said if why] or spoiling(problem, search, effects, improvement)
+        failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
+        failing = failing or spoiling(problem, search, effects, improvement)
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
@@ -163,6 +172,19 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
         refused += failing
         for one, _ in failing:
             search = without(problem, search, one)
+
+
+def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -> list[tuple[SelectedEffect, str]]:
+    """Return effects that explain old and new logs as well when they were always there, with the reason."""
+    if all(s.fresh for s in regression.segments):
+        return []
+    found = []
+    columns = with_columns(effects)
+    for k, one in enumerate(columns):
+        lead, spread = lead_over_always(regression, columns, k)
+        if lead < max(EQUAL, SURE * spread):
+            found.append((one, "it explains old and new logs as well if it was there before: it is no change"))
+    return found
 
 
 def spoiling(

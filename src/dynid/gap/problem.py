@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
+from dynid.gap.change import ChangeTest, change_test
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
@@ -58,9 +59,14 @@ class KeptModel:
 
 def kept_model(found: Identification) -> KeptModel:
     """Return what an identification found as a model that is kept."""
+    left = np.einsum("jkp,p->jk", found.factors, np.append(-found.plain, 1.0))
+    rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(found.counts, 1))
+    # Why: the set in force is another, and leaves more or less of the rows that were held out.
+    held = found.heldout_by_set
+    share = held["plain"] / max(held[found.in_force], 1e-12) if found.in_force in held else 1.0
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
-    unexplained = [max(joint.rms, joint.heldout_rms or 0.0) for joint in found.joints]
-    return KeptModel(found.plain, found.plain_covariance, np.array(unexplained))
+    unexplained = np.array([max(r, share * (j.heldout_rms or 0.0)) for r, j in zip(rms, found.joints, strict=True)])
+    return KeptModel(found.plain, found.plain_covariance, unexplained)
 
 
 def information_root(covariance: Floats) -> Floats:
@@ -78,7 +84,7 @@ class GapProblem:
 
     Attributes:
         base: model and base parameters.
-        kept: the kept model; None when the baseline is refitted.
+        kept: the kept model; None when the baseline is fitted.
         segments: all rows.
         train: rows that are searched, one mask (M,) per segment.
         held: held-out rows, one mask (M,) per segment.
@@ -90,6 +96,7 @@ class GapProblem:
             where it cancels, and when the baseline is refitted.
         matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
             compared with the model alone.
+        change: which joints have changed since the earlier logs, that are among the rows; None where there are none.
     """
 
     base: BaseModel
@@ -103,6 +110,12 @@ class GapProblem:
     theta: Floats
     unexplained: Floats | None = None
     matched: float = 0.0
+    change: ChangeTest | None = None
+
+    @property
+    def since(self) -> bool:
+        """Whether it is asked what has changed since a model was identified."""
+        return self.kept is not None or self.change is not None
 
     def regression(self, theta: Floats | None = None, *, nuisance: bool = True) -> WhitenedRegression:
         """Return the whitened training rows, effects scaled with given base parameters.
@@ -155,11 +168,13 @@ def make_problem(
     reference = model_torques(base.model, base.reduction, start)
     segments, matched = segments_of(logs, base, reference), 0.0
     if kept is not None and earlier:
-        compared = subtract_matched_motion(segments, segments_of(earlier, base, reference), kept.theta)
-        if compared is not None:
-            segments, matched = compared
-            # Why: what its parameters are off by is in both, but for what the motions differ.
-            kept = replace(kept, covariance=ALIKE**2 * kept.covariance)
+        before = segments_of(earlier, base, reference)
+        compared = subtract_matched_motion(segments, before, kept.theta)
+        if compared is None:
+            return _problem_since(before, segments, base, kept)
+        segments, matched = compared
+        # Why: what its parameters are off by is in both, but for what the motions differ.
+        kept = replace(kept, covariance=ALIKE**2 * kept.covariance)
     repeats = find_repeats(segments)
     train, held, text = split(segments, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
     theta, residuals = unwhitened_fit(segments, train, kept)
@@ -174,6 +189,41 @@ def make_problem(
     noise = measure_noise(segments, residuals, repeats, train)
     found = GapProblem(base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched)
     return with_noise(found, noise, residuals)
+
+
+def _problem_since(
+    earlier: Sequence[SegmentRows], segments: Sequence[SegmentRows], base: BaseModel, kept: KeptModel
+) -> GapProblem:
+    """Arrange a search for what has changed between earlier and new logs of other motion, all fitted together.
+
+    What is looked for acts in the new logs alone. Each joint's noise is at least what the model left of the earlier
+    logs.
+
+    Args:
+        earlier: rows of the logs that a model was identified from.
+        segments: rows of the new logs.
+        base: model and base parameters.
+        kept: the model that was identified from the earlier logs.
+    """
+    first = 1 + max(s.number for s in earlier)
+    before = [replace(s, fresh=False) for s in earlier]
+    after = [replace(s, number=first + s.number) for s in segments]
+    train, held, text = split(after, find_repeats(after), HELD_OUT_KEPT)
+    every = [*before, *after]
+    train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
+    held = [*(np.zeros(len(s), dtype=bool) for s in before), *held]
+    repeats = [pair for pair in find_repeats(every) if every[pair.first].fresh == every[pair.second].fresh]
+    change = change_test(every, train, [nuisance_columns(s) for s in every])
+    theta = unwhitened_fit(every, train, None)[0]
+    eras = ((before, train[: len(before)]), (after, train[len(before) :]))
+    left = [residual for era, rows in eras for residual in unwhitened_fit(era, rows, None)[1]]
+    whole = unwhitened_fit(*eras[0], None, nuisance=False)[1]
+    # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
+    share = change.left / _rms(before, whole, train[: len(before)])
+    unexplained = np.maximum(change.left, kept.unexplained * np.minimum(1.0, share))
+    noise = measure_noise(every, left, repeats, train)
+    found = GapProblem(base, None, every, train, held, text, repeats, noise, theta, unexplained, 0.0, change)
+    return with_noise(found, noise, left)
 
 
 def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
@@ -191,7 +241,7 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         noise: measured from repeats or high frequencies.
         residuals: what a model leaves of the rows, one (M, n) per segment.
     """
-    if problem.kept is None:
+    if not problem.since:
         return replace(problem, noise=noise)
     if problem.matched and noise.repeats:
         # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.

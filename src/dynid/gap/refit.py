@@ -16,7 +16,7 @@ from dynid.estimation.physical_constraints import pseudo_inertia
 from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
-from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
@@ -264,6 +264,28 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
     )
 
 
+def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:
+    """Return by how much more an effect explains when it acts since the earlier logs than when it always did, twice.
+
+    Args:
+        regression: rows of earlier and new logs, with the selected effects.
+        selected: these effects.
+        k: which of them.
+
+    Returns:
+        Difference of the gains, and its spread over blocks of time.
+    """
+    one = selected[k]
+    others = with_selected(regression, [other for other in selected if other is not one])
+    every = replace(others, segments=[replace(s, fresh=True) for s in others.segments])
+    gains = []
+    for rows in (others, every):
+        columns = whitened_columns(rows, one.effect, one.joints, [one.shape])
+        gains.append(significance_test(others, {j: C[0] for j, C in columns.items()}).gains)
+    difference = gains[0] - gains[1]
+    return float(difference.sum()), float(np.std(difference) * np.sqrt(len(difference)))
+
+
 def _distance(beta: Floats, covariance: Floats) -> float:
     """Return how unlikely it is that amplitudes are zero, as the standard errors of a single one that is as unlikely.
 
@@ -305,7 +327,7 @@ def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> 
         regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
     theta = regression.fit.theta[:p]
     held = cut(problem.segments, problem.held)
-    torques = [s.filtered(effect_torque(s.motion, selected, regression.amplitudes)) for s in regression.segments]
+    torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]
     times = jackknife_blocks(held)
     found = []
     for j in range(held[0].motion.n):

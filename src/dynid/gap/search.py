@@ -10,7 +10,7 @@ import numpy as np
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
-from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import Key, SignificanceTest, candidates_at, score_candidate
 from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
@@ -81,7 +81,7 @@ def search_effects(
     first = problem = first or make_problem(logs, base, kept, earlier)
     before: dict[Key, float] = {}
     if earlier and not problem.matched:
-        then = make_problem(earlier, base, kept)
+        then = make_problem(earlier, base, None if problem.change is not None else kept)
         before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
     for _ in range(MOST_SELECTIONS):
         stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY)
@@ -149,5 +149,5 @@ def with_noise_beside(
         return problem
     residuals = torque_residuals(regression, problem.segments, [nuisance_columns(s) for s in problem.segments])
     for k, s in enumerate(regression.segments):
-        residuals[k] -= s.filtered(effect_torque(s.motion, selected, regression.amplitudes)).T
+        residuals[k] -= torque_in_rows(s, selected, regression.amplitudes).T
     return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)

@@ -37,6 +37,7 @@ class SegmentRows:
         q: positions of the rows, (M, n) [rad or m].
         qd: velocities of the rows, (M, n) [rad/s or m/s].
         use: rows that count: not clipped, not at rest, (M, n).
+        fresh: whether effects act here; not in earlier logs, when what has changed since is looked for.
     """
 
     rows: ObservationRows
@@ -46,6 +47,7 @@ class SegmentRows:
     q: Floats
     qd: Floats
     use: Mask
+    fresh: bool = True
 
     def __len__(self) -> int:
         """Return the number of rows."""

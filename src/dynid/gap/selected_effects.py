@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynid.gap.segments import SegmentRows
 from dynid.gap.significance import Key, SignificanceTest, whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
@@ -80,6 +81,13 @@ def with_selected(regression: WhitenedRegression, selected: Sequence[SelectedEff
     """Return the regression with selected effects."""
     columns = [whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected]
     return regression.with_effects([{j: C[0] for j, C in found.items()} for found in columns])
+
+
+def torque_in_rows(segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
+    """Return the torque of effects in the rows of a segment, (n, M) [N m or N]; nothing where they do not act yet."""
+    if not segment.fresh:
+        return np.zeros((segment.motion.n, len(segment)))
+    return segment.filtered(effect_torque(segment.motion, selected, amplitudes))
 
 
 def effect_torque(motion: ArmMotion, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:

@@ -76,6 +76,10 @@ def whitened_columns(
     rows = effect.rows(joints, regression.segments[0].motion.n)
     parts = []
     for segment in regression.segments:
+        if not segment.fresh:
+            count = len(effect.amplitudes(shapes[0]))
+            parts.append(np.zeros((len(shapes), count, len(rows), len(segment))))
+            continue
         raw = effect.tried(segment.motion, joints, shapes)
         signals = np.concatenate([x.reshape(-1, len(segment.motion)) for x in raw])
         parts.append(segment.filtered(signals).reshape(len(shapes), len(raw[0]), len(rows), -1))
@@ -93,7 +97,7 @@ def candidate_of(
 
 def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints) -> list[EffectCandidate]:
     """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
-    shapes = effect.grid(joined_motion([s.motion for s in regression.segments]), joints)
+    shapes = effect.grid(joined_motion([s.motion for s in regression.segments if s.fresh]), joints)
     groups: dict[int, list[dict[str, float]]] = {}
     for shape in shapes:
         groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)

@@ -278,7 +278,7 @@ def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:
 
 def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Joints]]:
     """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on."""
-    use = "refit" if problem.kept is None else "frozen"
+    use = "frozen" if problem.since else "refit"
     moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
     return [
         (effect, joints)
@@ -286,8 +286,15 @@ def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple
         if use in effect.uses and (not options.effects or effect.name in options.effects)
         for joints in effect.candidate_joints(problem.base.robot.n)
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
-        if not _in_model(effect, joints, problem)
+        if not _in_model(effect, joints, problem) and _may_have_changed(effect, joints, problem)
     ]
+
+
+def _may_have_changed(effect: Effect, joints: Joints, problem: GapProblem) -> bool:
+    """Return whether an effect acts on a joint that has changed; True where it is not known which have."""
+    if problem.change is None:
+        return True
+    return bool(set(effect.rows(joints, problem.base.robot.n)) & set(problem.change.joints))
 
 
 def _in_model(effect: Effect, joints: Joints, problem: GapProblem) -> bool:
@@ -295,7 +302,7 @@ def _in_model(effect: Effect, joints: Joints, problem: GapProblem) -> bool:
     if not joints:
         return False
     joint = problem.base.robot.joints[joints[0]]
-    refit = problem.kept is None
+    refit = not problem.since
     has = {
         "torque_offset": refit and "offset" in joint.friction,
         "viscous": "viscous" in joint.friction,
