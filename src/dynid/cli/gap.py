@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "gap",
     examples=(
         "dynid gap out/arm/parameters.npz a.bag a_again.bag b.bag b_again.bag c.bag",
-        "dynid gap out/arm/parameters.npz new.bag --mode frozen        what has changed since it was identified?",
+        "dynid gap out/arm/parameters.npz new.bag --ask changed        what has changed since it was identified?",
         "dynid gap out/arm/parameters.npz a.bag b.bag --apply best",
         "dynid gap --self-test                                         hide effects in simulated logs and look",
     ),
@@ -95,7 +95,7 @@ def run_gap(
         base = base_model_of(stored, stored.path.parent, progress)
         progress.stage("read")
         read = [load_log(path, base.robot, options, identify=False) for path in logs]
-        earlier = earlier_logs(stored, read, options, progress) if options.mode == "frozen" else []
+        earlier = earlier_logs(stored, read, options, progress) if options.question in ("auto", "changed") else []
         gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
         wrote = gap.write_figures(parameters.parent / "gap") if plot else []
@@ -139,6 +139,7 @@ def show(common: Common, gap: Gap) -> None:
     from dynid.model.effects.catalogue import CATALOGUE
 
     terminal = common.terminal
+    terminal.fact("asked", gap.asked)
     terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     terminal.fact("where", gap.where_text)
     if gap.named or gap.closest:

@@ -22,12 +22,14 @@ from dynid.gap.refit import (
     with_columns,
 )
 from dynid.gap.search import EffectSearch, search_effects, without
+from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
 from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
+from dynid.model.reference import model_torques
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.sim.replay import Replay
@@ -105,7 +107,8 @@ def analyse_gap(
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
-    wording = find_formulas(found.search, verdict.remainder, progress)
+    # Why not of a change: a formula of what has changed is no property of the arm.
+    wording = find_formulas(found.search, () if problem.since else verdict.remainder, progress)
     return GapAnalysis(
         logs,
         problem,
@@ -248,6 +251,15 @@ def replays(
     except PackageMissing:
         return None
     return None if before is None or after is None else (before, after)
+
+
+def relative_error(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> float:
+    """Return what base parameters, (p,), leave of the torques of logs [%]."""
+    squares = np.zeros(2)
+    for s in segments_of(logs, base, model_torques(base.model, base.reduction, theta)):
+        left = s.tau - s.W @ theta
+        squares += [np.sum(np.where(s.use, x, 0.0) ** 2) for x in (left, s.tau)]
+    return float(100.0 * np.sqrt(squares[0] / max(squares[1], 1e-300)))
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:

@@ -57,7 +57,11 @@ def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec
 
 
 def stacked_with(
-    logs: Sequence[ConditionedLog], base: BaseModel, specs: Sequence[EffectSpec], theta: Floats
+    logs: Sequence[ConditionedLog],
+    base: BaseModel,
+    specs: Sequence[EffectSpec],
+    theta: Floats,
+    earlier: Sequence[ConditionedLog] = (),
 ) -> tuple[BaseModel, Stack]:
     """Return the model with effects, and the logs stacked for it.
 
@@ -66,13 +70,26 @@ def stacked_with(
         base: model without the effects.
         specs: the effects.
         theta: base parameters without the effects, which effects scale with first, (p,).
+        earlier: conditioned logs of a time when the effects were not there yet.
     """
     added = with_specs(base, specs)
     delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
     late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
     first = model_torques(base.model, base.reduction, theta)
     made = settled([with_effects(s, added.model, first) for s in late], added)
-    return added, stack_base(made, added)
+    return added, stack_base([*(_before(s, base, added) for s in earlier), *made], added)
+
+
+def _before(log: ConditionedLog, base: BaseModel, added: BaseModel) -> ConditionedLog:
+    """Return a log of a time when the effects that were added were not there: their columns are zero."""
+    own = with_effects(log, base.model).segments
+    full = with_effects(log, added.model).segments
+    widths = [old.effects.shape[1] if base.model.added else 0 for old in own]
+    segments = [
+        replace(new, effects=np.where(np.arange(new.effects.shape[1]) < width, new.effects, 0.0))
+        for new, width in zip(full, widths, strict=True)
+    ]
+    return replace(log, segments=segments)
 
 
 def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:

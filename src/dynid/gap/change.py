@@ -24,8 +24,8 @@ BEYOND_HALVES = 1.5
 #: Smallest growth of a joint's residual that counts, whatever halves say: the squares of what is visible at a fifth of
 #: the noise.
 LEAST_GROWTH = 0.02
-#: The same for what parameters of the new logs alone leave of them, over what those of the old ones leave: a change that
-#: no parameters absorb shows nowhere else, but faster motion leaves more too.
+#: The same for what parameters of the new logs alone leave of them, over what those of the old ones leave: a change
+#: that no parameters absorb shows nowhere else, but faster motion leaves more too.
 LEAST_MORE = 0.2
 #: Directions of normalised columns below this share of the strongest are left at zero.
 WEAK = 1e-6

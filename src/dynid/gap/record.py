@@ -102,8 +102,8 @@ class GapRecord:
 
     Attributes:
         robot: name of the arm.
-        mode: ``"refit"`` or ``"frozen"``.
-        verdict: ``"named"``, ``"nothing_missing"``, ``"unexplained"`` or ``"ambiguous"``.
+        mode: ``"refit"``, or ``"frozen"`` for what has changed.
+        verdict: ``"named"``, ``"nothing_missing"``, ``"nothing_changed"``, ``"unexplained"`` or ``"ambiguous"``.
         named: effects that are named.
         closest: effects that explain part of the gap, each with the reason why it is not named.
         alternatives: groups of identifiers that explain as much.
@@ -123,6 +123,8 @@ class GapRecord:
         made_from: the result that was searched; "" for one that is in no file.
         formulas: what no effect of the catalogue explains, as formulas.
         clues: what is known of joints for which there is none, in words.
+        question: ``"numbers"``, ``"arm"`` or ``"changed"``; "" where it was not stored.
+        asked: which questions were asked, what they brought, and why, in words.
     """
 
     robot: str
@@ -146,15 +148,18 @@ class GapRecord:
     made_from: str
     formulas: tuple[GapEffect, ...] = ()
     clues: tuple[str, ...] = ()
+    question: str = ""
+    asked: str = ""
 
 
-def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) -> GapRecord:
+def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, made_from: str) -> GapRecord:
     """Return what an analysis found as plain values.
 
     Args:
         analysis: the analysis.
         robot: the arm.
-        mode: ``"refit"`` or ``"frozen"``.
+        question: ``"numbers"``, ``"arm"`` or ``"changed"``.
+        asked: which questions were asked and why, in words.
         made_from: the result that was searched; "" for one that is in no file.
     """
     import numpy as np
@@ -167,7 +172,7 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
     closest = [replace(_effect(one, analysis, robot), why_not=why, rms_after=None) for one, why in verdict.closest]
     return GapRecord(
         robot=robot.name,
-        mode=mode,
+        mode="frozen" if question == "changed" else "refit",
         verdict=verdict.word,
         named=tuple(_effect(one, analysis, robot) for one in verdict.named),
         closest=tuple(closest),
@@ -186,6 +191,8 @@ def record_of(analysis: GapAnalysis, robot: Robot, mode: str, made_from: str) ->
         made_from=made_from,
         formulas=tuple(_formulas(analysis, robot)),
         clues=tuple(clue_text(clue, names) for clue in analysis.wording.clues),
+        question=question,
+        asked=asked,
     )
 
 
@@ -231,7 +238,9 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
     else:
         source = "the residual's high frequencies, a lower bound because no motion is repeated"
     note = ""
-    if problem.matched:
+    if problem.change is not None:
+        note = "earlier and new logs are fitted together; what is looked for acts in the new ones alone"
+    elif problem.matched:
         note = "these logs drive the motion of the earlier ones, and are compared with them row by row"
     elif problem.noise.misfit:
         note = f"what the kept model left unexplained is more on {', '.join(names[j] for j in problem.noise.misfit)}"

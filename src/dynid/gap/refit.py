@@ -312,7 +312,8 @@ def held_out_improvement(
         search: the search.
         effects: what it found.
     """
-    before = _held_residuals(first, [])
+    # Why the same noise: it weighs the joints, and another weight is another fit.
+    before = _held_residuals(replace(first, noise=search.problem.noise), [])
     after = _held_residuals(search.problem, with_columns(effects))
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])

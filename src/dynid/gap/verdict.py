@@ -1,4 +1,4 @@
-"""The verdict: named, nothing missing, unexplained or ambiguous, and the advice that follows from each.
+"""The verdict: named, nothing missing or changed, unexplained or ambiguous, and the advice that follows from each.
 
 Limits that have no other reason were set on seed 0 of ``benchmarks/gap_blind.py``, whose tables come from other seeds.
 """
@@ -43,7 +43,7 @@ class GapVerdict:
     """What is said in the end.
 
     Attributes:
-        word: ``named``, ``nothing_missing``, ``unexplained`` or ``ambiguous``.
+        word: ``named``, ``nothing_missing``, ``nothing_changed``, ``unexplained`` or ``ambiguous``.
         named: effects that are named.
         closest: effects that explain part of the gap, with the reason why they are no name.
         remainder: joints with more left than noise.
@@ -76,6 +76,8 @@ def judge(
     named, closest = tuple(named), tuple(refused)
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
+    if search.problem.change is not None:
+        above[[j for j in range(len(above)) if j not in search.problem.change.joints]] = False
     remainder = tuple(np.flatnonzero(above).tolist())
     groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
     if groups:
@@ -85,7 +87,7 @@ def judge(
     elif [why for _, why in closest if why != SMALL_DELAY] or remainder or unrepeatable(search):
         word = "unexplained"
     else:
-        word = "nothing_missing"
+        word = "nothing_changed" if search.problem.since else "nothing_missing"
     advice = advice_of(word, search, named, closest, remainder, joints)
     # Why: the same effect on other joints is a group of one identifier, and told only where there is no other group.
     different = tuple(group for group in groups if len(group) > 1)
@@ -185,7 +187,7 @@ def advice_of(
     joints: Sequence[str],
 ) -> str:
     """Return what to do next."""
-    bound = not (search.problem.noise.repeats or search.problem.matched)
+    bound = not (search.problem.noise.repeats or search.problem.matched or search.problem.change)
     repeat = " Record each motion twice: without repeats the noise floor is only a lower bound." if bound else ""
     stray = unrepeatable(search)
     if stray and not named:
@@ -205,4 +207,6 @@ def advice_of(
         near = f" The closest candidate is {closest[0][0].name}, but {closest[0][1]}." if closest else ""
         look = "Look at where.png for the joint and the part of its motion, and at what the joints share."
         return f"No effect of the catalogue explains it.{near} {look}{repeat}"
+    if word == "nothing_changed":
+        return f"These logs show no change. What the model has always lacked is asked for with --ask numbers.{repeat}"
     return f"No joint has more residual than its noise; these logs show nothing that is missing.{repeat}"

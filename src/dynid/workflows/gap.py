@@ -31,9 +31,15 @@ if TYPE_CHECKING:
 VERDICTS = {
     "named": "named",
     "nothing_missing": "nothing is missing",
+    "nothing_changed": "nothing has changed since the model was identified",
     "unexplained": "something is missing that no effect of the catalogue explains",
     "ambiguous": "fit equally well",
 }
+#: The questions, and the names that two of them had before.
+QUESTIONS = ("numbers", "changed")
+MODES = {"refit": "numbers", "frozen": "changed"}
+#: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
+EXTRAPOLATES = 1.5
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
 
@@ -49,12 +55,15 @@ def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
 class GapOptions(LogOptions):
     """What is searched. The filter keeps what happens at reversals where no other cut-off is asked for."""
 
-    mode: str = option(
-        "refit",
-        "refit looks for what no identification can absorb; frozen keeps the model and looks for what has changed "
-        "since.",
-        choices=("refit", "frozen"), shown="",
+    ask: str = option(
+        "auto",
+        "numbers: what no identification can absorb; changed: what is different since the model was identified; auto "
+        "asks what the logs can answer, and says why.",
+        choices=("auto", *QUESTIONS), shown="",
     )  # fmt: skip
+    mode: str | None = option(
+        None, "Earlier names of two questions: refit is --ask numbers, frozen is --ask changed.", choices=tuple(MODES)
+    )
     effects: tuple[str, ...] = option(
         "all", "Effects to try, by identifier, separated by commas.", metavar="all|LIST", shown="", kind="effects",
         read=_words,
@@ -70,6 +79,18 @@ class GapOptions(LogOptions):
     )
     max_effects: int = option(3, "Largest number of effects that are selected.", shown="", kind="count")
 
+    @property
+    def question(self) -> str:
+        """What is asked.
+
+        Raises:
+            WrongUsage: two different questions were given.
+        """
+        asked = MODES[self.mode] if self.mode else self.ask
+        if self.ask not in ("auto", asked):
+            raise WrongUsage(f"--mode {self.mode} is --ask {asked}, but --ask {self.ask} was given too")
+        return asked
+
 
 @dataclass(frozen=True, repr=False)
 class Gap(GapRecord):
@@ -79,12 +100,14 @@ class Gap(GapRecord):
         analysis: the rows and the search; None when it was read from a file.
         searched: the result that was searched; None when it was read from a file.
         recordings: the recordings, checked; none when it was read from a file.
+        before: those that the result was identified from, where what has changed since was named.
         signals: how they were read.
     """
 
     analysis: GapAnalysis | None = field(default=None, compare=False)
     searched: Identification | None = field(default=None, compare=False)
     recordings: tuple[Log, ...] = field(default=(), compare=False)
+    before: tuple[Log, ...] = field(default=(), compare=False)
     signals: GapOptions = field(default=GapOptions(), compare=False)
 
     @property
@@ -146,7 +169,14 @@ class Gap(GapRecord):
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
         sizes += [f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas]
-        lines = [self.verdict_text, *sizes, f"where: {self.where_text}", f"noise: {self.noise_text}", self.advice]
+        lines = [
+            self.verdict_text,
+            *([self.asked] if self.asked else []),
+            *sizes,
+            f"where: {self.where_text}",
+            f"noise: {self.noise_text}",
+            self.advice,
+        ]
         return "\n".join(lines)
 
     def to_dataframe(self) -> DataFrame:
@@ -170,6 +200,8 @@ class Gap(GapRecord):
             "schema": "dynid/gap/1",
             "robot": self.robot,
             "mode": self.mode,
+            "question": self.question,
+            "asked": self.asked,
             "verdict": self.verdict,
             "where": [
                 {"joint": self.joint_names[one.joint], "share": one.share, "region": one.text, "chi": one.chi}
@@ -324,13 +356,15 @@ class Gap(GapRecord):
         assert analysis is not None
         late = self.signals.delay if any(spec.effect == "torque_delay" for spec in specs) else before.delay
         signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
-        logs = on_one_clock(condition_logs(self.recordings, analysis.problem.base.model, signals))
-        base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta)
+        model, every = analysis.problem.base.model, (*self.before, *self.recordings)
+        logs = on_one_clock(condition_logs(self.recordings, model, signals))
+        earlier = condition_logs(self.before, model, replace(signals, delay=before.delay)) if self.before else []
+        base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta, earlier)
         seen = Observations(
             base=base,
             stack=stack,
-            logs=tuple(str(log.source or "") for log in self.recordings),
-            log_sha256=tuple(log.sha256 for log in self.recordings),
+            logs=tuple(str(log.source or "") for log in every),
+            log_sha256=tuple(log.sha256 for log in every),
             delay=None,
             applied_delay=late or 0.0,
             findings=(),
@@ -364,8 +398,7 @@ def find_gap(
         result: identified parameters.
         logs: one or several recordings, as read or checked; each motion twice, so that the noise is known.
         options: what is searched and how.
-        earlier: logs that the model was identified from (``earlier_logs``): what it lacked then is no change. Only with
-            ``mode="frozen"``.
+        earlier: logs that the model was identified from (``earlier_logs``), to find what has changed since.
         base: the result's base model, where it is there already.
         progress: told how far the work is.
 
@@ -373,37 +406,103 @@ def find_gap(
         WrongUsage: there is no effect or no joint of a name that was given.
         DynidError: the first serious fault of a log.
     """
-    from dynid.gap.analysis import analyse_gap
-    from dynid.gap.problem import kept_model
-    from dynid.gap.record import record_of
-
     base = base or base_model_of(result)
-    wanted = selection_options(base.robot, options)
-    options = signals_of(result, options)
-    frozen = options.mode == "frozen"
-    checked = _checked(as_list(logs), base, options)
-    conditioned = condition_logs(checked, base.model, options, progress)
-    before = (
-        condition_logs(_checked(earlier, base, options), base.model, options, progress) if frozen and earlier else []
-    )
-    progress.stage("search")
-    kept = kept_model(result) if frozen else None
-    analysis = analyse_gap(conditioned, base, kept, wanted, progress, earlier=before)
-    made_from = str(result.path) if result.path.name else ""
-    record = record_of(analysis, base.robot, options.mode, made_from)
-    return _with_methods(record, analysis=analysis, searched=result, recordings=tuple(checked), signals=options)
+    search = _Search(result, base, selection_options(base.robot, options), options, progress)
+    new, question = search.checked(as_list(logs)), options.question
+    before = search.checked(earlier) if question in ("auto", "changed") else []
+    if question != "auto":
+        return search.ask(question, new, before, "as asked")
+    known = {sha for sha in result.log_sha256 if sha}
+    if any(log.sha256 in known for log in new):
+        return search.of_the_arm(new, "the model was identified from these logs, so nothing can have changed")
+    if not before:
+        why = "the logs that the model was identified from are not at hand, so nothing can be said about changes"
+        return search.of_the_arm(new, why)
+    changed = search.ask("changed", new, before, "the model was identified from other logs: what has changed since?")
+    if changed.named:
+        return changed
+    said = VERDICTS["nothing_changed"] if changed.verdict == "nothing_changed" else "no change has a name"
+    why = f"{changed.asked} {said}; so all {len(before) + len(new)} logs were searched for what has always been missing"
+    return search.of_the_arm([*before, *new], why)
 
 
-def _checked(logs: Sequence[Log], base: BaseModel, options: GapOptions) -> list[Log]:
-    return [checked_log(log, base.robot, options, identify=False) for log in logs]
+@dataclass(frozen=True)
+class _Search:
+    """Questions to one model.
+
+    Attributes:
+        result: the result.
+        base: its base model.
+        wanted: what is searched.
+        options: how recordings are read.
+        progress: told how far the work is.
+    """
+
+    result: Identification
+    base: BaseModel
+    wanted: SelectionOptions
+    options: GapOptions
+    progress: Progress
+
+    def checked(self, logs: Sequence[Log]) -> list[Log]:
+        """Return checked recordings."""
+        return [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
+
+    def ask(self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str) -> Gap:
+        """Ask one question of checked logs.
+
+        Args:
+            question: one of ``QUESTIONS``.
+            logs: the recordings.
+            earlier: those that the model was identified from, to find what has changed since.
+            why: why this is asked, in words.
+        """
+        from dynid.gap.analysis import analyse_gap, relative_error
+        from dynid.gap.problem import kept_model
+        from dynid.gap.record import record_of
+
+        options = signals_of(self.result, self.options, question)
+        conditioned = condition_logs(logs, self.base.model, options, self.progress)
+        before = condition_logs(earlier, self.base.model, options, self.progress) if earlier else []
+        self.progress.stage("search")
+        kept = kept_model(self.result) if question == "changed" else None
+        analysis = analyse_gap(conditioned, self.base, kept, self.wanted, self.progress, earlier=before)
+        if question == "changed":
+            now = relative_error(conditioned, self.base, self.result.theta)
+            then = relative_error(before, self.base, self.result.theta) if before else 0.0
+            why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
+        made_from = str(self.result.path) if self.result.path.name else ""
+        record = record_of(analysis, self.base.robot, question, why, made_from)
+        return _with_methods(
+            record,
+            analysis=analysis,
+            searched=self.result,
+            recordings=tuple(logs),
+            before=tuple(earlier),
+            signals=options,
+        )
+
+    def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
+        """Ask what the model has always lacked."""
+        return self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?")
 
 
-def signals_of(result: Identification, options: GapOptions) -> GapOptions:
+def _kept_error(now: float, then: float, unchanged: bool) -> str:
+    """Return how well the kept model does on new and on its own logs [%], in words."""
+    if not then:
+        return f" (the kept model misses {now:.3g} % of these torques)"
+    text = f" (the kept model misses {now:.3g} % of these torques, {then:.3g} % of those it was identified from"
+    if unchanged and now > EXTRAPOLATES * then:
+        return f"{text}: it extrapolates to another motion)"
+    return f"{text})"
+
+
+def signals_of(result: Identification, options: GapOptions, question: str) -> GapOptions:
     """Return options with cut-off and delay of the search where nothing else was asked for."""
     from dynid.gap.analysis import CUTOFF
 
-    # Why no delay in a refit: there it is one of the effects that are looked for.
-    delay = result.delay if options.mode == "frozen" else 0.0
+    # Why no delay otherwise: there it is one of the effects that are looked for.
+    delay = result.delay if question == "changed" else 0.0
     cutoff = max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff
     return replace(options, cutoff=cutoff, delay=delay if options.delay is None else options.delay)
 
@@ -457,14 +556,19 @@ def earlier_logs(
     """
     from dynid.files.artifact import sha256
 
-    new = {log.sha256 for log in logs}
+    new = {log.sha256 for log in logs if log.sha256}
     before = [(Path(name), sha) for name, sha in zip(result.header.get("logs", []), result.log_sha256, strict=False)]
+    own = new & {sha for _, sha in before}
+    if own:
+        if options.question == "changed":
+            progress.stage("earlier", "the model was identified from a log given here: nothing has changed in that one")
+        elif options.question == "auto":
+            return []
     there = [path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha]
-    if not all(path.is_file() for path, _ in before):
-        text = "not all at hand: what the model lacked then may be taken for a change"
-        progress.stage("earlier", f"logs that it was identified from {text}")
-    if new & {sha for _, sha in before}:
-        progress.stage("earlier", "the model was identified from a log given here: nothing has changed in that one")
+    missing = [str(path) for path, sha in before if sha not in own and path not in there]
+    if missing:
+        text = f"not at hand, or not what they were: {', '.join(missing)}"
+        progress.stage("earlier", f"logs that the model was identified from are {text}")
     return [load_log(path, result.robot, options, identify=False) for path in there]
 
 

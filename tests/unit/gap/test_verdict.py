@@ -19,12 +19,20 @@ def effect(name="spring", joints=(1,), size=2.0, chow=0.5, rivals=(), joint=None
 
 
 def search(
-    before=(1.0, 5.0, 1.0), after=(1.0, 1.05, 1.0), between=None, repeats=20.0, unrepeatable=(), delay=0.0, matched=0.0
+    before=(1.0, 5.0, 1.0),
+    after=(1.0, 1.05, 1.0),
+    between=None,
+    repeats=20.0,
+    unrepeatable=(),
+    delay=0.0,
+    matched=0.0,
+    since=False,
 ):
     """A search on three joints whose gap is on joint b, and closed."""
     filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
     noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
-    problem = SimpleNamespace(noise=noise, matched=matched, segments=[SimpleNamespace(log=filter_)])
+    segments = [SimpleNamespace(log=filter_)]
+    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, change=None, since=since)
     between = after if between is None else between
     return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
                            between_reversals=np.array(between), delay=delay)  # fmt: skip
@@ -207,3 +215,9 @@ def test_a_delay_below_the_sampling_is_not_missing():
     assert (small.word, [why for _, why in small.closest]) == ("nothing_missing", [SMALL_DELAY])
     large = said(search(delay=-0.002), effect("torque_delay", ()))
     assert [one.name for one in large.named] == ["torque_delay"]
+
+
+def test_nothing_has_changed_where_that_was_asked():
+    verdict = said(search(before=(1, 1, 1), after=(1, 1, 1), since=True))
+    assert verdict.word == "nothing_changed"
+    assert verdict.advice.startswith("These logs show no change.")

@@ -139,7 +139,10 @@ def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp
     result = identify(arm, read)
     new = log(3, 7)
     assert [one.source for one in earlier_logs(result, [new])] == paths
-    assert [one.source for one in earlier_logs(result, [read[0]])] == paths[1:], "a log is not compared with itself"
+    asked = GapOptions(ask="changed")
+    assert [one.source for one in earlier_logs(result, [read[0]], asked)] == paths[1:], (
+        "a log is not compared with itself"
+    )
     log(1, 99).save(paths[0])
     assert [one.source for one in earlier_logs(result, [new])] == paths[1:]
 
@@ -166,3 +169,63 @@ def test_joints_are_names_numbers_and_ranges():
     for wrong in ("0", "5", "3-1", "d"):
         with pytest.raises(WrongUsage, match="--joints: no joint"):
             joint_indices(names, wrong, "--joints")
+
+
+def rubbing(one, plan, friction):
+    """The log with more Coulomb friction at the elbow."""
+    _, _, qd, _ = twolink.motion(plan)
+    more = np.stack([np.zeros(len(qd)), friction * np.tanh(qd[:, 1] / 0.01)], axis=1)
+    return replace(one, tau=one.tau + more)
+
+
+@pytest.fixture(scope="module")
+def before_and_after(arm):
+    """Two motions twice, what is identified from them, and two other motions twice with more friction at the elbow."""
+    old = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
+    new = [rubbing(log(plan, 10 * plan + k), plan, 0.3) for plan in (5, 6) for k in range(2)]
+    return identify(arm, old), old, new
+
+
+def test_other_logs_are_asked_for_changes_first(before_and_after):
+    result, old, new = before_and_after
+    found = find_gap(result, new, earlier=old)
+    assert (found.question, found.mode, found.verdict) == ("changed", "frozen", "named")
+    assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
+    assert found.named[0].values["c"] == pytest.approx(0.3, rel=0.1)
+    assert found.asked.startswith("the model was identified from other logs: what has changed since?")
+
+
+def test_what_has_changed_is_applied_to_the_new_logs_alone(before_and_after):
+    """The arm identified again from all logs keeps the friction that it had, and has the change beside it."""
+    result, old, new = before_and_after
+    found = find_gap(result, new, earlier=old).apply()
+    values = dict(zip(found.names, found.theta, strict=True))
+    assert values["coulomb_change2_c"] == pytest.approx(0.3, rel=0.1)
+    assert values["fc2"] == pytest.approx(twolink.COULOMB[1], rel=0.1)
+    assert len(found.log_sha256) == len(old) + len(new)
+
+
+def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_missing(arm):
+    old, new = ([log(plan, 10 * plan + k, STIFFNESS) for plan in plans for k in range(2)] for plans in ((1, 2), (5, 6)))
+    found = find_gap(identify(arm, old), new, GapOptions(effects=EFFECTS), earlier=old)
+    assert (found.question, found.mode) == ("numbers", "refit")
+    assert [one.effect for one in found.named] == ["spring"]
+    assert f"all {len(old) + len(new)} logs" in found.asked
+    assert len(found.recordings) == len(old) + len(new)
+
+
+def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_and_after):
+    result, old, _ = before_and_after
+    new = [log(plan, 10 * plan + k) for plan in (5, 6) for k in range(2)]
+    changed = find_gap(result, new, GapOptions(ask="changed"), earlier=old)
+    missing = find_gap(result, new, GapOptions(ask="numbers"))
+    assert (changed.verdict, missing.verdict) == ("nothing_changed", "nothing_missing")
+    assert changed.verdict_text == "nothing has changed since the model was identified"
+    assert missing.verdict_text == "nothing is missing"
+    assert "the kept model misses" in changed.asked
+
+
+def test_two_different_questions_at_once_are_refused(result):
+    assert GapOptions(mode="frozen").question == GapOptions(ask="changed").question == "changed"
+    with pytest.raises(WrongUsage, match="--mode refit is --ask numbers, but --ask changed was given too"):
+        find_gap(result, [], GapOptions(mode="refit", ask="changed"))

@@ -14,6 +14,7 @@ from dynid.text import shell
 
 VERDICTS = {
     "named": "a missing effect was found and named",
+    "nothing_changed": "nothing has changed since the model was identified",
     "nothing_missing": "nothing is missing: what is left is noise",
     "unexplained": "something is missing that no effect of the catalogue explains",
     "ambiguous": "several effects explain it equally well",
