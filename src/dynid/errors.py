@@ -629,7 +629,8 @@ WARNINGS: dict[str, str] = {
     "W501": "Torque sensors were not zeroed in this session.",
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W606": "Limits that the robot file leaves out were assumed for the plan; `dynid record` refuses assumed rates.",
-    "W605": "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn.",
+    "W605": "PyBullet is missing: distances were measured on capsules along the links, and the picture is a drawing.",
+    "W607": "Interrupted: distances were measured on capsules along the links only, and nothing was drawn.",
 }
 
 

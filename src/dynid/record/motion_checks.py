@@ -5,7 +5,7 @@ The judges are those of the planner; here they see the approach too, at the spee
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,9 @@ from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
-from dynid.trajectory.clearance import Scene, Spheres, tool_speed
+from dynid.trajectory.clearance import Capsules, Scene, tool_speed
 from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
-from dynid.trajectory.preview import Distance, Drawing, measure_poses, require_clear, sphere_distances, urdf_of
+from dynid.trajectory.preview import Distance, capsule_distances, measure_poses, require_clear, urdf_of
 
 Floats = NDArray[np.float64]
 
@@ -207,7 +207,7 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
         urdf: shapes that the motion was planned with; cylinders along the DH table when None.
 
     Returns:
-        The least distances, the closest first; those of spheres along the links where PyBullet is missing.
+        The least distances, the closest first; those of capsules where PyBullet is missing.
 
     Raises:
         Collision: with the pair, the time, the distance and what would pass.
@@ -217,13 +217,13 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
     some = Motion(motion.t[few], motion.q[few], motion.qd[few], motion.qdd[few])
     try:
         with urdf_of(robot, urdf) as shapes:
-            found = measure_poses(some.t, some.q, robot, shapes, scene, Drawing(), guessed=urdf is None).least
+            found = measure_poses(some.t, some.q, robot, shapes, scene, guessed=urdf is None)
     except PackageMissing:
-        found = sphere_distances(Spheres(robot, scene), some).least
-    judged = replace(scene, self_distance=scene.self_distance - ROUNDING, distance=scene.distance - ROUNDING)
-    require_clear(tuple(d for d in found if d.time < played.approach), judged, fix=APPROACH_FIX)
-    require_clear(found, judged)
-    return found
+        found = capsule_distances(Capsules(robot, scene), some)
+    everything = (*found.least, *found.usual)
+    require_clear((d for d in everything if d.time < played.approach), fix=APPROACH_FIX, slack=ROUNDING)
+    require_clear(everything, slack=ROUNDING)
+    return found.least
 
 
 def fastest_tool(robot: Robot, motion: Motion) -> float:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ Floats = NDArray[np.float64]
 
 #: Poses from which is learned which links always touch, and the share of poses that counts as always.
 POSES, USUAL = 300, 0.2
+#: Pairs that are always near are watched for contact that is deeper than in every one of those poses by this [m].
+DEEPER = 0.005
 #: Distances beyond this are not measured [m].
 FAR = 0.3
 #: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
@@ -34,9 +37,32 @@ YAW, PITCH, VIEW = 50.0, -20.0, 50.0
 TILES, FLOOR = 6, 2.4
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
+#: Share of the time for pictures that goes into drawing; the rest puts them into the animation.
+DRAWN = 0.6
 #: Colours of the links in turn, told apart by colour-blind people too.
 _BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
 _TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two things that may come near each other.
+
+    Attributes:
+        name: both names.
+        body: PyBullet's number of the second body.
+        link: link of the arm.
+        other: link of the second body.
+        wanted: distance that they are wanted to keep [m].
+        usual: whether they are near in usual poses.
+    """
+
+    name: str
+    body: int
+    link: int
+    other: int
+    wanted: float
+    usual: bool = False
 
 
 class World:
@@ -134,52 +160,65 @@ class World:
         links = sorted(self._names)
         return [(a, b) for i, a in enumerate(links) for b in links[i + 1 :] if self._parent.get(b) != a]
 
-    def _distance(self, other: int, a: int, b: int) -> float:
+    def _distance(self, pair: Pair) -> float:
         """Return the distance of two links, or of a link and a thing; FAR when there is more room."""
-        found = self._bullet.getClosestPoints(self._arm, other, FAR, a, b)
+        found = self._bullet.getClosestPoints(self._arm, pair.body, FAR, pair.link, pair.other)
         return min((float(row[8]) for row in found), default=FAR)
 
-    def pairs_to_check(self, poses: Floats, near: float) -> tuple[list[tuple[str, int, int, int]], list[str]]:
-        """Return what can collide, (name, other body, link, other link), and the names of the links that are left out.
+    def pairs_to_check(self, poses: Floats, job: dict[str, Any]) -> list[Pair]:
+        """Return what can collide, with the distance that it is wanted to keep.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
-        apart. The foot stands on the floor.
+        apart, and only contact that is deeper than in every pose tells of something else. The foot stands on the floor.
 
         Args:
             poses: random poses, (K, n) [rad or m].
-            near: links that are as near as this in usual poses are left out [m]; 0 for those that touch.
+            job: wanted distances, and how near links are in usual poses that count as always near.
         """
-        candidates = [(f"{self._names[a]} - {self._names[b]}", self._arm, a, b) for a, b in self._pairs()]
-        for name, body in self._things.items():
-            candidates += [(f"{self._names[k]} - {name}", body, k, -1) for k in sorted(self._names)]
-        touching = np.zeros(len(candidates))
-        for q in poses:
+        links = [Pair(f"{self._names[a]} - {self._names[b]}", self._arm, a, b, job["self"]) for a, b in self._pairs()]
+        things = [
+            Pair(f"{self._names[k]} - {name}", body, k, -1, self._wanted(job, name, k))
+            for name, body in self._things.items()
+            for k in sorted(self._names)
+        ]
+        least = np.empty((len(poses), len(links) + len(things)))
+        for i, q in enumerate(poses):
             self.set_pose(q)
-            touching += [self._distance(*row[1:]) <= (near if row[1] == self._arm else 0) for row in candidates]
+            least[i] = [self._distance(pair) for pair in (*links, *things)]
+        usual = (least[:, : len(links)] <= job["near"]).mean(axis=0) >= USUAL
+        deepest = np.minimum(least.min(axis=0) - DEEPER, job["self"])
+        watched = [
+            replace(pair, wanted=float(deepest[i]), usual=True) if usual[i] else pair for i, pair in enumerate(links)
+        ]
         # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
-        fixed = len(poses) - 0.5
-        shares = [USUAL * len(poses) if row[1] == self._arm else fixed for row in candidates]
-        kept = [count < most for count, most in zip(touching, shares, strict=True)]
-        left_out = [row[0] for row, keep in zip(candidates, kept, strict=True) if not keep and row[1] == self._arm]
-        return [row for row, keep in zip(candidates, kept, strict=True) if keep], left_out
+        fixed = np.all(least[:, len(links) :] <= 0, axis=0).tolist()
+        return watched + [pair for pair, stands in zip(things, fixed, strict=True) if not stands]
 
-    def distances(self, poses: Floats, checked: list[tuple[str, int, int, int]]) -> list[dict[str, Any]]:
-        """Return the least distance [m] of every checked pair over poses, (N, n) [rad or m], the closest pair first."""
+    def _wanted(self, job: dict[str, Any], thing: str, link: int) -> float:
+        """Return the distance that a link is wanted to keep from the floor or an obstacle [m]."""
+        room = self._room.get(link) if thing == "floor" else None
+        return float(job["distance"] if room is None else min(job["distance"], room))
+
+    def distances(self, poses: Floats, checked: list[Pair]) -> list[dict[str, Any]]:
+        """Return the least distance [m] of every pair over poses, (N, n) [rad or m], the closest pair first."""
         least = np.full(len(checked), np.inf)
         where = np.zeros(len(checked), dtype=int)
         for k, q in enumerate(poses):
             self.set_pose(q)
-            for i, (_, other, a, b) in enumerate(checked):
-                distance = self._distance(other, a, b)
+            for i, pair in enumerate(checked):
+                distance = self._distance(pair)
                 if distance < least[i]:
                     least[i], where[i] = distance, k
-        order = np.argsort(least)
-        return [self._found(checked[i], float(least[i]), int(where[i])) for i in order]
-
-    def _found(self, row: tuple[str, int, int, int], distance: float, index: int) -> dict[str, Any]:
-        name, body, link, _ = row
-        room = self._room.get(link) if body == self._things.get("floor") else None
-        return {"pair": name, "distance_m": distance, "index": index, "room_m": room}
+        return [
+            {
+                "pair": checked[i].name,
+                "distance_m": float(least[i]),
+                "index": int(where[i]),
+                "wanted_m": checked[i].wanted,
+                "usual": checked[i].usual,
+            }
+            for i in np.argsort(least)
+        ]
 
     def picture(self, q: Floats, target: list[float], distance: float) -> NDArray[np.uint8]:
         """Return a picture, (HEIGHT, WIDTH, 3), of a pose, (n,) [rad or m], seen from a distance [m]."""
@@ -205,17 +244,39 @@ class World:
 
 
 def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> None:
-    """Write the still and the animation."""
+    """Write the still and the animation, the latter with as many pictures as there is time for."""
+    begin = time.monotonic()
 
-    def frames(count: int) -> Iterable[tuple[float, NDArray[np.uint8]]]:
-        for k in np.linspace(0, len(poses) - 1, count).round().astype(int):
-            yield float(times[k]), world.picture(poses[k], *job["camera"])
+    def frame(index: int) -> tuple[float, NDArray[np.uint8]]:
+        return float(times[index]), world.picture(poses[index], *job["camera"])
 
+    if not (job["picture"] or job["animation"]):
+        return
+    stills = {k: frame(k) for k in _evenly(len(poses), STILLS)}
     traces = (job["labels"], times, poses, job["lower"], job["upper"])
     if job["picture"]:
-        still(Path(job["picture"]), list(frames(STILLS)), traces, job["title"])
+        still(Path(job["picture"]), list(stills.values()), traces, job["title"])
     if job["animation"]:
-        animation(Path(job["animation"]), list(frames(FRAMES)), traces, job["title"])
+        frames: dict[int, tuple[float, NDArray[np.uint8]]] = {}
+        for k in _coarse_to_fine(len(poses)):
+            if job["seconds"] is not None and time.monotonic() - begin > DRAWN * job["seconds"]:
+                break
+            if k not in frames:
+                frames[k] = frame(k)
+        if len(frames) < STILLS:
+            frames |= stills
+        animation(Path(job["animation"]), [frames[k] for k in sorted(frames)], traces, job["title"])
+
+
+def _evenly(length: int, count: int) -> list[int]:
+    return [int(k) for k in np.linspace(0, length - 1, count).round()]
+
+
+def _coarse_to_fine(length: int) -> Iterator[int]:
+    """Yield the poses of the animation so that those drawn so far are spread over the motion at any time."""
+    every = _evenly(length, FRAMES)
+    for step in (4, 2, 1):
+        yield from every[::step]
 
 
 def run(job_path: Path) -> None:
@@ -230,8 +291,8 @@ def run(job_path: Path) -> None:
         job_path.with_suffix(".ready").touch()
         world.play(times, poses)
     elif errors is None:
-        pairs, answer["left_out"] = world.pairs_to_check(random[:POSES], job["near"])
-        answer["distances"] = world.distances(poses, pairs)
+        if job["measure"]:
+            answer["distances"] = world.distances(poses, world.pairs_to_check(random[:POSES], job))
         _draw(world, job, times, poses)
     job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
 

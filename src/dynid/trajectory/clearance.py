@@ -1,11 +1,11 @@
-"""Distances of an arm to itself, the floor and boxes, with gradients: each link is a string of spheres.
+"""Distances of an arm to itself, the floor and boxes, with gradients: each link is a capsule.
 
-Good enough to steer a search away from contact within milliseconds; PyBullet judges the final motion (preview.py).
+A capsule holds the cylinder that PyBullet judges the final motion with
+(preview.py), so what is clear here is clear there.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -16,22 +16,26 @@ from numpy.typing import NDArray
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot
-from dynid.trajectory.feasible import CONTINUOUS
+from dynid.trajectory.feasible import position_range
+from dynid.trajectory.segments import nearest_of_segments, segment_to_box
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 #: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
 POSES = 300
-#: Links that touch in more than this share of random poses meet in a joint, whose limits keep them apart.
+#: Links that are near in more than this share of random poses meet in a joint, whose limits keep them apart.
 USUAL = 0.2
-#: Distance of neighbouring spheres over their radius: the string is at its thinnest 20 % thinner than the cylinder.
-SPACING = 1.2
+#: Such links are watched too: they come no deeper into each other than in all but this share of random poses ...
+DEEP = 0.05
+#: ... except for rounding [m].
+ROUNDING = 1e-3
 #: An arm that is built lower than the wanted distance need only stay this much below what its best pose reaches [m].
 BUILT = 1e-3
+#: The search keeps this much more than the wanted distance, because a penalty is never quite obeyed [m].
+SPARE = 0.01
 #: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
 SCALE = 0.05
-WEIGHT = 100.0
+WEIGHT = 3000.0
 
 
 @dataclass(frozen=True)
@@ -115,8 +119,8 @@ class Contact:
 
 
 @dataclass
-class Spheres:
-    """The arm as spheres, for one scene.
+class Capsules:
+    """The arm as one capsule a link, for one scene.
 
     Args:
         robot: the arm.
@@ -127,112 +131,110 @@ class Spheres:
     scene: Scene = field(default_factory=Scene)
 
     def __post_init__(self) -> None:
-        """Place the spheres and learn which of them always touch."""
-        links, centres, radii = [], [], []
-        for i, shape in enumerate(link_cylinders(self.robot)):
-            count = max(2, math.ceil(shape.length / (SPACING * shape.radius)) + 1)
-            for s in np.linspace(0.0, 1.0, count):
-                links.append(i)
-                centres.append((1 - s) * np.array(shape.start) + s * np.array(shape.end))
-                radii.append(shape.radius)
-        self.links, self._centres, self._radii = np.array(links), np.array(centres), np.array(radii)
-        first, second = np.triu_indices(len(links), 1)
-        apart = self.links[second] - self.links[first] > 1
-        first, second = first[apart], second[apart]
-        points = self.points(self._random_poses())[0]
-        touching = self._pair_distance(points, first, second)[0] < self.scene.self_distance
-        names = self.links[first] * self.robot.n + self.links[second]
-        usual = [name for name in np.unique(names) if touching[:, names == name].any(axis=1).mean() >= USUAL]
-        #: Pairs of links that are near in usual poses, as spheres of the guessed thickness, and are not watched.
-        self.left_out = tuple(f"link {k // self.robot.n + 1} - link {k % self.robot.n + 1}" for k in usual)
-        kept = ~np.isin(names, usual)
-        self._first, self._second = first[kept], second[kept]
+        """Place the capsules and learn which of them always touch."""
+        shapes = link_cylinders(self.robot)
+        self._ends = np.array([[shape.start, shape.end] for shape in shapes])
+        self.radii = np.array([shape.radius for shape in shapes])
+        self._first, self._second = np.triu_indices(self.robot.n, 2)
+        points = self.ends(self._random_poses())[0]
+        distance = self._pairs(points)[0]
+        near = (distance < self.scene.self_distance).mean(axis=0) >= USUAL
+        usual = np.quantile(distance, DEEP, axis=0) - ROUNDING if near.size else np.zeros(0)
+        #: Distance that each pair of links is wanted to keep [m].
+        self._wanted = np.where(near, np.minimum(usual, self.scene.self_distance), self.scene.self_distance)
+        #: Pairs of links that are near in usual poses as capsules of the guessed thickness.
+        self.left_out = tuple(self._pair(k) for k in np.flatnonzero(near).tolist())
         floor = -np.inf if self.scene.floor is None else self.scene.floor
-        low = (points[:, :, 2] - self._radii - floor < self.scene.distance).mean(axis=0) >= USUAL
+        height = points[..., 2] - self.radii[:, None]
+        low = (height - floor < self.scene.distance).mean(axis=0) >= USUAL
         # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
-        self._lifted = ~(low & (self.links == 0))
-        best = (points[:, self._lifted, 2] - self._radii[self._lifted]).max(axis=0) - floor
+        self._lifted = ~(low & (np.arange(self.robot.n) == 0)[:, None])
         # Why: a shoulder may be built lower than the wanted distance; no motion lifts it.
-        self._above_floor = np.minimum(self.scene.distance, best - BUILT)
+        self._above_floor = np.minimum(self.scene.distance, height.max(axis=0) - floor - BUILT)
+
+    def _pair(self, k: int) -> str:
+        return f"link {self._first[k] + 1} - link {self._second[k] + 1}"
 
     def room(self) -> list[float | None]:
         """Return the distance to the floor that each link is wanted to keep as it is built [m]; None without a say."""
-        links = self.links[self._lifted]
         if self.scene.floor is None:
             return [None] * self.robot.n
-        return [float(self._above_floor[links == i].min()) if (links == i).any() else None for i in range(self.robot.n)]
+        return [
+            float(wanted[lifted].min()) if lifted.any() else None
+            for wanted, lifted in zip(self._above_floor, self._lifted, strict=True)
+        ]
 
     def _random_poses(self) -> Floats:
-        lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in self.robot.joints]).T
+        lower, upper = position_range(self.robot)
         return np.random.default_rng(0).uniform(lower, upper, (POSES, self.robot.n))
 
-    def points(self, q: Floats) -> tuple[Floats, LinkFrames]:
-        """Return centres of all spheres in the world, (N, S, 3) [m], and the frames of the links there."""
+    def ends(self, q: Floats) -> tuple[Floats, LinkFrames]:
+        """Return both ends of all capsules in the world, (N, n, 2, 3) [m], and the frames of the links there."""
         frames = link_frames(self.robot, q, world=True)
-        turned = np.einsum("nsij,sj->nsi", frames.R[:, self.links], self._centres)
-        return turned + frames.p[:, self.links], frames
+        turned = np.einsum("nlij,lej->nlei", frames.R, self._ends)
+        return turned + frames.p[:, :, None], frames
 
-    def _pair_distance(self, points: Floats, first: Ints, second: Ints) -> tuple[Floats, Floats]:
-        """Return distances of pairs, (N, pairs), and the vectors between their centres."""
-        apart = points[:, first] - points[:, second]
-        length = np.sqrt(np.einsum("nkx,nkx->nk", apart, apart)) + 1e-12
-        return length - self._radii[first] - self._radii[second], apart
+    def _pairs(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return distances of pairs of links, (N, pairs), and where they are nearest, (N, pairs, 3) each [m]."""
+        p, q = points[:, self._first, 0], points[:, self._second, 0]
+        d, e = points[:, self._first, 1] - p, points[:, self._second, 1] - q
+        s, t = nearest_of_segments(p, d, q, e)
+        here, there = p + s[..., None] * d, q + t[..., None] * e
+        apart = np.linalg.norm(here - there, axis=2)
+        return apart - self.radii[self._first] - self.radii[self._second], here, there
 
-    def _box_distance(self, points: Floats, box: Box) -> tuple[Floats, Floats]:
-        """Return distances to a box, negative inside, and their gradients by the points."""
-        centre, half = (np.add(box.upper, box.lower)) / 2, (np.subtract(box.upper, box.lower)) / 2
-        beyond = np.abs(points - centre) - half
-        outside = np.maximum(beyond, 0.0)
-        length = np.sqrt(np.sum(outside**2, axis=2))
-        inner = np.minimum(beyond.max(axis=2), 0.0)
-        direction = np.where((length > 0)[..., None], outside / np.maximum(length, 1e-12)[..., None], 0.0)
-        deepest = np.eye(3)[beyond.argmax(axis=2)]
-        direction = np.where((length > 0)[..., None], direction, deepest) * np.sign(points - centre)
-        return length + inner - self._radii, direction
-
-    def _floor_distance(self, points: Floats) -> Floats:
+    def _heights(self, points: Floats) -> Floats:
+        """Return how high the ends are above what the floor leaves them, (N, n, 2) [m]; infinity where they may be."""
         assert self.scene.floor is not None
-        height: Floats = points[:, self._lifted, 2] - self._radii[self._lifted] - self.scene.floor
-        return height
+        height = points[..., 2] - self.radii[:, None] - self.scene.floor
+        return np.where(self._lifted, height, np.inf)
+
+    def _to_box(self, points: Floats, box: Box) -> tuple[Floats, Floats, Floats]:
+        """Return distances of links to a box, (N, n), where they are nearest and the ways out, (N, n, 3) each."""
+        p, d = points[:, :, 0], points[:, :, 1] - points[:, :, 0]
+        distance, near, direction = segment_to_box(p, d, box)
+        return distance - self.radii, near, direction
 
     def value(self, q: Floats) -> tuple[float, Floats]:
         """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n) [1/rad or 1/m]."""
-        points, frames = self.points(q)
-        scene = self.scene
-        point_force, tool_force = np.zeros_like(points), np.zeros((len(q), 3))
-        distance, apart = self._pair_distance(points, self._first, self._second)
-        total, slope = _charge(distance, scene.self_distance)
-        close = np.nonzero(slope)
-        if len(close[0]):
-            sample, pair = close
-            length = (distance[close] + self._radii[self._first[pair]] + self._radii[self._second[pair]])[:, None]
-            pair_force = slope[close][:, None] * apart[close] / length
-            np.add.at(point_force, (sample, self._first[pair]), pair_force)
-            np.add.at(point_force, (sample, self._second[pair]), -pair_force)
+        points, frames = self.ends(q)
+        scene, n = self.scene, self.robot.n
+        force, moment = np.zeros((2, len(q), n, 3))
+        tool_force = np.zeros((len(q), 3))
+
+        def push(link: NDArray[np.intp], where: Floats, by: Floats) -> None:
+            for k, i in enumerate(link):
+                force[:, i] += by[:, k]
+                moment[:, i] += np.cross(where[:, k], by[:, k])
+
+        distance, here, there = self._pairs(points)
+        total, slope = _charge(distance, self._wanted + SPARE * (self._wanted == scene.self_distance))
+        apart = here - there
+        way = slope[..., None] * apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
+        push(self._first, here, way)
+        push(self._second, there, -way)
+        every = np.arange(n)
         if scene.floor is not None:
-            extra, slope = _charge(self._floor_distance(points), self._above_floor)
-            total, point_force[:, self._lifted, 2] = total + extra, point_force[:, self._lifted, 2] + slope
+            extra, slope = _charge(self._heights(points), self._above_floor + SPARE)
+            total += extra
+            for end in range(2):
+                push(every, points[:, :, end], slope[:, :, end, None] * np.array([0.0, 0.0, 1.0]))
         for box in scene.obstacles:
-            distance, direction = self._box_distance(points, box)
-            extra, slope = _charge(distance, scene.distance)
-            total, point_force = total + extra, point_force + slope[:, :, None] * direction
+            distance, near, direction = self._to_box(points, box)
+            extra, slope = _charge(distance, scene.distance + SPARE)
+            total += extra
+            push(every, near, slope[..., None] * direction)
         if scene.workspace is not None:
             tool = frames.p[:, -1]
             for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
-                extra, slope = _charge(sign * (tool - edge), 0.0)
+                extra, slope = _charge(sign * (tool - edge), SPARE)
                 total, tool_force = total + extra, tool_force + sign * slope
-        return total, self._to_joints(points, frames, point_force, tool_force)
+            force[:, -1] += tool_force
+            moment[:, -1] += np.cross(tool, tool_force)
+        return total, self._to_joints(frames, force, moment)
 
-    def _to_joints(self, points: Floats, frames: LinkFrames, point_force: Floats, tool_force: Floats) -> Floats:
-        """Turn forces on spheres and tool into joint efforts: every joint carries the links after it."""
-        n = self.robot.n
-        force, moment = np.zeros((2, len(points), n, 3))
-        turned = np.cross(points, point_force)
-        for i in range(n):
-            here = self.links == i
-            force[:, i], moment[:, i] = point_force[:, here].sum(axis=1), turned[:, here].sum(axis=1)
-        force[:, -1] += tool_force
-        moment[:, -1] += np.cross(frames.p[:, -1], tool_force)
+    def _to_joints(self, frames: LinkFrames, force: Floats, moment: Floats) -> Floats:
+        """Turn forces on links and their moments about the origin into joint efforts: a joint carries what follows."""
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
         effort: Floats = np.sum(frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2)
@@ -240,12 +242,12 @@ class Spheres:
 
     def keeps_clear(self, q: Floats) -> NDArray[np.bool_]:
         """Return at which poses, (N, n) [rad or m], everything keeps its wanted distance, (N,)."""
-        points, frames = self.points(q)
-        clear = np.all(self._pair_distance(points, self._first, self._second)[0] >= self.scene.self_distance, axis=1)
+        points, frames = self.ends(q)
+        clear = np.all(self._pairs(points)[0] >= self._wanted, axis=1)
         if self.scene.floor is not None:
-            clear &= np.all(self._floor_distance(points) >= self._above_floor, axis=1)
+            clear &= np.all(self._heights(points) >= self._above_floor, axis=(1, 2))
         for box in self.scene.obstacles:
-            clear &= np.all(self._box_distance(points, box)[0] >= self.scene.distance, axis=1)
+            clear &= np.all(self._to_box(points, box)[0] >= self.scene.distance, axis=1)
         if self.scene.workspace is not None:
             tool, inside = frames.p[:, -1], self.scene.workspace
             clear &= np.all((tool >= inside.lower) & (tool <= inside.upper), axis=1)
@@ -257,23 +259,30 @@ class Spheres:
         Args:
             q: joint positions, (N, n) [rad or m].
         """
-        points, frames = self.points(q)
+        points, frames = self.ends(q)
         found = []
-        distance = self._pair_distance(points, self._first, self._second)[0]
-        if distance.size:
-            k, pair = np.unravel_index(distance.argmin(), distance.shape)
-            names = f"link {self.links[self._first[pair]] + 1} - link {self.links[self._second[pair]] + 1}"
-            found.append(Contact(names, float(distance[k, pair]), int(k), self.scene.self_distance))
-        if self.scene.floor is not None:
-            distance = self._floor_distance(points)
-            k, s = np.unravel_index((distance - self._above_floor).argmin(), distance.shape)
-            what, wanted = f"link {self.links[self._lifted][s] + 1} - floor", float(self._above_floor[s])
-            found.append(Contact(what, float(distance[k, s]), int(k), wanted))
+        distance = self._pairs(points)[0]
+        # Why: links that always overlap have a clearance too, but the closest pair is that of the others.
+        watched = [self._wanted == self.scene.self_distance, self._wanted < self.scene.self_distance]
+        for kind in watched:
+            if kind.any():
+                pairs = np.flatnonzero(kind)
+                lack = distance[:, pairs] - self._wanted[pairs]
+                k, i = np.unravel_index(lack.argmin(), lack.shape)
+                pair = pairs[i]
+                wanted = float(self._wanted[pair])
+                found.append(Contact(self._pair(pair), float(distance[k, pair]), int(k), wanted))
+        if self.scene.floor is not None and self._lifted.any():
+            height = self._heights(points)
+            k, i, end = np.unravel_index((height - self._above_floor).argmin(), height.shape)
+            wanted = float(self._above_floor[i, end])
+            found.append(Contact(f"link {i + 1} - floor", float(height[k, i, end]), int(k), wanted))
         for number, box in enumerate(self.scene.obstacles, start=1):
-            distance = self._box_distance(points, box)[0]
-            k, s = np.unravel_index(distance.argmin(), distance.shape)
-            what = f"link {self.links[s] + 1} - obstacle {number}"
-            found.append(Contact(what, float(distance[k, s]), int(k), self.scene.distance))
+            distance = self._to_box(points, box)[0]
+            k, i = np.unravel_index(distance.argmin(), distance.shape)
+            found.append(
+                Contact(f"link {i + 1} - obstacle {number}", float(distance[k, i]), int(k), self.scene.distance)
+            )
         if self.scene.workspace is not None:
             tool, workspace = frames.p[:, -1], self.scene.workspace
             room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)

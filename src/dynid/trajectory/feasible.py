@@ -18,8 +18,10 @@ from dynid.trajectory.basis import Basis
 
 Floats = NDArray[np.float64]
 
-#: Range planned for a joint without position limits: half a turn each way, which winds up no cable.
-CONTINUOUS = (-math.pi, math.pi)
+#: Range of a turning joint without position limits: it turns for ever, and no plan asks more than two turns each way.
+CONTINUOUS = (-4 * math.pi, 4 * math.pi)
+#: Range of a sliding joint without position limits, which no slide is without [m].
+TRAVEL = (-0.1, 0.1)
 #: Stand-ins for rates that the robot file leaves out [rad/s or m/s, and per second]: brisk for any arm of this size.
 DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
 
@@ -45,23 +47,33 @@ class Bounds:
 
 def assumed_limits(robot: Robot) -> tuple[str, ...]:
     """Say which limits the robot file leaves out and what a plan takes in their place, one sentence for each kind."""
-    found = []
+    endless = [joint.name for joint in robot.joints if joint.revolute and joint.limits.position is None]
+    slides = [joint.name for joint in robot.joints if not joint.revolute and joint.limits.position is None]
+    slow = [joint.name for joint in robot.joints if joint.limits.velocity is None]
+    soft = [joint.name for joint in robot.joints if joint.limits.acceleration is None]
     kinds = (
-        ("position", "half a turn, or pi m, each way", ""),
-        ("velocity", f"{DEFAULT_VELOCITY:g}", " rad/s or m/s"),
-        ("acceleration", f"{DEFAULT_ACCELERATION:g}", " rad/s^2 or m/s^2"),
+        ("position", endless, "turning without end, two turns each way"),
+        ("travel", slides, f"{TRAVEL[1]:g} m each way"),
+        ("velocity", slow, f"{DEFAULT_VELOCITY:g} rad/s or m/s"),
+        ("acceleration", soft, f"{DEFAULT_ACCELERATION:g} rad/s^2 or m/s^2"),
     )
-    for kind, stand_in, unit in kinds:
-        joints = [joint.name for joint in robot.joints if getattr(joint.limits, kind) is None]
-        if joints:
-            which = "all joints" if len(joints) == robot.n else ", ".join(joints)
-            found.append(f"{kind} of {which}: {stand_in}{unit}")
-    return tuple(found)
+    return tuple(
+        f"{kind} of {'all joints' if len(joints) == robot.n else ', '.join(joints)}: {stand_in}"
+        for kind, joints, stand_in in kinds
+        if joints
+    )
 
 
 def unsafe_to_play(assumed: Sequence[str]) -> tuple[str, ...]:
-    """Return the assumed limits with which no motion is played: rates; a joint without end needs no range."""
+    """Return the assumed limits with which no motion is played; a joint without end needs no range."""
     return tuple(text for text in assumed if not text.startswith("position"))
+
+
+def position_range(robot: Robot) -> tuple[Floats, Floats]:
+    """Return the least and the greatest position of every joint, stand-ins included, (n,) each [rad or m]."""
+    ranges = [joint.limits.position or (CONTINUOUS if joint.revolute else TRAVEL) for joint in robot.joints]
+    lower, upper = np.array(ranges, dtype=float).T
+    return lower, upper
 
 
 def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) -> Bounds:
@@ -74,7 +86,7 @@ def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) 
     """
     rest = 1 - (margin if rate_margin is None else rate_margin)
     limits = [joint.limits for joint in robot.joints]
-    lower, upper = np.array([limit.position or CONTINUOUS for limit in limits]).T
+    lower, upper = position_range(robot)
     off = margin * (upper - lower) / 2
     velocity = np.array([limit.velocity or DEFAULT_VELOCITY for limit in limits])
     acceleration = np.array([limit.acceleration or DEFAULT_ACCELERATION for limit in limits])

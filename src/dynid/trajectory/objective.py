@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects.interface import State
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Basis
@@ -74,6 +73,21 @@ def information(problem: PlanProblem, W: Floats) -> Floats:
     return G if problem.known is None else G + problem.known
 
 
+@dataclass(frozen=True)
+class Evaluation:
+    """What the search is told of one motion.
+
+    Attributes:
+        value: cost plus eased penalties.
+        gradient: of the value by the free variables, (size,).
+        full: cost plus penalties in full, by which motions are compared.
+    """
+
+    value: float
+    gradient: Floats
+    full: float
+
+
 class ExcitationObjective:
     """Cost and gradient of a problem as functions of free variables.
 
@@ -84,36 +98,52 @@ class ExcitationObjective:
     def __init__(self, problem: PlanProblem) -> None:
         self.problem = problem
         # Why: samples in the middle of equal parts weigh the path evenly and miss its two motionless ends.
-        t = problem.basis.duration * (np.arange(problem.samples) + 0.5) / problem.samples
-        self.shaping = Shaping(problem.basis, problem.limits, t)
+        fine = FINE * problem.samples
+        t = problem.basis.duration * (np.arange(fine) + 0.5) / fine
+        self.shaping = Shaping(problem.basis, problem.limits, t, refinement=2)
         self._regressor = RegressorGradient(problem.model, problem.columns, problem.samples)
         weights = np.ones(problem.model.robot.n) if problem.noise is None else 1 / problem.noise
         self._weights = weights**2 * (problem.basis.duration * problem.rate / problem.samples)
 
-    def __call__(self, x: Floats, power: float = np.inf) -> tuple[float, Floats]:
-        """Return cost plus penalties and the gradient by the free variables."""
+    def __call__(self, x: Floats, power: float = np.inf, ease: float = 1.0) -> Evaluation:
+        """Return cost and penalties of a motion.
+
+        Args:
+            x: free variables, (size,).
+            power: p-norm of the cost, see ``Cost.value``.
+            ease: factor on all penalties; small ones let a motion pass through things on its way to a good one.
+        """
         problem = self.problem
         motion = self.shaping.motion(x)
-        W = self._regressor.dense(*motion)
-        value, slope = problem.cost.value(information(problem, W), power)
+        W = self._regressor.dense(*(part[MIDDLE::FINE] for part in motion))
+        cost, slope = problem.cost.value(information(problem, W), power)
         gW = 2 * self._weights[None, :, None] * (W.reshape(-1, W.shape[2]) @ slope).reshape(W.shape)
+        penalty = 0.0
         if problem.torque is not None:
-            extra, by_W = self._overload(W, problem.torque)
-            value, gW = value + extra, gW + by_W
-        gradient = self._regressor.gradient(gW)
-        for penalty in problem.penalties:
-            extra, by_q = penalty.value(motion[0])
-            value, gradient = value + extra, State(gradient.q + by_q, gradient.qd, gradient.qdd)
-        return value, self.shaping.gradient(gradient.q, gradient.qd, gradient.qdd)
+            penalty, by_W = self._overload(W, problem.torque)
+            gW = gW + ease * by_W
+        coarse = self._regressor.gradient(gW)
+        by_motion = np.zeros((3, *motion[0].shape))
+        by_motion[:, MIDDLE::FINE] = coarse.q, coarse.qd, coarse.qdd
+        # Why: between two samples of the regressor an arm moves far enough to pass through its own wrist.
+        for one in problem.penalties:
+            extra, by_q = one.value(motion[0])
+            penalty += extra
+            by_motion[0] += ease * by_q
+        return Evaluation(cost + ease * penalty, self.shaping.gradient(*by_motion), cost + penalty)
 
     def _overload(self, W: Floats, theta: Floats) -> tuple[float, Floats]:
         """Return a penalty on torques beyond their limits and its gradient by W."""
-        limit = self.problem.limits.torque
+        limit = (1 - SPARE) * self.problem.limits.torque
         excess = W @ theta / limit
         beyond = np.maximum(np.abs(excess) - 1, 0.0)
         slope = 2 * WEIGHT * beyond * np.sign(excess) / limit / len(W)
         return WEIGHT * float(np.sum(beyond**2)) / len(W), slope[:, :, None] * theta
 
 
-#: Weight of penalties against a logarithmic cost: 1 % of overload all along the path costs as much as 1 % of condition.
-WEIGHT = 100.0
+#: Samples at which contact is looked for, for each one of the regressor, and which of them that is.
+FINE, MIDDLE = 3, 1
+#: Weight of penalties against a logarithmic cost: 0.2 % of overload all along the path costs as much as 1 % of cost.
+WEIGHT = 3000.0
+#: The search leaves this share of a torque limit free, because a penalty is never quite obeyed.
+SPARE = 0.05

@@ -32,10 +32,13 @@ from dynid.trajectory.options import PlanOptions
 
 Floats = NDArray[np.float64]
 
-#: Power of the p-norm and iterations of each stage: smooth costs first, the cost itself last.
-STAGES = ((2.0, 60), (8.0, 60), (np.inf, 200))
-#: Costs without extreme eigenvalues are smooth as they are.
-SMOOTH_STAGES = ((np.inf, 250),)
+#: Power of the p-norm, ease of the penalties and iterations of each stage: smooth costs first, the cost itself last;
+#: a motion may first pass through the floor and itself, or it would never get from one good region to another.
+STAGES = ((2.0, 0.01, 60), (8.0, 0.1, 60), (np.inf, 1.0, 200))
+#: Costs without extreme eigenvalues are smooth as they are. A stage that comes twice forgets its curvatures between.
+SMOOTH_STAGES = ((np.inf, 0.01, 100), (np.inf, 0.01, 100), (np.inf, 0.1, 100), (np.inf, 0.1, 100)) + 2 * (
+    (np.inf, 1.0, 100),
+)
 #: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
 HOPELESS = 0.35
 #: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
@@ -43,8 +46,6 @@ HOPELESS = 0.35
 LANES = 8
 #: No cost of a motion that determines all parameters is so large; penalties are.
 PENALISED = 50.0
-#: Share of the time limit that the search may use; clearance and checks need the rest.
-SEARCH_SHARE = 0.6
 #: Seconds between two reports of the best so far.
 REPORT = 0.5
 
@@ -99,13 +100,16 @@ class BestMotion:
     evaluation: int
 
 
-def optimise(problem: PlanProblem, search: PlanOptions, progress: Progress = SILENT) -> SearchOutcome:
+def optimise(
+    problem: PlanProblem, search: PlanOptions, progress: Progress = SILENT, limit: float | None = None
+) -> SearchOutcome:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
 
     Args:
         problem: what is planned.
         search: restarts, time limit, seed, processes, and what to make again.
         progress: told of the best so far.
+        limit: time for the search [s]; all that ``search`` gives when None.
 
     Raises:
         KeyboardInterrupt: interrupted before anything was found.
@@ -115,7 +119,7 @@ def optimise(problem: PlanProblem, search: PlanOptions, progress: Progress = SIL
     finished: set[int] = set()
     ended: End = "all starts" if search.replay is None else "replay"
     begin = time.monotonic()
-    limit = SEARCH_SHARE * search.seconds if search.replay is None else np.inf
+    limit = (search.seconds if limit is None else limit) if search.replay is None else np.inf
     with _workers(problem, search) as (reports, running):
         try:
             while any(process.is_alive() for process in running) or not reports.empty():
@@ -282,18 +286,18 @@ def descend(
     seen = BestMotion(np.inf, x, 0)
     count = 0
 
-    def measured(x: Floats, power: float, *, last_of_stage: bool = False) -> tuple[float, Floats]:
+    def measured(x: Floats, power: float, ease: float, *, last_of_stage: bool = False) -> tuple[float, Floats]:
         nonlocal seen, count
         if count == last:
             raise _Enough
         count += 1
-        value, gradient = objective(x, power)
+        found = objective(x, power, ease)
         if np.isinf(power):
-            if value < seen.value:
-                seen = BestMotion(value, x.copy(), count)
+            if found.full < seen.value:
+                seen = BestMotion(found.full, x.copy(), count)
             if report is not None:
                 report(seen, last=last_of_stage)
-        return value, gradient
+        return found.value, found.gradient
 
     with suppress(_Enough):
         _stages(measured, x, lambda: seen.value > best + HOPELESS, objective.problem.cost.kind in ("d", "i"))
@@ -306,9 +310,9 @@ def _stages(
     """Minimise through the stages of a cost."""
     from scipy.optimize import minimize
 
-    for power, iterations in SMOOTH_STAGES if smooth else STAGES:
+    for power, ease, iterations in SMOOTH_STAGES if smooth else STAGES:
         if np.isinf(power) and not smooth and hopeless():
             return
         options = {"maxiter": iterations, "maxcor": 20}
-        x = minimize(measured, x, args=(power,), jac=True, method="L-BFGS-B", options=options).x
-        measured(x, np.inf, last_of_stage=True)
+        x = minimize(measured, x, args=(power, ease), jac=True, method="L-BFGS-B", options=options).x
+        measured(x, np.inf, ease, last_of_stage=True)

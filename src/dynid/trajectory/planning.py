@@ -24,9 +24,9 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.sim.arm import GET_BULLET
 from dynid.trajectory.basis import Basis, Fourier, Quintic
-from dynid.trajectory.clearance import Spheres
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
-from dynid.trajectory.feasible import CONTINUOUS, Bounds, Shaping, bounds
+from dynid.trajectory.feasible import Bounds, Shaping, bounds
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
 from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import MotionCandidate, SearchOutcome, optimise
@@ -35,26 +35,32 @@ from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
 from dynid.trajectory.preview import (
     Distance,
+    Distances,
     Drawing,
+    capsule_distances,
+    draw_trajectory,
     measure_trajectory,
     require_clear,
-    sphere_distances,
     urdf_of,
 )
 
 Floats = NDArray[np.float64]
+Result = TypeVar("Result")
+Judgement = TypeVar("Judgement")
 
 #: How far a motion is drawn towards the clear pose, step by step, until all judges agree.
-SHRINK = (1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
+SHRINK = (1.0, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
 #: Samples along the path for each segment, and at least.
 SAMPLES_A_SEGMENT, SAMPLES = 12, 200
-#: Rate at which contact is checked on the spheres [Hz] and random poses among which a clear one is looked for.
+#: Rate at which contact is checked on the capsules [Hz] and random poses among which a clear one is looked for.
 CONTACT_RATE, CLEAR_POSES = 50.0, 400
 #: Share of random poses that shall be clear inside the range that is searched, their number, and the half range that
 #: is not narrowed any more [rad or m].
-ROOMY, ROOMY_POSES, NARROW = 0.85, 200, 0.4
+ROOMY, ROOMY_POSES, NARROW = 0.5, 200, 0.4
 #: Poses that are tried as the middle of that range, and how far around them it shall be clear [rad or m].
 MIDDLES, SIXTH = 100, np.pi / 3
+#: Time for what comes after the search: this share of the whole, and this much at most [s].
+REST_SHARE, REST = 0.4, 14.0
 #: Random motions among which one is taken without a search.
 RANDOM_STARTS = 20
 
@@ -66,7 +72,7 @@ class PlanningContext:
     Attributes:
         base: model and base parameters.
         limits: limits, margins taken off.
-        spheres: the arm and its surroundings.
+        capsules: the arm and its surroundings.
         options: what is wanted.
         noise: standard deviation of each joint's torque, (n,) [N m or N].
         known: information matrix of earlier logs in that noise, (p, p); None without any.
@@ -76,7 +82,7 @@ class PlanningContext:
 
     base: BaseModel
     limits: Bounds
-    spheres: Spheres
+    capsules: Capsules
     options: PlanOptions
     noise: Floats
     known: Floats | None
@@ -112,7 +118,7 @@ def planning_context(
     return PlanningContext(
         base,
         bounds(base.robot, options.margin),
-        Spheres(base.robot, options.scene),
+        Capsules(base.robot, options.scene),
         options,
         default_noise(base.robot) if noise is None else noise,
         known,
@@ -143,32 +149,35 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         known=context.known,
         rate=options.rate,
         torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
-        penalties=(context.spheres,),
+        penalties=(context.capsules,),
         samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
     )
 
 
 def roomy_limits(context: PlanningContext) -> Bounds:
-    """Return the limits for the search; joints of more than a turn are narrowed to where the arm is clear.
+    """Return the limits for the search, narrowed to where the arm is often clear.
 
     Every motion of the search reaches a limit of each joint. An arm whose joints all turn twice would sweep through
-    itself and the floor all the time; so the range of the joint that helps most is narrowed until most poses are clear.
+    itself and the floor all the time; so the range of the joint that helps most is narrowed until half the poses are
+    clear.
     """
-    limits, spheres = context.limits, context.spheres
-    if np.all(limits.upper - limits.lower <= 2 * np.pi):
-        return limits
+    limits, capsules = context.limits, context.capsules
     rng = np.random.default_rng(0)
-    half = np.minimum((limits.upper - limits.lower) / 2, np.pi)
-    unit = rng.uniform(-1, 1, (ROOMY_POSES, len(half)))
+    unit = rng.uniform(-1, 1, (ROOMY_POSES, len(limits.lower)))
+    middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+    share = float(capsules.keeps_clear(middle + unit * half).mean())
+    if share >= ROOMY and half.max() <= np.pi:
+        return limits
+    half = np.minimum(half, np.pi)
     around = unit * np.minimum(half, SIXTH)
     middles = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (MIDDLES, len(half)))
-    middle = middles[int(np.argmax([spheres.keeps_clear(pose + around).mean() for pose in middles]))]
-    share = float(spheres.keeps_clear(middle + unit * half).mean())
+    middle = middles[int(np.argmax([capsules.keeps_clear(pose + around).mean() for pose in middles]))]
+    share = float(capsules.keeps_clear(middle + unit * half).mean())
     while share < ROOMY and half.max() > NARROW:
         tried = []
         for j in np.flatnonzero(half > NARROW):
             less = np.where(np.arange(len(half)) == j, 0.8 * half, half)
-            tried.append((float(spheres.keeps_clear(middle + unit * less).mean()), j))
+            tried.append((float(capsules.keeps_clear(middle + unit * less).mean()), j))
         share, j = max(tried)
         half[j] *= 0.8
     return replace(limits, lower=np.maximum(middle - half, limits.lower), upper=np.minimum(middle + half, limits.upper))
@@ -191,9 +200,18 @@ class Proposal:
     share: float = 1.0
 
 
-def search_motions(context: PlanningContext, progress: Progress = SILENT) -> SearchOutcome | None:
-    """Search for the best motions; None when no search is wanted."""
-    return optimise(plan_problem(context), context.options, progress) if context.options.optimise else None
+def search_motions(
+    context: PlanningContext, progress: Progress = SILENT, limit: float | None = None
+) -> SearchOutcome | None:
+    """Search for the best motions, for so many seconds at most; None when no search is wanted."""
+    if not context.options.optimise:
+        return None
+    return optimise(plan_problem(context), context.options, progress, limit)
+
+
+def search_time(seconds: float) -> float:
+    """Return how much of the whole time is for the search [s]: checks, pictures and files need the rest."""
+    return seconds - min(REST_SHARE * seconds, REST)
 
 
 def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
@@ -205,7 +223,7 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
     """
     options, basis = context.options, basis_of(context.options)
     candidates = list(_random(context, basis)) if found is None else found.candidates
-    home = clear_pose(context)
+    home = once_more(lambda: clear_pose(context))
     for share in SHRINK:
         for one in candidates:
             drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
@@ -222,9 +240,9 @@ def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]
 def clear_pose(context: PlanningContext) -> Floats:
     """Return a pose inside the limits with much room around the arm, (n,) [rad or m]."""
     rng = np.random.default_rng(0)
-    lower, upper = np.maximum(context.limits.lower, CONTINUOUS[0]), np.minimum(context.limits.upper, CONTINUOUS[1])
+    lower, upper = np.maximum(context.limits.lower, -np.pi), np.minimum(context.limits.upper, np.pi)
     q = rng.uniform(lower, upper, (CLEAR_POSES, len(lower)))
-    room = [min((c.distance - c.wanted for c in context.spheres.contacts(pose[None])), default=0.0) for pose in q]
+    room = [min((c.distance - c.wanted for c in context.capsules.contacts(pose[None])), default=0.0) for pose in q]
     return np.asarray(q[int(np.argmax(room))])
 
 
@@ -236,15 +254,22 @@ def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck
 
     Raises:
         LimitBroken: a joint limit, a torque, or the tool's speed.
-        Collision: contact of the arm's spheres.
+        Collision: contact of the arm's capsules.
     """
     found = context.check(trajectory)
     require_within_limits(found, context.options.margin)
-    motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
-    for contact in context.spheres.contacts(motion.q):
-        if contact.distance < contact.wanted:
-            what = f"{contact.what}: {1000 * contact.distance:.0f} mm at t = {motion.t[contact.index]:.1f} s"
-            raise Collision(f"{what}; wanted are {1000 * contact.wanted:.0f} mm")
+    _capsules_clear(context, trajectory)
+    return found
+
+
+def _capsules_clear(context: PlanningContext, trajectory: Trajectory) -> Distances:
+    """Return the distances of the arm's capsules; refuse a motion that comes too near to something.
+
+    Raises:
+        Collision: contact of the arm's capsules.
+    """
+    found = capsule_distances(context.capsules, trajectory.sampled(CONTACT_RATE * trajectory.alpha))
+    require_clear((*found.least, *found.usual), fix=clearance_fix(context.robot, guessed=True))
     return found
 
 
@@ -274,7 +299,9 @@ def require_clear_motion(
     *,
     given: bool = True,
 ) -> Clearance:
-    """Let PyBullet measure and draw a motion; without PyBullet the distances of the spheres stand.
+    """Let PyBullet measure and draw a motion; without PyBullet the distances of the capsules stand.
+
+    Ctrl-C while PyBullet measures leaves the distances of the capsules, while it draws no pictures.
 
     Args:
         context: the arm and its surroundings.
@@ -288,35 +315,68 @@ def require_clear_motion(
         Collision: something comes too near.
         PackageMissing: PyBullet is missing and was asked for.
     """
-    scene, guessed = context.options.scene, urdf is None
     try:
         with urdf_of(context.robot, urdf) as shapes:
-            # Why: pictures take seconds; of the motions of a search only one that keeps clear is worth them.
-            found = measure_trajectory(trajectory, context.robot, shapes, scene, Drawing(), guessed=guessed)
-            try:
-                require_clear(
-                    found.least,
-                    scene,
-                    drawing.picture if given else None,
-                    clearance_fix(context.robot, guessed=guessed),
-                )
-            except Collision:
-                if given and drawing.picture is not None:
-                    measure_trajectory(trajectory, context.robot, shapes, scene, drawing, guessed=guessed)
-                raise
-            if drawing.picture is not None or drawing.animation is not None:
-                progress.stage("draw")
-                measure_trajectory(trajectory, context.robot, shapes, scene, drawing, guessed=guessed)
+            return _judged_by_bullet(context, trajectory, shapes, drawing, progress, given=given, guessed=urdf is None)
     except PackageMissing:
         if drawing.needed:
             raise
-        motion = trajectory.sampled(CONTACT_RATE * trajectory.alpha)
-        text = "PyBullet is missing: distances were measured on spheres along the links, and nothing was drawn"
-        text = f"{text}; {GET_BULLET}"
-        found = sphere_distances(context.spheres, motion)
-        return Clearance(found.least, found.left_out, findings=(Finding("W605", "warning", text),))
-    pictures = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
-    return Clearance(found.least, found.left_out, pictures)
+    except KeyboardInterrupt:
+        found = once_more(lambda: _capsules_clear(context, trajectory))
+        text = "interrupted: distances were measured on capsules along the links only, and nothing was drawn"
+        return Clearance(found.least, found.left_out, findings=(Finding("W607", "warning", text),))
+    found = _capsules_clear(context, trajectory)
+    pictures: tuple[Path, ...] = ()
+    if (path := drawing.picture) is not None and (sketch := drawing.sketch) is not None:
+        still = replace(drawing, animation=None)
+        pictures = _drawn(
+            still, lambda: sketch(path, trajectory, context.capsules, found.least, drawing.title), progress
+        )
+    what = "and the picture is a drawing" if pictures else "and nothing was drawn"
+    text = f"PyBullet is missing: distances were measured on capsules along the links, {what}; {GET_BULLET}"
+    return Clearance(found.least, found.left_out, pictures, (Finding("W605", "warning", text),))
+
+
+def _judged_by_bullet(
+    context: PlanningContext, trajectory: Trajectory, shapes: Path, drawing: Drawing, progress: Progress, *,
+    given: bool, guessed: bool,
+) -> Clearance:  # fmt: skip
+    """Return what PyBullet measures, with pictures, which take seconds, of a motion that keeps clear or was given."""
+    robot, scene = context.robot, context.options.scene
+    found = measure_trajectory(trajectory, robot, shapes, scene, guessed=guessed)
+
+    def pictures() -> tuple[Path, ...]:
+        return _drawn(drawing, lambda: draw_trajectory(trajectory, robot, shapes, scene, drawing), progress)
+
+    try:
+        picture = drawing.picture if given else None
+        require_clear((*found.least, *found.usual), picture, clearance_fix(robot, guessed=guessed))
+    except Collision:
+        if given:
+            pictures()
+        raise
+    return Clearance(found.least, found.left_out, pictures())
+
+
+def _drawn(drawing: Drawing, work: Callable[[], None], progress: Progress) -> tuple[Path, ...]:
+    """Draw, and return which files there are; none when the person does not wait for them."""
+    if not drawing.wanted:
+        return ()
+    progress.stage("draw")
+    try:
+        work()
+    except KeyboardInterrupt:
+        progress.stage("interrupt", "the motion stands, and nothing was drawn of it")
+        return ()
+    return tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
+
+
+def once_more(work: Callable[[], Result]) -> Result:
+    """Do short work to its end: the first Ctrl-C begins it anew, the second one ends."""
+    try:
+        return work()
+    except KeyboardInterrupt:
+        return work()
 
 
 def clearance_fix(robot: Robot, *, guessed: bool) -> str:
@@ -331,9 +391,6 @@ def thickness(robot: Robot) -> str:
     radius = (given or DEFAULT_CYLINDERS).radius
     where = f"`prior: {{cylinders: {{radius: ...}}}}` in {robot.path or 'the robot file'}"
     return f"links are cylinders of radius {radius:g} m, {'set' if given else 'a guess; set it'} by {where}"
-
-
-Judgement = TypeVar("Judgement")
 
 
 def first_accepted(

@@ -7,10 +7,11 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +20,18 @@ from dynid import children
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
+from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.scratch import scratch_folder
 from dynid.sim.arm import GET_BULLET
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
-from dynid.trajectory.clearance import Scene, Spheres
-from dynid.trajectory.feasible import CONTINUOUS
+from dynid.trajectory.clearance import Capsules, Scene
+from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 
 Floats = NDArray[np.float64]
+Sketch = Callable[[Path, Trajectory, Capsules, "Sequence[Distance]", str], None]
 
 #: Poses that are measured for each second of the planned motion, and their number at most.
 RATE, POSES = 100.0, 3000
@@ -50,13 +53,13 @@ class Distance:
         pair: their names, such as ``"link_5 - base"``.
         distance: negative when they overlap [m].
         time: when [s].
-        room: distance that the arm can keep as it is built [m]; None where nothing is known against the wanted one.
+        wanted: what it should be at least [m]; less than asked for where the arm is built nearer.
     """
 
     pair: str
     distance: float
     time: float
-    room: float | None = None
+    wanted: float
 
 
 @dataclass(frozen=True)
@@ -64,12 +67,17 @@ class Distances:
     """What was measured along a motion.
 
     Attributes:
-        least: least distance of every watched pair, the closest pair first.
-        left_out: pairs of links that are near in usual poses because of their guessed thickness, and not watched.
+        least: least distance of every pair that can keep clear, the closest pair first.
+        usual: the same of links that are near in usual poses; wanted is not to come nearer than there.
     """
 
     least: tuple[Distance, ...]
-    left_out: tuple[str, ...] = ()
+    usual: tuple[Distance, ...] = ()
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the pairs of links that cannot keep clear."""
+        return tuple(sorted(distance.pair for distance in self.usual))
 
 
 @dataclass(frozen=True)
@@ -81,25 +89,34 @@ class Drawing:
         animation: path of the animated picture; None for none.
         title: line above the pictures.
         needed: whether a missing PyBullet is an error.
+        sketch: draws the still where PyBullet is missing, from its path, the motion, the arm's capsules, the nearest
+            distances and the title.
+        until: when the time for pictures is over, by ``time.monotonic`` [s]; the animation then has fewer of them.
     """
 
     picture: Path | None = None
     animation: Path | None = None
     title: str = ""
     needed: bool = False
+    sketch: Sketch | None = None
+    until: float | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is to be drawn."""
+        return self.picture is not None or self.animation is not None
 
 
 def measure_trajectory(
-    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing, *, guessed: bool = False
+    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, *, guessed: bool = False
 ) -> Distances:
-    """Measure distances all along a motion and draw it.
+    """Measure distances all along a motion.
 
     Args:
         trajectory: the motion.
         robot: the arm.
         urdf: its URDF; a user's own may have other link frames, but must have the same joint axes.
         scene: floor, obstacles, wanted distances.
-        drawing: what to draw.
         guessed: whether the shapes are cylinders along the DH table, whose thickness nobody has measured.
 
     Returns:
@@ -109,35 +126,58 @@ def measure_trajectory(
         PackageMissing: PyBullet is not there.
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    return measure_poses(*_poses(trajectory), robot, urdf, scene, drawing, guessed=guessed)
+    return measure_poses(*_poses(trajectory), robot, urdf, scene, guessed=guessed)
 
 
-def measure_poses(
-    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing, *, guessed: bool = False
-) -> Distances:
+def measure_poses(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, *, guessed: bool = False) -> Distances:
     """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
-    with _job(t, q, robot, urdf, scene, drawing, scene.self_distance if guessed else 0.0) as job:
-        log = job.with_suffix(".log")
-        with log.open("wb") as stream:
-            child = subprocess.run(
-                _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment(),
-                timeout=PATIENCE, check=False,
-            )  # fmt: skip
-        answer = job.with_suffix(".answer")
-        if not answer.is_file():
-            raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
-        found = json.loads(answer.read_text(encoding="utf-8"))
+    near = scene.self_distance if guessed else 0.0
+    with _job(t, q, robot, urdf, scene, None, near=near) as job:
+        rows = _answer(robot, job, urdf)["distances"]
+    found = [
+        (row["usual"], Distance(row["pair"], row["distance_m"], float(t[row["index"]]), row["wanted_m"]))
+        for row in rows
+    ]
+    return Distances(*(tuple(one for usual, one in found if usual is kind) for kind in (False, True)))
+
+
+def draw_trajectory(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing) -> None:
+    """Draw a motion; its pictures are written whole or not at all.
+
+    Raises:
+        PackageMissing: PyBullet is not there.
+        WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
+    """
+    with _job(*_poses(trajectory), robot, urdf, scene, drawing) as job:
+        _answer(robot, job, urdf)
+        for path in (drawing.picture, drawing.animation):
+            if path is not None:
+                with written_whole(path) as stream:
+                    stream.write((job.parent / path.name).read_bytes())
+
+
+def _answer(robot: Robot, job: Path, urdf: Path) -> dict[str, Any]:
+    """Let the child do a job and return what it found."""
+    log = job.with_suffix(".log")
+    with log.open("wb") as stream:
+        child = subprocess.run(
+            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment(),
+            timeout=PATIENCE, check=False,
+        )  # fmt: skip
+    answer = job.with_suffix(".answer")
+    if not answer.is_file():
+        raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
+    found: dict[str, Any] = json.loads(answer.read_text(encoding="utf-8"))
     _require_axes(robot, found["axis_errors"], urdf)
-    rows = found["distances"]
-    least = tuple(Distance(d["pair"], d["distance_m"], float(t[d["index"]]), d["room_m"]) for d in rows)
-    return Distances(least, tuple(found["left_out"]) if guessed else ())
+    return found
 
 
-def sphere_distances(spheres: Spheres, motion: Motion) -> Distances:
-    """Return the least clearances that spheres along the links have during a motion, the closest first."""
-    near = sorted(spheres.contacts(motion.q), key=lambda contact: contact.distance)
-    least = tuple(Distance(contact.what, contact.distance, float(motion.t[contact.index])) for contact in near)
-    return Distances(least, spheres.left_out)
+def capsule_distances(capsules: Capsules, motion: Motion) -> Distances:
+    """Return the least clearances that capsules along the links have during a motion, the closest first."""
+    near = sorted(capsules.contacts(motion.q), key=lambda contact: contact.distance)
+    found = [Distance(c.what, c.distance, float(motion.t[c.index]), c.wanted) for c in near]
+    usual = tuple(one for one in found if one.pair in capsules.left_out)
+    return Distances(tuple(one for one in found if one not in usual), usual)
 
 
 @contextmanager
@@ -153,43 +193,37 @@ def urdf_of(robot: Robot, own: Path | None) -> Iterator[Path]:
 
 
 def require_clear(
-    distances: tuple[Distance, ...],
-    scene: Scene,
+    distances: Iterable[Distance],
     picture: Path | None = None,
     fix: str = "plan again with another --seed, or move the waypoints, --floor or --obstacle",
+    slack: float = 0.0,
 ) -> None:
     """Refuse a motion that comes too near to anything.
 
     Args:
         distances: what was measured.
-        scene: the wanted distances.
         picture: a drawing of the motion.
         fix: what would help.
+        slack: by how much distances may be short [m].
 
     Raises:
         Collision: with the pair, the time and the distance.
     """
-    broken = [d for d in distances if d.distance < wanted_distance(d, scene)]
+    broken = [d for d in distances if d.distance < d.wanted - slack]
     if not broken:
         return
-    worst = min(broken, key=lambda d: d.distance - wanted_distance(d, scene))
-    if worst.distance < 0:
-        touch = f"touches it (depth {-1000 * worst.distance:.0f} mm)"
+    worst = min(broken, key=lambda d: d.distance - d.wanted)
+    if worst.wanted < 0:
+        touch = f"overlap by {-1000 * worst.distance:.0f} mm; in usual poses they do by {-1000 * worst.wanted:.0f} mm"
+    elif worst.distance < 0:
+        touch = f"the arm touches it (depth {-1000 * worst.distance:.0f} mm)"
     else:
-        touch = f"comes within {1000 * worst.distance:.0f} mm; wanted are {1000 * wanted_distance(worst, scene):.0f} mm"
+        touch = f"the arm comes within {1000 * worst.distance:.0f} mm; wanted are {1000 * worst.wanted:.0f} mm"
     first, second = worst.pair.split(" - ", 1)
-    what = f"{first} and {second}: the arm {touch} at t = {worst.time:.1f} s"
+    what = f"{first} and {second}: {touch} at t = {worst.time:.1f} s"
     if len(broken) > 1:
         what += f"; {len(broken) - 1} more pairs are too close"
     raise Collision(what, where=str(picture) if picture else "", fix=fix)
-
-
-def wanted_distance(distance: Distance, scene: Scene) -> float:
-    """Return the wanted distance of a pair [m]: of arms that are built lower than wanted, what they can keep."""
-    outside = distance.pair.endswith("floor") or " - obstacle" in distance.pair
-    if not outside:
-        return scene.self_distance
-    return scene.distance if distance.room is None else min(scene.distance, distance.room)
 
 
 @contextmanager
@@ -201,7 +235,10 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
     """
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    with _job(*_poses(trajectory), robot, urdf, scene, None) as job, job.with_suffix(".log").open("wb") as stream:
+    with (
+        _job(*_poses(trajectory), robot, urdf, scene, None, window=True) as job,
+        job.with_suffix(".log").open("wb") as stream,
+    ):
         child = subprocess.Popen(
             _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment()
         )
@@ -236,12 +273,24 @@ def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
 
 @contextmanager
 def _job(
-    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None, near: float = 0.0
-) -> Iterator[Path]:
-    """Write a job for the child into a folder that is removed afterwards."""
-    lower, upper = np.array([joint.limits.position or CONTINUOUS for joint in robot.joints]).T
+    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None, *,
+    near: float | None = None, window: bool = False,
+) -> Iterator[Path]:  # fmt: skip
+    """Write a job for the child into a folder that is removed afterwards: to measure, to draw, or to show a window.
+
+    Args:
+        t: times, (N,) [s].
+        q: poses in DH values, (N, n) [rad or m].
+        robot: the arm.
+        urdf: its shapes.
+        scene: what surrounds it.
+        drawing: what to draw.
+        near: links that are as near as this in usual poses count as always near [m]; None to measure nothing.
+        window: whether a window opens.
+    """
+    lower, upper = position_range(robot)
     random = np.random.default_rng(0).uniform(lower, upper, (300, robot.n))
-    facts = {
+    facts: dict[str, Any] = {
         "urdf": str(urdf.resolve()),
         "joints": _urdf_names(robot, urdf),
         "labels": list(robot.joint_names),
@@ -252,16 +301,21 @@ def _job(
         "reach": float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints)) or 1.0,
         "foot": list(robot.base_xyz),
         "camera": _camera(robot, q),
-        "room": Spheres(robot, scene).room(),
-        "picture": str(drawing.picture.resolve()) if drawing and drawing.picture else None,
-        "animation": str(drawing.animation.resolve()) if drawing and drawing.animation else None,
+        "room": Capsules(robot, scene).room(),
         "title": drawing.title if drawing else "",
-        "window": drawing is None,
+        "seconds": drawing.until - time.monotonic() if drawing and drawing.until is not None else None,
+        "window": window,
+        "measure": near is not None,
         "near": near,
+        "self": scene.self_distance,
+        "distance": scene.distance,
         "maps": _maps(robot),
     }
     with scratch_folder() as folder:
         job = Path(folder) / "job.json"
+        for kind in ("picture", "animation"):
+            path = getattr(drawing, kind, None)
+            facts[kind] = str(job.parent / path.name) if path else None
         job.write_text(json.dumps(facts), encoding="utf-8")
         frames = link_frames(robot, random[:COMPARED], world=True)
         axes = np.concatenate([frames.axis, frames.point], axis=2)

@@ -40,6 +40,8 @@ Floats = NDArray[np.float64]
 
 #: PyBullet measures no distance beyond this [m].
 FAR = 0.3
+#: Share of the time limit that prediction and files may need after the pictures.
+FILES = 0.05
 #: A motion shorter than this at full speed is named as too short when it teaches little [s].
 SHORT = 10.0
 #: How many of the closest pairs the JSON answer lists.
@@ -367,33 +369,46 @@ def plan_trajectory(
         Collision: something comes too near (E502).
         PlanTeachesLittle: what the search found excites too little (E511).
     """
-    from dynid.trajectory.planning import first_accepted, planning_context, proposals, require_safe, search_motions
+    from dynid.trajectory.planning import (
+        first_accepted,
+        once_more,
+        planning_context,
+        proposals,
+        require_safe,
+        search_motions,
+        search_time,
+    )
+    from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
     options = replace(options, **changes)
-    base = base or base_model(robot, progress=progress)
     begin = time.monotonic()
+    base = base or base_model(robot, progress=progress)
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
     noise, source = torque_noise(robot, options.noise, before)
     context = planning_context(base, options, noise, earlier_information(base, before, noise, progress))
     candidates, found = _given_path(context, waypoints, path), None
     progress.stage("search" if candidates is None else "plan")
     if candidates is None:
-        found = search_motions(context, progress)
+        spent = time.monotonic() - begin
+        found = search_motions(context, progress, search_time(options.seconds - spent))
         candidates = proposals(context, found)
     progress.stage("clearance")
     given = waypoints is not None or path is not None
+    until = begin + options.seconds
+    drawing = replace(drawing or Drawing(), until=None if given else until - FILES * options.seconds)
     chosen, (check, clearance) = first_accepted(
         candidates,
         lambda motion: (
-            require_safe(context, motion),
+            once_more(lambda: require_safe(context, motion)),
             _clearance(context, motion, urdf, drawing, progress, given=given),
         ),
-        np.inf if given or options.replay else begin + options.seconds,
+        np.inf if given or options.replay else until,
         progress,
     )
     search = _search_record(options, chosen, found)
-    plan = _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+    progress.stage("predict")
+    plan = once_more(lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf))
     if found is not None and not before:
         require_teaching(plan, context)
     return plan
@@ -457,16 +472,16 @@ def _clearance(
     context: PlanningContext,
     trajectory: Trajectory,
     urdf: Path | None,
-    drawing: Drawing | None,
+    drawing: Drawing,
     progress: Progress = SILENT,
     *,
     given: bool = True,
 ) -> Clearance:
+    from dynid.reports.motion_drawing import draw_motion
     from dynid.trajectory.planning import require_clear_motion
-    from dynid.trajectory.preview import Drawing
 
     name = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
-    wanted = replace(drawing or Drawing(), title=name)
+    wanted = replace(drawing, title=name, sketch=draw_motion)
     return require_clear_motion(context, trajectory, urdf, wanted, progress, given=given)
 
 
@@ -581,12 +596,13 @@ def review_trajectory(
     """
     from dynid.trajectory.limits import require_within_limits
     from dynid.trajectory.planning import planning_context
+    from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
     context = planning_context(base or base_model(robot, progress=progress), options)
     trajectory = trajectory_of(stored)
     require_within_limits(context.check(trajectory), options.margin)
-    return Reviewed(robot, options, stored, _clearance(context, trajectory, urdf, drawing), urdf)
+    return Reviewed(robot, options, stored, _clearance(context, trajectory, urdf, drawing or Drawing(), progress), urdf)
 
 
 def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -> dict[str, str]:

@@ -1,10 +1,10 @@
-"""Spheres know where the links are, how far apart, and which way to go."""
+"""Capsules know where the links are, how far apart, and which way to go."""
 
 import numpy as np
 import pytest
 
 from dynid.model.kinematics import tool_pose
-from dynid.trajectory.clearance import Box, Scene, Spheres
+from dynid.trajectory.clearance import Box, Capsules, Scene
 
 
 @pytest.mark.parametrize(
@@ -17,21 +17,21 @@ from dynid.trajectory.clearance import Box, Scene, Spheres
     ],
 )
 def test_gradient_of_the_penalty_is_that_of_differences(gen2, scene):
-    spheres = Spheres(gen2.robot, scene)
+    capsules = Capsules(gen2.robot, scene)
     rng = np.random.default_rng(3)
     q, direction = rng.uniform(-2, 4, (30, 7)), rng.standard_normal((30, 7))
-    value, slope = spheres.value(q)
-    h = 1e-6
-    up, down = (spheres.value(q + s * h * direction)[0] for s in (1, -1))
+    value, slope = capsules.value(q)
+    h = 1e-5
+    up, down = (capsules.value(q + s * h * direction)[0] for s in (1, -1))
     assert value > 0
     assert np.sum(slope * direction) == pytest.approx((up - down) / (2 * h), rel=1e-4)
 
 
 def test_upright_arm_is_clear_of_the_floor_and_a_fallen_one_is_not(lwr):
-    spheres = Spheres(lwr.robot, Scene())
+    capsules = Capsules(lwr.robot, Scene())
     fallen = np.array([0, np.radians(119), 0, 0, 0, 0, 0.0])
-    assert spheres.value(np.zeros((1, 7)))[0] == 0
-    floor = next(c for c in spheres.contacts(fallen[None]) if "floor" in c.what)
+    assert capsules.value(np.zeros((1, 7)))[0] == 0
+    floor = next(c for c in capsules.contacts(fallen[None]) if "floor" in c.what)
     tip = tool_pose(lwr.robot, fallen)[2, 3]
     assert floor.distance == pytest.approx(tip - 0.06, abs=0.01)
 
@@ -39,5 +39,5 @@ def test_upright_arm_is_clear_of_the_floor_and_a_fallen_one_is_not(lwr):
 def test_tool_at_a_box_has_the_distance_of_geometry(lwr):
     tip = tool_pose(lwr.robot, np.zeros(7))[:3, 3]
     box = Box((-0.1, -0.1, float(tip[2]) + 0.2), (0.1, 0.1, float(tip[2]) + 0.4))
-    contacts = Spheres(lwr.robot, Scene(obstacles=(box,))).contacts(np.zeros((1, 7)))
+    contacts = Capsules(lwr.robot, Scene(obstacles=(box,))).contacts(np.zeros((1, 7)))
     assert next(c for c in contacts if "obstacle" in c.what).distance == pytest.approx(0.2 - 0.06)

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.model.prior import prior_base_parameters
 from dynid.trajectory.basis import Fourier, Quintic
-from dynid.trajectory.clearance import Box, Scene, Spheres
+from dynid.trajectory.clearance import Box, Capsules, Scene
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
@@ -22,9 +22,9 @@ def slope_error(objective, seed=7):
     rng = np.random.default_rng(seed)
     x = objective.shaping.random(rng)
     direction = rng.standard_normal(len(x))
-    slope = objective(x)[1] @ direction
+    slope = objective(x).gradient @ direction
     h = 1e-6
-    numeric = (objective(x + h * direction)[0] - objective(x - h * direction)[0]) / (2 * h)
+    numeric = (objective(x + h * direction).value - objective(x - h * direction).value) / (2 * h)
     return abs(slope - numeric) / abs(numeric)
 
 
@@ -41,7 +41,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
     changes = {
         "basis": Fourier(5.0, 3),
         "cost": Cost("i", V=np.eye(p)),
-        "penalties": (Spheres(gen2.robot, scene),),
+        "penalties": (Capsules(gen2.robot, scene),),
         "torque": prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0),
         "limits": replace(bounds(gen2.robot), torque=tight.torque),
         "known": 10 * np.eye(p),

@@ -40,7 +40,7 @@ def test_search_ends_far_below_its_start_and_inside_the_limits(lwr):
     here = problem(lwr)
     found = optimise(here, PlanOptions(restarts=1, seconds=60, processes=1))
     objective = ExcitationObjective(here)
-    start = objective(start_variables(objective, 0, 0))[0]
+    start = objective(start_variables(objective, 0, 0)).value
     # D-optimality is the mean over 62 parameters: 0.4 is a volume of the error ellipsoid smaller by exp(12).
     assert found.candidates[0].value < start - 0.4
     best = Trajectory(here.basis, found.candidates[0].coefficients)

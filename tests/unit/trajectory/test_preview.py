@@ -17,10 +17,9 @@ from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Box, Scene
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import through_waypoints
-from dynid.trajectory.preview import Drawing, measure_trajectory, require_clear, window
+from dynid.trajectory.preview import Drawing, draw_trajectory, measure_trajectory, require_clear, window
 
 pytest.importorskip("pybullet")
-NOTHING = Drawing()
 
 
 def towards(robot, *degrees):
@@ -62,15 +61,15 @@ COLLIDING = {
 @pytest.mark.parametrize(("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses])
 def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(arm, pose, urdf, request):
     robot = request.getfixturevalue(arm).robot
-    found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene(), NOTHING)
+    found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene())
     with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
-        require_clear(found.least, Scene())
+        require_clear(found.least)
 
 
 def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, urdf):
     plan = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
-    found = measure_trajectory(plan, lwr.robot, urdf(lwr.robot), Scene(floor=0.1), NOTHING)
-    require_clear(found.least, Scene(floor=-0.5))
+    found = measure_trajectory(plan, lwr.robot, urdf(lwr.robot), Scene(floor=0.1))
+    require_clear(found.least)
     lowest = next(d for d in found.least if d.pair == "link_7 - floor")
     height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
     assert lowest.distance == pytest.approx(min(height, 0.3), abs=0.005)
@@ -81,15 +80,15 @@ def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
     away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
     with pytest.raises(Collision, match="obstacle 1"):
-        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene, NOTHING).least, scene)
-    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene, NOTHING).least, scene)
+        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene).least)
+    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene).least)
 
 
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
     look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
-    measure_trajectory(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
+    draw_trajectory(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
     assert still.shape[1] > 1000
@@ -107,7 +106,7 @@ def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
     tilted = replace(lwr.robot, joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
-        measure_trajectory(plan, tilted, urdf(lwr.robot), Scene(), NOTHING)
+        measure_trajectory(plan, tilted, urdf(lwr.robot), Scene())
 
 
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
@@ -121,9 +120,9 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
         joints[k] = replace(joints[k], theta_offset=-offset[k])
     mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    assert measure_trajectory(plan, mapped, path, Scene(), NOTHING)
+    assert measure_trajectory(plan, mapped, path, Scene())
     with pytest.raises(WrongRobotFile, match=r"lwr_0_joint: axis in .* is 180\.0 deg"):
-        measure_trajectory(plan, lwr.robot, path, Scene(), NOTHING)
+        measure_trajectory(plan, lwr.robot, path, Scene())
 
 
 def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
@@ -131,7 +130,7 @@ def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
         lwr.robot, driver=None, joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:])
     )
     with pytest.raises(WrongRobotFile, match="lacks the joints shoulder; it has lwr_0_joint"):
-        measure_trajectory(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene(), NOTHING)
+        measure_trajectory(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene())
 
 
 def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(lwr, urdf, monkeypatch):

@@ -10,9 +10,11 @@ from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.motion import Motion
 from dynid.robot import Limits
-from dynid.trajectory.clearance import Spheres
-from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
-from dynid.trajectory.planning import thickness
+from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_play
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.planning import planning_context, roomy_limits, thickness
+from dynid.workflows.model import base_model
 from dynid.workflows.record import RecordOptions, require_usable
 
 
@@ -46,13 +48,42 @@ def test_record_refuses_assumed_rates_and_takes_a_joint_without_end(limits, refu
 
 
 def test_links_of_the_wrist_that_are_near_as_thick_cylinders_are_left_out_and_named():
-    assert "link 3 - link 5" in Spheres(load_robot("ur5e")).left_out
+    assert "link 3 - link 5" in Capsules(load_robot("ur5e")).left_out
     assert "radius 0.06 m, a guess" in thickness(load_robot("ur5e"))
 
 
 def test_clear_poses_are_those_without_a_contact_below_the_wanted_distance():
-    spheres = Spheres(load_robot("ur5e"))
+    capsules = Capsules(load_robot("ur5e"))
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (60, 6))
-    one_by_one = [all(c.distance >= c.wanted for c in spheres.contacts(pose[None])) for pose in q]
-    assert spheres.keeps_clear(q).tolist() == one_by_one
+    one_by_one = [all(c.distance >= c.wanted for c in capsules.contacts(pose[None])) for pose in q]
+    assert capsules.keeps_clear(q).tolist() == one_by_one
     assert 0 < sum(one_by_one) < 60
+
+
+def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses():
+    robot = load_robot("franka_panda")
+    capsules = Capsules(robot)
+    assert "link 5 - link 7" in capsules.left_out
+    lower, upper = position_range(robot)
+    q = np.random.default_rng(3).uniform(lower, upper, (400, 7))
+    lack = [min(c.distance - c.wanted for c in capsules.contacts(p[None]) if c.what in capsules.left_out) for p in q]
+    assert 0 < np.mean(np.array(lack) < 0) < 0.2
+
+
+def test_a_slide_without_travel_is_assumed_short_and_its_plan_is_not_played():
+    robot = load_robot("scara")
+    bare = replace(robot, joints=tuple(replace(j, limits=replace(j.limits, position=None)) for j in robot.joints))
+    assert assumed_limits(bare) == (
+        "position of shoulder, elbow, tool: turning without end, two turns each way",
+        "travel of slide: 0.1 m each way",
+    )
+    assert unsafe_to_play(assumed_limits(bare)) == ("travel of slide: 0.1 m each way",)
+
+
+def test_an_arm_of_joints_without_end_is_searched_within_a_turn_where_half_the_poses_are_clear():
+    robot = load_robot("kinova_gen3")
+    context = planning_context(base_model(robot), PlanOptions())
+    limits = roomy_limits(context)
+    assert np.all(limits.upper - limits.lower <= 2 * np.pi + 1e-9)
+    poses = np.random.default_rng(9).uniform(limits.lower, limits.upper, (300, 7))
+    assert context.capsules.keeps_clear(poses).mean() > 0.4

@@ -1,0 +1,143 @@
+"""A plan for every robot file: what keeping clear of itself and the floor costs each arm.
+
+Run: python benchmarks/plans.py            the arms that benchmarks/plans.json lacks, then plans.md
+     python benchmarks/plans.py ur10 ...   these arms anew
+Each arm gets what ``dynid trajectory ARM --alpha 1 --seconds 60`` gives on two cores, pictures and checks included, and
+then a search of the same processor time for the same arm without floor and with links that may pass through each other,
+in its whole range. Compared is the expected rms torque error on other motions, the same motions and noise for both.
+"""
+
+import os
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
+import argparse
+import json
+import platform
+import resource
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from dynid.errors import DynidError
+from dynid.files.robotfile import known_robots, load_robot
+from dynid.robot import Robot
+from dynid.trajectory.optimise import optimise
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.planning import basis_of, plan_problem, planning_context
+from dynid.trajectory.predict import predict
+from dynid.trajectory.preview import Drawing
+from dynid.workflows.model import base_model
+from dynid.workflows.trajectory import plan_trajectory
+
+HERE = Path(__file__).parent
+STORE, TABLE = HERE / "plans.json", HERE / "plans.md"
+SECONDS, PROCESSES = 60.0, 2
+#: Times the error without obstacles that a plan may have.
+WANTED = 1.5
+HEADER = "| arm | s | of processor | error N m | without obstacles | ratio | condition | nearest | pairs left out | assumed |"
+
+
+def processor() -> float:
+    """Return the processor time of this process and of its children that have ended [s]."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+def unhindered(robot: Robot, options: PlanOptions) -> float:
+    """Return the expected torque error of a plan for an arm that nothing can collide with [N m]."""
+    base = base_model(robot)
+    context = planning_context(base, options)
+    problem = replace(plan_problem(context), penalties=(), limits=context.limits)
+    basis = basis_of(options)
+    for one in optimise(problem, options).candidates:
+        trajectory = Trajectory(basis, one.coefficients, options.alpha)
+        if not context.check(trajectory).violations:
+            motion = trajectory.sampled(options.rate)
+            return predict(base.model, base.reduction.base, motion, context.noise, context.other).torque_error
+    return float("nan")
+
+
+def measure(name: str) -> dict[str, object]:
+    """Return the row of one arm."""
+    robot = load_robot(name)
+    options = PlanOptions(alpha=1.0, seconds=SECONDS, processes=PROCESSES)
+    base_model(robot)
+    begin, before = time.monotonic(), processor()
+    row: dict[str, object] = {"joints": robot.n}
+    with tempfile.TemporaryDirectory() as folder:
+        drawing = Drawing(Path(folder) / "preview.png", Path(folder) / "preview.gif")
+        try:
+            plan = plan_trajectory(robot, options, drawing=drawing)
+        except DynidError as error:
+            row |= {"refused": f"{error.code} {error.what}"}
+        else:
+            answer = plan.facts()
+            row |= {
+                "error": answer["expected_torque_error_nm"],
+                "condition": answer["condition_number_scaled"],
+                "closest_m": answer["closest_m"],
+                "closest": answer["closest"][0]["pair"] if answer["closest"] else "",
+                "left_out": answer["left_out_pairs"],
+                "assumed": answer["assumed_limits"],
+                "search": plan.search.text if plan.search else "",
+                "starts": plan.search.finished_starts if plan.search else 0,
+            }
+    row |= {"seconds": time.monotonic() - begin, "processor": processor() - before}
+    row["unhindered"] = unhindered(robot, replace(options, restarts=50))
+    return row
+
+
+def line(name: str, row: dict[str, object]) -> str:
+    """Return the line of the table for one arm."""
+    cost = f"| {name} | {row['seconds']:.0f} | {row['processor']:.0f} |"
+    if "refused" in row:
+        return f"{cost} none: {row['refused']} | {row['unhindered']:.3g} | | | | | |"
+    ratio = row["error"] / row["unhindered"]  # type: ignore[operator]
+    kinds = sorted({text.split()[0] for text in row["assumed"]})  # type: ignore[attr-defined]
+    return (
+        f"{cost} {row['error']:.3g} | {row['unhindered']:.3g} | {ratio:.2f} | {row['condition']:.0f} "
+        f"| {1000 * row['closest_m']:.0f} mm, {row['closest']} "  # type: ignore[operator]
+        f"| {', '.join(row['left_out']) or 'none'} | {', '.join(kinds) or 'none'} |"  # type: ignore[arg-type]
+    )
+
+
+def table(rows: dict[str, dict[str, object]]) -> str:
+    """Return the page of all arms."""
+    held = [n for n, r in rows.items() if "error" in r and r["error"] <= WANTED * r["unhindered"]]  # type: ignore[operator]
+    intro = (__doc__ or "").split("\n\n")[0]
+    return "\n".join(
+        [
+            "# Plans for all robot files",
+            "",
+            intro,
+            "",
+            f"{len(held)} of {len(rows)} within {WANTED:g} times the error without obstacles. "
+            f"{platform.machine()}, Python {platform.python_version()}.",
+            "",
+            HEADER,
+            "|" + " --- |" * (HEADER.count("|") - 1),
+            *(line(name, row) for name, row in sorted(rows.items())),
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    """Measure what is missing or named and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("arms", nargs="*", help="robot files; those that the store lacks when none are given")
+    wanted = parser.parse_args().arms
+    rows = json.loads(STORE.read_text()) if STORE.is_file() else {}
+    for name in wanted or [name for name in known_robots() if name not in rows]:
+        rows = json.loads(STORE.read_text()) if STORE.is_file() else {}
+        rows[name] = measure(name)
+        print(line(name, rows[name]), flush=True)
+        STORE.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n")
+        TABLE.write_text(table(rows))
+
+
+if __name__ == "__main__":
+    main()
