@@ -340,7 +340,7 @@ def do_job(job: Job, folder: Path, seed: int, force: bool, place: Place) -> JobR
 def not_done(job: Job, folder: Path, error: BaseException | None) -> JobResult:
     """Return the result of a job that a mistake has ended before its commands could say so."""
     if isinstance(error, DynidError):
-        return JobResult(job, folder, int(error.status), message=f"error[{error.code}] {error.what}")
+        return JobResult(job, folder, int(error.status), message=error.what)
     if isinstance(error, OSError):
         return JobResult(job, folder, int(ExitStatus.INPUT), message=str(error))
     return JobResult(job, folder, int(ExitStatus.INTERNAL), message=f"{type(error).__name__}: {error}")
