@@ -31,6 +31,8 @@ from dynid.scratch import prefix, sweep
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
 COMPRESSED_BYTES = 4 << 20
+#: Larger members need the long form of a zip archive.
+_ZIP64 = 1 << 31
 #: What NumPy writes in front of an array, for the types that a result may have: truth values, numbers, text.
 _ARRAY_HEADER = re.compile(
     r"\{'descr': '([<>|=]?(?:b1|[iu][1248]|f[248]|U\d{1,9}))', 'fortran_order': (False|True), "
@@ -75,11 +77,14 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         text = np.array(json.dumps(header, sort_keys=True, default=_plain))
         for name, array in {HEADER: text, **arrays}.items():
+            info = zipfile.ZipInfo(f"{name}.npy")
+            if array.nbytes >= COMPRESSED_BYTES:
+                with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+                continue
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
-            content = buffer.getbuffer()
-            how = zipfile.ZIP_DEFLATED if len(content) < COMPRESSED_BYTES else zipfile.ZIP_STORED
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content, how, 1)
+            archive.writestr(info, buffer.getbuffer(), zipfile.ZIP_DEFLATED, 1)
 
 
 def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import accumulate
+from dynid.longarrays import release
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
@@ -40,7 +41,7 @@ class ObservationRows:
     """Rows of one interval of time: M instants, n joints, p columns. Pass them as a list, or anything walked anew.
 
     Attributes:
-        entries: of W that are not zero by structure, (E, M); in single precision where a long log is kept.
+        entries: of W that are not zero by structure, (E, M).
         joints: joint of each entry, (E,).
         columns: column of each entry, (E,).
         size: number of columns p.
@@ -104,17 +105,12 @@ class ObservationRows:
             self,
             entries=self.entries[:, start:end].copy(),
             command=None if self.command is None else self.command[:, start:end].copy(),
-            tau=self.tau[start:end],
-            usable=self.mask[start:end],
-            t=self.t[start:end],
+            tau=self.tau[start:end].copy(),
+            usable=self.mask[start:end].copy(),
+            t=self.t[start:end].copy(),
             follows=follows,
             block=block,
         )
-
-    def single(self) -> ObservationRows:
-        """Return the rows in single precision: enough to look at residuals once more, half the memory."""
-        command = None if self.command is None else self.command.astype(np.float32)
-        return replace(self, entries=self.entries.astype(np.float32), command=command)
 
     def with_arrays(self, W: Floats, tau: Floats, Z: Floats | None = None) -> ObservationRows:
         """Return rows of the same instants made of other arrays.
@@ -189,6 +185,7 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
             for start, end in pairwise(cuts.tolist()):
                 number = block + int(np.searchsorted(edges, start, side="right")) - 1
                 yield rows.part(start - first, end - first, follows=start > 0, block=number)
+            release()
         block += blocks
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynid.estimation.least_squares import accumulate, merge
 from dynid.estimation.observation_rows import ObservationRows, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
+from dynid.longarrays import Growing, release
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
@@ -25,9 +26,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; beyond it in single
-#: precision, and beyond twice of it not at all [bytes].
-KEPT_BYTES = 64 << 20
+#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
+#: are many, of which memory holds a block [bytes].
+KEPT_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,10 @@ class Stack:
         """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
         chosen = set(self.block[self.log_of_block == number].tolist())
         every = rows_of(self.logs[number], self.observer) if self.kept is None else self.kept[number]
-        return (rows.fresh() for rows in every if rows.block in chosen)
+        for rows in every:
+            if rows.block in chosen:
+                yield rows.fresh()
+                release()
 
     @property
     def blocks(self) -> int:
@@ -123,8 +127,47 @@ class Stack:
 
     def with_logs(self, logs: Sequence[ConditionedLog]) -> Stack:
         """Return the stack with another commanded motion in its logs; its factors do not depend on that."""
-        kept = None if self.kept is None else tuple(tuple(rows_of(log, self.observer)) for log in logs)
-        return replace(self, logs=tuple(logs), kept=kept)
+        if self.kept is None:
+            return replace(self, logs=tuple(logs))
+        kept = KeptRows(len(logs))
+        for number, log in enumerate(logs):
+            for rows in rows_of(log, self.observer):
+                kept.append(number, rows)
+        return replace(self, logs=tuple(logs), kept=kept.whole())
+
+
+class KeptRows:
+    """Rows that are kept, log by log; their numbers go into a file where they are many.
+
+    Args:
+        logs: number of logs.
+    """
+
+    def __init__(self, logs: int) -> None:
+        self._rows: list[list[ObservationRows]] = [[] for _ in range(logs)]
+        self._numbers = Growing(0)
+
+    def append(self, number: int, rows: ObservationRows) -> None:
+        """Keep rows of a log."""
+        for entries in (rows.entries, rows.command):
+            if entries is not None:
+                self._numbers.append(entries.ravel())
+        nothing = rows.entries[:, :0]
+        self._rows[number].append(replace(rows, entries=nothing, command=None if rows.command is None else nothing))
+
+    def whole(self) -> tuple[tuple[ObservationRows, ...], ...]:
+        """Return all rows."""
+        numbers, start = self._numbers.whole(), 0
+        found: list[list[ObservationRows]] = []
+        for log in self._rows:
+            found.append([])
+            for rows in log:
+                size, parts = len(rows.joints) * len(rows.t), []
+                for _ in range(1 if rows.command is None else 2):
+                    parts.append(numbers[start : start + size].reshape(len(rows.joints), len(rows.t)))
+                    start += size
+                found[-1].append(replace(rows, entries=parts[0], command=None if rows.command is None else parts[1]))
+        return tuple(map(tuple, found))
 
 
 def stack_base(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:
@@ -165,16 +208,15 @@ def stack(
     counts: list[Ints] = []
     places: list[tuple[int, int]] = []
     expected_rows = sum(len(s) // log.filter.second_step for log in logs for s in log.segments)
-    single = 8 * expected_rows * len(observer.rows) > KEPT_BYTES
-    keep = 4 * expected_rows * len(observer.rows) <= 2 * KEPT_BYTES
-    kept: list[list[ObservationRows]] = [[] for _ in logs]
+    keep = 8 * expected_rows * len(observer.rows) <= KEPT_BYTES
+    kept = KeptRows(len(logs))
     active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
     for number, log in enumerate(logs):
         expected = sum(len(s) for s in log.segments)
         done = 0
         for rows in rows_of(log, observer):
             if keep:
-                kept[number].append(rows.single() if single else rows.fresh())
+                kept.append(number, rows)
             if (number, rows.block) not in places[-1:]:
                 factors.append(np.zeros((n, size, size)))
                 counts.append(np.zeros(n, dtype=np.int64))
@@ -194,7 +236,7 @@ def stack(
         log_of_block=log_of_block,
         block=block,
         logs=tuple(logs),
-        kept=tuple(tuple(part) for part in kept) if keep else None,
+        kept=kept.whole() if keep else None,
     )
 
 

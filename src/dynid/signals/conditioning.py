@@ -139,10 +139,11 @@ def grid_rate(t: Floats) -> float:
     Args:
         t: increasing time stamps, (N,) [s].
     """
-    step = np.diff(t)
-    usual = float(np.median(step))
-    close = step[step < GAP_SAMPLES * usual]
-    if float(np.abs(close / usual - np.round(close / usual)).max(initial=0.0)) < EVEN:
+    close = np.diff(t)
+    usual = float(np.median(close))
+    close = close[close < GAP_SAMPLES * usual]
+    share = max(_from_whole(close[part] / usual) for part in spans(len(close)))
+    if share < EVEN:
         # Why: stamps in seconds since 1970 give rates such as 199.99999.
         return float(f"{1 / usual:.6g}")
     # Why not the median, and why round: uneven steps leave it open, and repeats on different grids would be no repeats.
@@ -150,6 +151,11 @@ def grid_rate(t: Floats) -> float:
     for _ in range(2):
         usual = float(blocks.sum() / max(1.0, np.round(blocks / usual).sum()))
     return float(f"{1 / usual:.3g}")
+
+
+def _from_whole(x: Floats) -> float:
+    """Return how far numbers are from whole ones at most."""
+    return float(np.abs(x - np.round(x)).max(initial=0.0))
 
 
 def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:

@@ -36,7 +36,7 @@ DEVIATIONS, OF_RANGE = 8.0, 0.05
 #: Where more samples than this share look like it, they are no accidents.
 MOST = 0.03
 #: Samples that show how far from the median they usually are; a longer log is thinned for it.
-USUAL = 1 << 20
+USUAL = 1 << 18
 #: The window is at most this share of the period of the cut-off: a slower log may show a motion in five samples.
 OF_PERIOD = 0.25
 
