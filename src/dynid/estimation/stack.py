@@ -6,7 +6,7 @@ Rows are made block by block and folded into one small triangular factor per joi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import accumulate, merge
-from dynid.estimation.observation_rows import ObservationRows, rows_of
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.longarrays import Growing, release
 from dynid.model.base_model import BaseModel
@@ -83,10 +83,7 @@ class Stack:
         """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
         chosen = set(self.block[self.log_of_block == number].tolist())
         every = rows_of(self.logs[number], self.observer) if self.kept is None else self.kept[number]
-        for rows in every:
-            if rows.block in chosen:
-                yield rows.fresh()
-                release()
+        return _walk(rows for rows in every if rows.block in chosen)
 
     @property
     def blocks(self) -> int:
@@ -168,6 +165,22 @@ class KeptRows:
                     start += size
                 found[-1].append(replace(rows, entries=parts[0], command=None if rows.command is None else parts[1]))
         return tuple(map(tuple, found))
+
+
+def kept_rows(log: ConditionedLog, observer: Observer) -> RowWalk:
+    """Return the rows of one log, evaluated once and walked over as often as wanted."""
+    kept = KeptRows(1)
+    for rows in rows_of(log, observer):
+        kept.append(0, rows)
+    (found,) = kept.whole()
+    return RowWalk(lambda: _walk(found))
+
+
+def _walk(kept: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
+    """Yield kept rows, and give back the memory of each block after it."""
+    for rows in kept:
+        yield rows.fresh()
+        release()
 
 
 def stack_base(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:

@@ -15,6 +15,8 @@ from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -236,7 +238,7 @@ def validate(
     from dynid.estimation import prediction
     from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import log_motion
-    from dynid.estimation.observation_rows import rows_of
+    from dynid.estimation.stack import kept_rows
     from dynid.signals.same_motion import same_motion
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
@@ -251,7 +253,7 @@ def validate(
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     observer = base.model.observer(base.reduction.base)
-    rows = list(rows_of(replayed, observer))
+    rows = kept_rows(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, theta, error, observer)
     again = any(same_motion(fitted, log_motion(replayed)) for fitted in result.motions)
@@ -295,7 +297,7 @@ def expected_on(
     result: Identification,
     error: ModelError | None,
     log: ConditionedLog,
-    rows: list[ObservationRows],
+    rows: Iterable[ObservationRows],
     observer: Observer,
 ) -> float | None:
     """Return the relative error that the posterior expects on rows of a log [%]; None where it expects nothing."""
@@ -315,7 +317,7 @@ def expected_on(
 
 
 def baseline_torque(
-    base: BaseModel, result: Identification, rows: list[ObservationRows], motion: EstimatedMotion
+    base: BaseModel, result: Identification, rows: Iterable[ObservationRows], motion: EstimatedMotion
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
     import numpy as np
