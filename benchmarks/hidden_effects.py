@@ -134,7 +134,14 @@ def sines(arm, seconds, rng):
 
 
 def motion(arm, plan, t, rng, wobble=1e-3):
-    """Return q, qd, qdd of a tracked motion: 5 Hz loop, and wobbles that differ from repeat to repeat."""
+    """Return q, qd, qdd of a tracked motion: 5 Hz loop, and wobbles that differ from repeat to repeat.
+
+    A plan is frequencies, sine and cosine weights, or a function of time that returns q, qd, qdd as they are planned.
+    """
+    if callable(plan):
+        rest = np.zeros((arm.n, 1)), np.zeros((arm.n, 1)), np.zeros((arm.n, 1))
+        tremble = motion(arm, rest, t, rng, wobble)
+        return tuple(a + b for a, b in zip(plan(t - t[0]), tremble, strict=True))
     f, size, phase = plan
     q, qd, qdd = (np.zeros((len(t), arm.n)) for _ in range(3))
     centre = (arm.lower + arm.upper) / 2
@@ -143,11 +150,13 @@ def motion(arm, plan, t, rng, wobble=1e-3):
         loop = 1 / (1 - (f[j] / 5.0) ** 2 + 1.6j * f[j] / 5.0)
         small = 2 * np.pi * rng.uniform(0.1, 2.5, 8)
         w = np.append(w, small)
-        tremble = wobble / 2 if size[j].any() else 0.0  # a joint that rests is held by its friction
+        tremble = (
+            wobble / 2 if size[j].any() or size.shape[1] == 1 else 0.0
+        )  # a joint that rests is held by its friction
         weight = np.append(size[j] * loop * np.exp(1j * phase[j]), tremble * np.exp(1j * rng.uniform(0, 7, 8)))
         wave = weight * np.exp(1j * np.outer(t, w))
         q[:, j], qd[:, j], qdd[:, j] = wave.imag.sum(1), (1j * w * wave).imag.sum(1), (-(w**2) * wave).imag.sum(1)
-    return q + centre, qd, qdd
+    return q + centre * (size.shape[1] > 1), qd, qdd
 
 
 @dataclass
@@ -336,8 +345,12 @@ def noisy(case, white, qd, rng):
     return noise
 
 
-def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed=None, start_at=0.0):
+def simulate(
+    case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed=None, start_at=0.0, further=None, shrink=1.0
+):
     """Return a list of logs (t, q, tau); without ``hide`` the same motion and noise without the effect.
+
+    ``further`` is one more motion, driven once, (seconds, function of time); ``shrink`` makes all others smaller.
 
     The visible size is relative to the noise: the effect's torque is scaled so that its rms after a crude baseline
     (offset, position, velocity, sign, acceleration of the joint) is taken off equals ``case.size`` times the noise.
@@ -354,10 +367,16 @@ def simulate(case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed
     tilt = None
     plans = [sines(arm, seconds, plans_rng) for _ in range(trajectories)]
     prepared(case, arm, plans)
+    for _, size, _ in plans:
+        size *= shrink
+    if further is not None:
+        plans.append(further[1])
     for number, plan in enumerate(plans):
-        for _ in range(1 if case.extra == "one_repeat" and number else repeats):
+        last = further is not None and number == trajectories
+        seconds = further[0] if last else seconds
+        for _ in range(1 if last or (case.extra == "one_repeat" and number) else repeats):
             t = sampling(case, seconds, rng)
-            q, qd, qdd = motion(arm, plan, t, rng, 4e-3 if case.extra == "drifting_tracking" else 1e-3)
+            q, qd, qdd = motion(arm, plan, t, rng, shrink * (4e-3 if case.extra == "drifting_tracking" else 1e-3))
             gravity = arm.model.gravity.linear.copy()
             size = case.size * scale_of(case, arm) if hide else 0.0
             if case.effect == "base_tilt":

@@ -46,6 +46,7 @@ class View:
         "dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5",
         "dynid trajectory my_arm.yaml --from-waypoints points.csv",
         "dynid trajectory kinova_gen2 --from-trajectory slow.npz --alpha 0.5 -o next      the same path, faster",
+        "dynid trajectory kinova_gen2 --for-gap out/kinova_gen2/gap.npz -o next          the next experiment",
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
 )
@@ -64,6 +65,12 @@ class View:
     multiple=True,
     type=click.Path(path_type=Path, exists=True),
     help="Log, parameters.npz or trajectory.npz whose information the motion completes; may be repeated.",
+)
+@click.option(
+    "--for-gap",
+    type=_FILE,
+    metavar="GAP.npz",
+    help="Plan the motion that answers what a dynid gap search left open.",
 )
 @click.option(
     "--preview",
@@ -92,6 +99,7 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
     if values["review"] is not None:
         return review(common, arm, options, values)
     files = {"plan": plan, "waypoints": values["from_waypoints"], "trajectory": values["from_trajectory"]}
+    files["gap"] = values["for_gap"]
     files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
     there = {name: file for name, file in files.items() if file is not None}
     if not may_write(common, path, plan_inputs(arm, options, there)):
@@ -128,6 +136,7 @@ def plan_once(
     """Plan, show, ask and write; NO when the person wants another motion."""
     from dynid.files.planfile import read_waypoints
     from dynid.files.trajectoryfile import read_trajectory
+    from dynid.gap.record import read_record
     from dynid.workflows.earlier_information import read_earlier
     from dynid.workflows.model import base_model
     from dynid.workflows.trajectory import plan_trajectory
@@ -144,6 +153,7 @@ def plan_once(
             urdf=values["urdf"],
             base=base_model(arm, path.parent, progress),
             drawing=look.drawing,
+            for_gap=read_record(values["for_gap"]) if values["for_gap"] else None,
             progress=progress,
         )
     show(common, found)

@@ -42,6 +42,7 @@ class GapEffect:
         why_not: why it is not named; "" when it is.
         rivals: other effects and joints that explain as much, in words.
         formula: the torque of ``effect: formula``.
+        rival_keys: the same rivals as identifiers and 0-based joints.
     """
 
     effect: str
@@ -59,6 +60,7 @@ class GapEffect:
     why_not: str = ""
     rivals: tuple[str, ...] = ()
     formula: str = ""
+    rival_keys: tuple[tuple[str, Joints], ...] = ()
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -226,6 +228,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         unit=robot.joints[j].torque_unit,
         rivals=tuple(labels(one, names)[1:]),
         formula=one.effect.text if isinstance(one.effect, Formula) else "",
+        rival_keys=one.rivals,
     )
 
 
@@ -308,4 +311,5 @@ def _stored(one: GapEffect) -> dict[str, Any]:
 
 def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
     facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
-    return GapEffect(**facts | {key: dict(stored[key]) for key in _MAPPINGS})
+    keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
+    return GapEffect(**facts | {key: dict(stored[key]) for key in _MAPPINGS} | {"rival_keys": keys})

@@ -25,8 +25,10 @@ from dynid.trajectory.clearance import Scene
 from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
+from dynid.workflows.gap_experiment import GapExperiment
 
 if TYPE_CHECKING:
+    from dynid.gap.record import GapRecord
     from dynid.model.base_model import BaseModel
     from dynid.trajectory.feasible import Bounds
     from dynid.trajectory.limits import LimitCheck
@@ -108,6 +110,7 @@ class Plan:
         selected: samples chosen as measurement points (Eqs. 15-16), (K,); None for all.
         urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
         review: who accepted the motion; None when nobody has.
+        outlook: how much better a second gap search will be, in words.
     """
 
     robot: Robot
@@ -127,6 +130,7 @@ class Plan:
     selected: NDArray[np.intp] | None = None
     urdf: Path | None = None
     review: Review | None = None
+    outlook: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -181,6 +185,7 @@ class Plan:
             "selected_samples": None if self.selected is None else len(self.selected),
             "weakest": self.weakest,
             "search": None if self.search is None else asdict(self.search),
+            "outlook": list(self.outlook),
         }
 
     def stored(self, inputs: Mapping[str, str] | None = None) -> StoredTrajectory:
@@ -269,6 +274,7 @@ class Plan:
                 f"{excitation}{figures.condition_scaled:.3g})   smallest singular value {figures.smallest:.2g}",
             ),
             ("predicted", error),
+            *(("gap", text) for text in self.outlook),
             ("noise", f"{size} N m per sample, {self.noise_from}"),
             *self._alpha_lines(),
         ]
@@ -347,6 +353,7 @@ def plan_trajectory(
     urdf: Path | None = None,
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
+    for_gap: GapRecord | None = None,
     progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Plan:
@@ -361,6 +368,7 @@ def plan_trajectory(
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw; without it PyBullet is used where it is installed.
+        for_gap: a gap search; the motion answers what it left open.
         progress: told how far the search is.
         changes: single options by name, such as ``duration=10.0``.
 
@@ -387,11 +395,15 @@ def plan_trajectory(
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
     noise, source = torque_noise(robot, options.noise, before)
     context = planning_context(base, options, noise, earlier_information(base, before, noise, progress))
+    experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
     candidates, found = _given_path(context, waypoints, path), None
     progress.stage("search" if candidates is None else "plan")
     if candidates is None:
-        spent = time.monotonic() - begin
-        found = search_motions(context, progress, search_time(options.seconds - spent))
+        limit = search_time(options.seconds - (time.monotonic() - begin))
+        if experiment is None:
+            found = search_motions(context, progress, limit)
+        else:
+            found = experiment.search(context, limit, progress)
         candidates = proposals(context, found)
     progress.stage("clearance")
     given = waypoints is not None or path is not None
@@ -409,6 +421,8 @@ def plan_trajectory(
     search = _search_record(options, chosen, found)
     progress.stage("predict")
     plan = once_more(lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf))
+    if experiment is not None:
+        return replace(plan, outlook=experiment.outlook(plan.trajectory))
     if found is not None and not before:
         require_teaching(plan, context)
     return plan

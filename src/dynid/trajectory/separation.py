@@ -1,0 +1,266 @@
+"""The motion that answers a gap search: it tells apart what earlier logs could not, or stirs what is unexplained.
+
+Two explanations are apart when no numbers of the arm and of the second one can imitate the torque of the first: the
+squares that are left of it, over the noise, are the lead in evidence that a log of the motion will give. Of what is
+unexplained nothing is known but its joint, so the motion shall determine many general columns of that joint well.
+Effects have no gradient by the motion, so the search climbs by trials; limits hold by construction as in any other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape, coulomb_sign
+from dynid.model.reference import model_torques
+from dynid.motion import Motion
+from dynid.progress import SILENT, Progress
+from dynid.trajectory.feasible import Shaping, bounds
+from dynid.trajectory.objective import PlanProblem
+from dynid.trajectory.optimise import End, MotionCandidate, SearchOutcome
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.plan import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: Samples along the run, 20 a second of the planned motion of usual length, and trials of each start.
+SAMPLES, TRIALS = 1200, 60
+#: First step of a trial against the size of the free variables; it grows when a trial is better and shrinks when not.
+STEP, GROWS, SHRINKS, LEAST = 0.6, 1.5, 0.85, 0.05
+#: Shapes of a rival that are tried: the best imitation counts.
+SHAPES = 12
+#: Independent rows a second that are left of a torque after the filter of the search.
+INDEPENDENT = 20.0
+#: Harmonics of the general columns.
+HARMONICS = 3
+#: Random states that tell how large a column usually is.
+USUAL = 300
+#: A rival's directions below this share of the largest are rounding noise.
+WEAK = 1e-9
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """Two explanations that fitted equally well.
+
+    Attributes:
+        effect: the first.
+        joints: where it sits.
+        shape: its non-linear parameters.
+        amplitudes: its linear ones, (k,).
+        rival: the second, with whatever numbers imitate the first best.
+        rival_joints: where that sits.
+        text: both in words.
+    """
+
+    effect: Effect
+    joints: Joints
+    shape: Shape
+    amplitudes: Floats
+    rival: Effect
+    rival_joints: Joints
+    text: str
+
+
+@dataclass(frozen=True)
+class GapQuestion:
+    """What a gap search left open.
+
+    Attributes:
+        rivalries: pairs that were not told apart.
+        unexplained: joints with more left than noise, 0-based.
+        noise: rms of each joint's torque noise after the filter of the search, (n,) [N m or N].
+        theta: base parameters that effects scale with, (p,).
+    """
+
+    rivalries: tuple[Rivalry, ...]
+    unexplained: tuple[int, ...]
+    noise: Floats
+    theta: Floats
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a log of a motion will tell.
+
+    Attributes:
+        leads: lead in evidence of the first of each pair over the second; 12 is beyond doubt.
+        spread: how well the general columns of unexplained joints are determined, as the logarithm of the mean signal
+            over noise; None where nothing is unexplained.
+    """
+
+    leads: tuple[float, ...]
+    spread: float | None
+
+    @property
+    def value(self) -> float:
+        """What the search makes large."""
+        parts = [float(np.log1p(lead)) for lead in self.leads] + ([] if self.spread is None else [self.spread])
+        # Why the least: a motion that answers one question well leaves the other open.
+        return min(parts) + 0.1 * sum(parts)
+
+
+def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separation:
+    """Return what a log of a motion will tell.
+
+    Args:
+        base: model and base parameters.
+        question: what is open.
+        motion: samples of the run.
+    """
+    seconds = float(motion.t[-1] - motion.t[0])
+    weight = np.sqrt(INDEPENDENT * seconds / len(motion.t)) / question.noise
+    reference = model_torques(base.model, base.reduction, question.theta)
+    shape = base.robot.coulomb_shape
+    sign = np.stack([coulomb_sign(motion.qd[:, j], shape, j) for j in range(base.robot.n)], axis=1)
+    arm = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x, sign)
+    W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
+    rows = (W * weight[None, :, None]).reshape(-1, W.shape[2])
+    Q = _basis(rows)
+    leads = tuple(_lead(arm, pair, weight, Q) for pair in question.rivalries)
+    return Separation(leads, _spread(arm, question, weight, Q))
+
+
+def _lead(arm: ArmMotion, pair: Rivalry, weight: Floats, Q: Floats) -> float:
+    """Return the squares of the first explanation that neither the model nor the second can imitate."""
+    columns = _rows(arm, pair.effect, pair.joints, pair.shape, weight)
+    torque = columns @ pair.amplitudes
+    left = torque - Q @ (Q.T @ torque)
+    grid = pair.rival.grid(arm, pair.rival_joints)
+    tried = grid[:: max(1, len(grid) // SHAPES)]
+    best = float(left @ left)
+    for shape in tried:
+        rival = _rows(arm, pair.rival, pair.rival_joints, shape, weight)
+        P = _basis(rival - Q @ (Q.T @ rival))
+        rest = left - P @ (P.T @ left)
+        best = min(best, float(rest @ rest))
+    return best
+
+
+def _rows(arm: ArmMotion, effect: Effect, joints: Joints, shape: Shape, weight: Floats) -> Floats:
+    """Return the columns of an effect over the noise, sample by sample and joint by joint, (N n, k)."""
+    columns = effect.columns(arm, joints, shape)
+    found = np.zeros((len(arm), arm.n, len(columns)))
+    rows = list(effect.rows(joints, arm.n))
+    found[:, rows] = columns.transpose(2, 1, 0)
+    return (found * weight[None, :, None]).reshape(-1, len(columns))
+
+
+def _spread(arm: ArmMotion, question: GapQuestion, weight: Floats, Q: Floats) -> float | None:
+    """Return how well general columns of unexplained joints are determined beside the model."""
+    if not question.unexplained:
+        return None
+    values = []
+    for j in question.unexplained:
+        made = general_columns(arm, j)
+        columns = np.zeros((len(arm), arm.n, len(made)))
+        # Why: each column as large as the noise on usual motion, so that none counts for its unit.
+        size = usual_sizes(arm, j)
+        columns[:, j] = (made / np.where(size > 0, size, 1.0)[:, None] * question.noise[j]).T
+        C = (columns * weight[None, :, None]).reshape(-1, len(made))
+        C = C - Q @ (Q.T @ C)
+        values.append(float(np.mean(np.log1p(np.maximum(np.linalg.eigvalsh(C.T @ C), 0.0)))))
+    return min(values)
+
+
+def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
+    """Return the rms of general columns over poses and speeds at random inside the limits, (K,)."""
+    limits = bounds(arm.robot)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (USUAL, arm.n))
+    qd, qdd = (rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration))
+    usual = replace(arm, t=np.arange(USUAL, dtype=float), q=q, qd=qd, qdd=qdd, coulomb_sign=np.sign(qd))
+    found: Floats = np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1))
+    return found
+
+
+def general_columns(arm: ArmMotion, joint: int) -> Floats:
+    """Return columns of what a joint's torque may follow, its own motion and its neighbours', (K, N)."""
+    near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < arm.n]
+    q, qd = arm.q[:, joint], arm.qd[:, joint]
+    columns = [np.abs(qd), qd**2, qd * np.abs(qd), arm.rigid[:, joint] * qd, np.abs(arm.rigid[:, joint]) * np.sign(qd)]
+    for h in range(1, HARMONICS + 1):
+        for wave in (np.sin(h * q), np.cos(h * q)):
+            columns += [wave, wave * np.sign(qd), wave * qd]
+    for k in near[1:]:
+        columns += [arm.qd[:, k], qd * arm.qd[:, k], np.abs(arm.qd[:, k]), np.sin(arm.q[:, k]), arm.rigid[:, k]]
+    return np.array(columns)
+
+
+def _basis(A: Floats) -> Floats:
+    """Return an orthonormal basis of columns, (M, r)."""
+    size = np.sqrt(np.einsum("mk,mk->k", A, A))
+    kept = size > 0
+    scaled = A[:, kept] / size[kept]
+    values, V = np.linalg.eigh(scaled.T @ scaled)
+    strong = values > WEAK * max(float(values[-1]) if len(values) else 0.0, 1e-300)
+    found: Floats = scaled @ (V[:, strong] / np.sqrt(values[strong]))
+    return found
+
+
+# ---------------------------------------------------------------- search
+def separate(
+    problem: PlanProblem, base: BaseModel, question: GapQuestion, search: PlanOptions, limit: float,
+    progress: Progress = SILENT,
+) -> SearchOutcome:  # fmt: skip
+    """Search for the motion that answers a gap search best; equal seeds give equal motions when it is not cut short.
+
+    Args:
+        problem: family of motions, limits, penalties.
+        base: model and base parameters.
+        question: what is open.
+        search: restarts, seed, speed factor, and what to make again.
+        limit: time for the search [s].
+        progress: told of the best so far.
+    """
+    t = problem.basis.duration * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    shaping = Shaping(problem.basis, problem.limits, t)
+
+    def cost(x: Floats) -> float:
+        q, qd, qdd = shaping.motion(x)
+        penalty = sum(one.value(q)[0] for one in problem.penalties)
+        run = Motion(t / search.alpha, q, search.alpha * qd, search.alpha**2 * qdd)
+        return float(penalty) - separation(base, question, run).value
+
+    end = time.monotonic() + (np.inf if search.replay is not None else limit)
+    starts: Sequence[int] = range(search.restarts) if search.replay is None else [search.replay[0]]
+    last = TRIALS if search.replay is None else search.replay[1]
+    found: list[MotionCandidate] = []
+    for done, start in enumerate(starts):
+        found.append(_climb(cost, shaping, (search.seed, start), last, end))
+        progress.advance(done + 1, len(starts), f"start {start + 1}")
+        if time.monotonic() > end:
+            break
+    finished = len(found) - (time.monotonic() > end)
+    ended: End = "replay" if search.replay is not None else "all starts" if finished == len(starts) else "time"
+    return SearchOutcome(tuple(sorted(found, key=lambda one: one.value)), finished, ended)
+
+
+def _climb(
+    cost: Callable[[Floats], float], shaping: Shaping, seed: tuple[int, int], last: int, end: float
+) -> MotionCandidate:
+    """Return the best of so many trials, each near the best before it."""
+    rng = np.random.default_rng(seed)
+    best = x = shaping.random(rng)
+    least, at, step = cost(x), 1, STEP
+    for trial in range(2, last + 1):
+        if time.monotonic() > end:
+            break
+        x = best + step * shaping.random(rng)
+        value = cost(x)
+        if value < least:
+            best, least, at, step = x, value, trial, min(step * GROWS, 1.0)
+        else:
+            step = max(step * SHRINKS, LEAST)
+    return MotionCandidate(least, shaping.coefficients(best), seed[1], at)
+
+
+def run_of(trajectory: Trajectory) -> Motion:
+    """Return a run at the samples that it is judged by."""
+    t = trajectory.duration * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    return trajectory.motion(t)

@@ -1,0 +1,157 @@
+"""From a gap search to the question of the next experiment: what was not told apart, and what stayed unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynid.errors import DynidError, WrongUsage
+from dynid.gap.record import GapEffect, GapRecord
+from dynid.progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from dynid.model.base_model import BaseModel
+    from dynid.trajectory.optimise import SearchOutcome
+    from dynid.trajectory.plan import Trajectory
+    from dynid.trajectory.planning import PlanningContext
+    from dynid.trajectory.separation import GapQuestion, Rivalry, Separation
+
+#: A joint whose residual is so many times the noise's power has something unexplained, as in the verdict.
+LOUD = 1.25
+
+
+def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) -> GapQuestion:
+    """Return what a gap search left open.
+
+    Args:
+        record: the search.
+        base: model and base parameters of the arm.
+        theta: base parameters by the prior, where the searched result is not at hand, (p,).
+
+    Raises:
+        WrongUsage: it was another arm, or nothing is open.
+    """
+    from dynid.trajectory.separation import GapQuestion
+
+    if record.joint_names != base.robot.joint_names:
+        raise WrongUsage(
+            f"--for-gap: the search was of {record.robot}, with other joints than {base.robot.name}",
+            fix="give the robot file that was searched",
+        )
+    rivalries = tuple(_rivalry(one, key, text) for one in record.named for key, text in _rivals(one))
+    unexplained = () if record.verdict != "unexplained" or record.formulas else _loud(record)
+    if not rivalries and not unexplained:
+        raise WrongUsage(
+            "--for-gap: the search left nothing open",
+            why=f"its verdict is {record.verdict.replace('_', ' ')}, and no two explanations fitted equally well",
+            fix="plan without --for-gap; dynid validate proves a name on a new log",
+        )
+    return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), _theta(record, base, theta))
+
+
+def _rivals(one: GapEffect) -> list[tuple[tuple[str, tuple[int, ...]], str]]:
+    return list(zip(one.rival_keys, one.rivals, strict=True))
+
+
+def _rivalry(one: GapEffect, key: tuple[str, tuple[int, ...]], text: str) -> Rivalry:
+    from dynid.model.effects.catalogue import CATALOGUE
+    from dynid.trajectory.separation import Rivalry
+
+    effect = CATALOGUE[one.effect]
+    shape = {name: one.values[name] for name in effect.shape_units}
+    amplitudes = np.array([one.values[name] for name in effect.amplitudes(shape)])
+    where = f"{one.effect} on {one.where} and {text}"
+    return Rivalry(effect, one.indices, shape, amplitudes, CATALOGUE[key[0]], key[1], where)
+
+
+def _loud(record: GapRecord) -> tuple[int, ...]:
+    return tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
+
+
+def _theta(record: GapRecord, base: BaseModel, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the base parameters of the result that was searched, where it is still there."""
+    from dynid.estimation import result
+
+    path = Path(record.made_from)
+    if not record.made_from or not path.is_file():
+        return otherwise
+    found = result.load(path)
+    return found.theta if tuple(found.names) == base.reduction.base_names else otherwise
+
+
+def separation_of_logs(
+    record: GapRecord, base: BaseModel, question: GapQuestion, progress: Progress = SILENT
+) -> Separation | None:
+    """Return what the searched logs tell themselves; None where they are not at hand."""
+    from dynid.motion import Motion
+    from dynid.trajectory.separation import SAMPLES, separation
+    from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
+
+    paths = [Path(name) for name in record.logs]
+    if not paths or not all(path.is_file() for path in paths):
+        return None
+    try:
+        logs = [checked_log(read_log(path, base.robot), base.robot, LogOptions(delay=0.0)) for path in paths]
+        conditioned = condition_logs(logs, base.model, LogOptions(delay=0.0), progress)
+    except DynidError:
+        return None
+    segments = [segment for log in conditioned for segment in log.segments]
+    step = max(1, sum(len(segment) for segment in segments) // (SAMPLES * len(paths)))
+    q, qd, qdd = (np.concatenate([getattr(s, key)[::step] for s in segments]) for key in ("q", "qd", "qdd"))
+    rate = conditioned[0].filter.rate / step
+    return separation(base, question, Motion(np.arange(len(q)) / rate, q, qd, qdd))
+
+
+@dataclass(frozen=True)
+class GapExperiment:
+    """The next experiment after a gap search.
+
+    Attributes:
+        base: model and base parameters.
+        question: what the search left open.
+        before: what the searched logs tell; None where they are not at hand.
+    """
+
+    base: BaseModel
+    question: GapQuestion
+    before: Separation | None
+
+    @classmethod
+    def of(cls, record: GapRecord, context: PlanningContext, progress: Progress = SILENT) -> GapExperiment:
+        """Return the experiment that a search asks for on a prepared arm."""
+        question = question_of(record, context.base, context.theta)
+        return cls(context.base, question, separation_of_logs(record, context.base, question, progress))
+
+    def search(self, context: PlanningContext, limit: float, progress: Progress = SILENT) -> SearchOutcome:
+        """Search for the motion that answers best, for so many seconds at most."""
+        from dynid.trajectory.planning import plan_problem
+        from dynid.trajectory.separation import separate
+
+        return separate(plan_problem(context), self.base, self.question, context.options, limit, progress)
+
+    def outlook(self, trajectory: Trajectory) -> tuple[str, ...]:
+        """Return how much better the second search will be, a sentence for each open question."""
+        from dynid.trajectory.separation import run_of, separation
+
+        after, before, found = separation(self.base, self.question, run_of(trajectory)), self.before, []
+        for k, pair in enumerate(self.question.rivalries):
+            then = "" if before is None else f", {before.leads[k]:.2g} in the logs that were searched"
+            sure = "will be told apart" if after.leads[k] > SAFETY * CLEAR else "may stay alike"
+            found.append(f"{pair.text} {sure}: expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear")
+        if after.spread is not None:
+            then = ""
+            if before is not None and before.spread is not None:
+                then = f", {100 * np.exp(-before.spread / 2):.2g} % in the logs that were searched"
+            where = ", ".join(self.base.robot.joint_names[j] for j in self.question.unexplained)
+            size = f"will be known to {100 * np.exp(-after.spread / 2):.2g} % of the noise"
+            found.append(f"what is unexplained on {where} {size}{then}")
+        return tuple(found)
+
+
+#: Lead in evidence from which one explanation is better beyond doubt, and how many times as much a plan should promise.
+CLEAR, SAFETY = 12.0, 3.0

@@ -1,0 +1,96 @@
+"""The motion that answers a gap search, judged by least squares of its own and by what is plain to see."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid.files.robotfile import load_robot
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+from dynid.motion import Motion
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.planning import plan_problem, planning_context
+from dynid.trajectory.separation import INDEPENDENT, GapQuestion, Rivalry, separate, separation
+
+TWO = """
+name: two links
+convention: standard
+joints:
+  - {name: a, a: 0.4, twist: 0, d: 0, limits: {position: [-2, 2], velocity: 2, acceleration: 8}}
+  - {name: b, a: 0.3, twist: 0, d: 0, limits: {position: [-2, 2], velocity: 2, acceleration: 8}}
+gravity: [0, -9.81, 0]
+"""
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    path = Path(tmp_path_factory.mktemp("two") / "arm.yaml")
+    path.write_text(TWO)
+    model = build_model(load_robot(str(path)))
+    return BaseModel(model, reduce(model))
+
+
+def rivals(first, amplitudes, second, joint=1, **shape):
+    return Rivalry(CATALOGUE[first], (joint,), shape, np.array(amplitudes), CATALOGUE[second], (joint,), "the two")
+
+
+def question(base, *pairs, unexplained=()):
+    return GapQuestion(tuple(pairs), unexplained, np.array([0.1, 0.05]), np.zeros(base.reduction.rank))
+
+
+def swing(reach, speed=1.0, count=800):
+    """Two sines on each joint: with one, a spring is the same as an inertia."""
+    t = np.linspace(0, 20, count)
+    q, qd, qdd = (np.zeros((count, 2)) for _ in range(3))
+    for j, size in enumerate((1.0, reach)):
+        for share, f in ((0.7, 0.7 + 0.3 * j), (0.3, 1.9 + 0.3 * j)):
+            w = f * speed
+            q[:, j] += size * share * np.sin(w * t)
+            qd[:, j] += size * share * w * np.cos(w * t)
+            qdd[:, j] -= size * share * w**2 * np.sin(w * t)
+    return Motion(t, q, qd, qdd)
+
+
+def test_the_lead_is_what_least_squares_with_the_rival_leaves(base):
+    motion = swing(1.5)
+    pair = rivals("spring", [2.0, 0.3], "counterbalance", order=1.0, constant=1.0)
+    W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
+    torque, rival = np.zeros((800, 2)), np.zeros((800, 2, 2))
+    torque[:, 1] = 2.0 * motion.q[:, 1] + 0.3
+    rival[:, 1] = np.column_stack([np.sin(motion.q[:, 1]), np.cos(motion.q[:, 1])])
+    noise = np.array([0.1, 0.05])
+    A = (np.concatenate([W, rival], axis=2) / noise[:, None]).reshape(1600, -1)
+    y = (torque / noise).ravel()
+    left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+    expected = left @ left * INDEPENDENT * 20 / 800
+    assert separation(base, question(base, pair), motion).leads[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_wide_swing_tells_a_line_from_a_wave_and_a_small_one_does_not(base):
+    asked = question(base, rivals("spring", [1.0, 0.0], "counterbalance", order=1.0, constant=1.0))
+    small, wide = (separation(base, asked, swing(reach)).leads[0] for reach in (0.1, 1.8))
+    assert small < 1 < 100 < wide
+
+
+def test_what_is_unexplained_shows_more_when_the_arm_moves_fast(base):
+    motion = swing(1.0)
+    asked = question(base, unexplained=(1,))
+    still = Motion(motion.t, motion.q, 0.02 * motion.qd, 4e-4 * motion.qdd)
+    assert separation(base, asked, motion).spread > separation(base, asked, still).spread
+
+
+def test_the_search_finds_a_better_motion_inside_the_limits_and_the_same_one_again(base):
+    options = PlanOptions(alpha=1.0, duration=10.0, segments=5, restarts=1, floor=None)
+    context = planning_context(base, options)
+    problem = plan_problem(context)
+    asked = question(base, rivals("spring", [1.0, 0.0], "counterbalance", order=1.0, constant=1.0))
+    first, again = (separate(problem, base, asked, options, 60.0) for _ in range(2))
+    np.testing.assert_array_equal(first.candidates[0].coefficients, again.candidates[0].coefficients)
+    (one,) = first.candidates
+    assert one.evaluation > 1
+    assert first.ended == "all starts"
+    short = separate(problem, base, asked, PlanOptions(**{**vars(options), "replay": (0, one.evaluation)}), 60.0)
+    np.testing.assert_array_equal(short.candidates[0].coefficients, one.coefficients)
