@@ -216,7 +216,10 @@ def separate(
         question: what is open.
         search: restarts, seed, speed factor, and what to make again.
         limit: time for the search [s].
-        progress: told of the best so far.
+        progress: told how many starts are done.
+
+    Raises:
+        KeyboardInterrupt: interrupted before a start was done.
     """
     t = problem.basis.duration * (np.arange(SAMPLES) + 0.5) / SAMPLES
     shaping = Shaping(problem.basis, problem.limits, t)
@@ -231,13 +234,20 @@ def separate(
     starts: Sequence[int] = range(search.restarts) if search.replay is None else [search.replay[0]]
     last = TRIALS if search.replay is None else search.replay[1]
     found: list[MotionCandidate] = []
-    for done, start in enumerate(starts):
-        found.append(_climb(cost, shaping, (search.seed, start), last, end))
-        progress.advance(done + 1, len(starts), f"start {start + 1}")
-        if time.monotonic() > end:
-            break
-    finished = len(found) - (time.monotonic() > end)
-    ended: End = "replay" if search.replay is not None else "all starts" if finished == len(starts) else "time"
+    ended: End = "all starts" if search.replay is None else "replay"
+    finished = 0
+    try:
+        for start in starts:
+            found.append(_climb(cost, shaping, (search.seed, start), last, end))
+            if time.monotonic() > end:
+                ended = "time"
+                break
+            finished += 1
+            progress.advance(finished, len(starts), f"start {start + 1}")
+    except KeyboardInterrupt:
+        if not found:
+            raise
+        ended = "interrupt"
     return SearchOutcome(tuple(sorted(found, key=lambda one: one.value)), finished, ended)
 
 
