@@ -2,12 +2,15 @@
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from dynid.files.trajectoryfile import read_trajectory
 from runner import Runner
 
 QUICK = ("--no-optimise", "--duration", "6", "--segments", "4", "--preview", "none")
@@ -251,3 +254,23 @@ def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):
     done = dynid("trajectory", "kuka_lwr4plus", *QUICK, *words)
     assert done.status == 2
     assert says in done.err
+
+
+def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted_unseen(dynid):
+    out = dynid.folder / "out" / "kuka_lwr4plus"
+    out.mkdir(parents=True)
+    (out / "preview.gif").write_bytes(b"of another motion")
+    keys = ["n\n", "alpha five\n", "alpha 0.1\n", "y\n"]
+    done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=keys)
+    assert done.status == 0, done.err
+    assert "change what? such as alpha 0.1, seed 1" in done.err
+    assert "five is no number" in done.err
+    assert "reviewed: accepted unseen" in done.err
+    assert not (out / "preview.gif").exists()
+    stored = read_trajectory(out / "trajectory.npz")
+    assert (stored.alpha, stored.review.seen) == (0.1, False)
+
+
+def test_help_of_trajectory_imports_no_numpy():
+    code = "import sys, dynid.cli.trajectory; print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"

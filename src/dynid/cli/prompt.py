@@ -161,6 +161,11 @@ def confirm(common: Common, expected: str, question: str, *, given: str | None =
         raise Declined(f"'{visible(line.strip())}' is not '{expected}'", why="the arm was not moved")
 
 
+def ask_line(common: Common, question: str) -> str:
+    """Return what a person writes after a question; an empty line at the end of input or when nobody can be asked."""
+    return (_read_line(f"? {question}: ") or "").strip() if can_ask(common) else ""
+
+
 def _read_line(shown: str) -> str | None:
     """Show a question on stderr and read a line from the terminal; None at the end of input."""
     sys.stderr.write(visible(shown))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import click
 
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import Answer, ask, can_ask, may_write
+from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
 from dynid.cli.robot_argument import robot_argument
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
 from dynid.text import shell
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.trajectory import Plan, Reviewed
 
+#: Names of the still and of the animation, beside trajectory.npz.
+PICTURES = ("preview.png", "preview.gif")
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
@@ -98,17 +101,42 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
     path = common.folder(arm.slug) / "trajectory.npz"
     if values["review"] is not None:
         return review(common, arm, options, values)
-    files = {"plan": plan, "waypoints": values["from_waypoints"], "trajectory": values["from_trajectory"]}
-    files["gap"] = values["for_gap"]
-    files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
-    there = {name: file for name, file in files.items() if file is not None}
-    if not may_write(common, path, plan_inputs(arm, options, there)):
+
+    def inputs() -> dict[str, str]:
+        files = {"plan": plan, "waypoints": values["from_waypoints"], "trajectory": values["from_trajectory"]}
+        files["gap"] = values["for_gap"]
+        files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
+        return plan_inputs(arm, options, {name: file for name, file in files.items() if file is not None})
+
+    if not may_write(common, path, inputs()):
         return reuse(common, path, accept=values["accept"])
-    while plan_once(common, arm, written, options, values, path, plan_inputs(arm, options, there)) is Answer.NO:
-        options = replace(options, seed=options.seed + 1)
-        text = f"planning another motion, seed {options.seed}; a changed waypoint file is read again"
-        common.terminal.stage("again", text)
+    while plan_once(common, arm, written, options, values, path, inputs()) is Answer.NO:
+        options, values = changed(common, options, values)
     return None
+
+
+def changed(common: Common, options: PlanOptions, values: dict[str, Any]) -> tuple[PlanOptions, dict[str, Any]]:
+    """Ask what to change in a motion that did not look safe."""
+    seed = options.seed + 1
+    question = f"change what? such as alpha {options.alpha / 2:g}, seed {seed}, points.csv; Enter means seed {seed}"
+    for _ in range(ATTEMPTS):
+        words = ask_line(common, question).replace("=", " ").removeprefix("--").split()
+        try:
+            if not words or (words[0] == "seed" and len(words) == 2):
+                options = replace(options, seed=int(words[1]) if words else seed)
+            elif words[0] == "alpha" and len(words) == 2:
+                options = replace(options, alpha=float(words[1]))
+            elif len(words) <= 2 and Path(words[-1]).is_file():
+                values = values | {"from_waypoints": Path(words[-1]), "from_trajectory": None}
+            else:
+                raise WrongUsage(f"'{' '.join(words)}' is neither alpha, seed nor a file of waypoints")
+        except (ValueError, WrongUsage) as error:
+            common.terminal.say(f"  {error.what if isinstance(error, WrongUsage) else f'{words[1]} is no number'}")
+            continue
+        text = f"alpha {options.alpha:g}, seed {options.seed}; a changed waypoint file is read again"
+        common.terminal.stage("again", text)
+        return options, values
+    raise Declined("the motion was not accepted", why="nothing was written")
 
 
 def with_plan(ctx: click.Context, plan: PlanFile, values: dict[str, Any]) -> dict[str, Any]:
@@ -159,12 +187,15 @@ def plan_once(
     show(common, found)
     answer = accepted(common, found, look, accept=values["accept"])
     if answer is Answer.QUIT:
+        remove(found.clearance.pictures)
         raise Declined("the motion was not accepted", why="nothing was written")
     if answer is Answer.NO and can_ask(common) and not common.yes and not values["accept"]:
         return answer
     if answer is Answer.YES:
         seen = bool(found.clearance.pictures) or look.window
         found = found.accepted(seen=seen)
+    # Why: pictures of another motion beside this one would be taken for pictures of it.
+    remove({path.parent / name for name in PICTURES} - set(found.clearance.pictures))
     wrote = found.save(path, inputs)
     wrote_trajectory(common, path, reviewed=answer is Answer.YES, seen=answer is not Answer.YES or seen)
     for text in wrote[1:]:
@@ -173,6 +204,12 @@ def plan_once(
     common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
     common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
     return Answer.YES
+
+
+def remove(pictures: Iterable[Path]) -> None:
+    """Remove pictures of a motion that is not there any more."""
+    for picture in pictures:
+        picture.unlink(missing_ok=True)
 
 
 def wrote_trajectory(common: Common, path: Path, *, reviewed: bool, seen: bool = True) -> None:
@@ -223,9 +260,9 @@ def view(common: Common, values: dict[str, Any], folder: Path) -> View:
         common.terminal.finding(Finding("W604", "info", text))
     folder.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(
-        picture=folder / "preview.png" if wanted in ("auto", "video", "picture") else None,
-        animation=folder / "preview.gif" if wanted in ("auto", "video") else None,
-        needed=wanted in ("gui", "video", "picture"),
+        picture=folder / PICTURES[0] if wanted in ("auto", "video", "picture") else None,
+        animation=folder / PICTURES[1] if wanted in ("auto", "video") else None,
+        needed=wanted in ("gui", "video"),
     )
     return View(drawing, wanted == "gui" or automatic_window)
 
@@ -237,9 +274,11 @@ def reuse(common: Common, path: Path, *, accept: bool) -> None:
     stored = read_trajectory(path)
     wrote: list[Path] = []
     if accept and not stored.reviewed:
-        stored, wrote = stored.accepted(), [path]
+        drawn = stored.facts.get("pictures", [])
+        seen = bool(drawn) and all((path.parent / name).is_file() for name in drawn)
+        stored, wrote = stored.accepted(seen=seen), [path]
         write_trajectory(path, stored)
-        wrote_trajectory(common, path, reviewed=True)
+        wrote_trajectory(common, path, reviewed=True, seen=seen)
     common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})
 
 
@@ -261,7 +300,8 @@ def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, A
         common.terminal.stage("preview", str(picture))
     wrote = list(found.clearance.pictures)
     if accepted(common, found, look, accept=values["accept"]) is Answer.YES:
-        stored, wrote = found.accepted(), [path, *wrote]
+        seen = bool(found.clearance.pictures) or look.window
+        stored, wrote = found.accepted(seen=seen), [path, *wrote]
         write_trajectory(path, stored)
-        wrote_trajectory(common, path, reviewed=True)
+        wrote_trajectory(common, path, reviewed=True, seen=seen)
     common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})

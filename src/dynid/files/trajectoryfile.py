@@ -89,9 +89,9 @@ class StoredTrajectory:
         """Whether a person accepted exactly this motion."""
         return self.review is not None and self.review.motion == motion_hash(self.motion)
 
-    def accepted(self, **facts: Any) -> StoredTrajectory:  # noqa: ANN401
-        """Return the motion with the mark of the person at this machine, who has seen it, and with changed facts."""
-        return replace(self, review=Review.now(self.motion), facts={**self.facts, **facts})
+    def accepted(self, *, seen: bool = True, **facts: Any) -> StoredTrajectory:  # noqa: ANN401
+        """Return the motion with the mark of the person at this machine, who has seen it or not, and changed facts."""
+        return replace(self, review=Review.now(self.motion, seen=seen), facts={**self.facts, **facts})
 
 
 def motion_hash(motion: Motion) -> str:

@@ -16,9 +16,10 @@ from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
-from dynid.trajectory.clearance import Capsules, Scene, tool_speed
+from dynid.trajectory.clearance import Capsules, tool_speed
 from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
 from dynid.trajectory.preview import Distance, capsule_distances, measure_poses, require_clear, urdf_of
+from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
 

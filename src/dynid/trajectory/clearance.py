@@ -6,9 +6,7 @@ A capsule holds the cylinder that PyBullet judges the final motion with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +15,7 @@ from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot
 from dynid.trajectory.feasible import position_range
+from dynid.trajectory.scene import Box, Scene
 from dynid.trajectory.segments import nearest_of_segments, segment_to_box
 
 Floats = NDArray[np.float64]
@@ -36,56 +35,6 @@ SPARE = 0.01
 #: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
 SCALE = 0.05
 WEIGHT = 3000.0
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box in the world, its edges along the axes.
-
-    Attributes:
-        lower: least x, y, z [m].
-        upper: greatest x, y, z [m].
-    """
-
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What surrounds the arm, in world coordinates, and how far to stay away.
-
-    Attributes:
-        floor: height of the floor [m]; None without one.
-        obstacles: boxes that no link may touch.
-        workspace: box that the last frame must not leave; None without one.
-        self_distance: wanted distance between links [m].
-        distance: wanted distance to floor and boxes [m].
-    """
-
-    floor: float | None = 0.0
-    obstacles: tuple[Box, ...] = ()
-    workspace: Box | None = None
-    self_distance: float = 0.02
-    distance: float = 0.05
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Return the scene as JSON-able facts, for ``scene_from``."""
-        return asdict(self)
-
-
-def scene_from(facts: Mapping[str, Any]) -> Scene:
-    """Return the scene of ``Scene.facts``."""
-    boxes = tuple(Box(tuple(box["lower"]), tuple(box["upper"])) for box in facts["obstacles"])
-    inside = facts["workspace"]
-    return Scene(
-        floor=facts["floor"],
-        obstacles=boxes,
-        workspace=Box(tuple(inside["lower"]), tuple(inside["upper"])) if inside else None,
-        self_distance=float(facts["self_distance"]),
-        distance=float(facts["distance"]),
-    )
 
 
 def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:

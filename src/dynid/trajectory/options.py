@@ -7,7 +7,7 @@ from typing import Any
 
 from dynid.errors import WrongUsage
 from dynid.options import Options, option, share
-from dynid.trajectory.clearance import Box, Scene
+from dynid.trajectory.scene import Box, Scene
 
 FAMILIES = ("quintic", "spline", "fourier")
 COSTS = ("i", "d", "condition", "paper")

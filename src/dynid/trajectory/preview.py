@@ -26,9 +26,10 @@ from dynid.scratch import scratch_folder
 from dynid.sim.arm import GET_BULLET
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
-from dynid.trajectory.clearance import Capsules, Scene
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
 Sketch = Callable[[Path, Trajectory, Capsules, "Sequence[Distance]", str], None]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from dynid.trajectory.clearance import Box
+    from dynid.trajectory.scene import Box
 
 Floats = NDArray[np.float64]
 

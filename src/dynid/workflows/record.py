@@ -246,7 +246,7 @@ def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedS
 def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Motion, Forecast]:
     """Return what will be played, checked sample by sample, and what it was judged to do."""
     from dynid.record import motion_checks, preflight
-    from dynid.trajectory.clearance import Scene, scene_from
+    from dynid.trajectory.scene import Scene, scene_from
 
     planned, options, progress = run.trajectory, run.options, run.progress
     assert planned is not None

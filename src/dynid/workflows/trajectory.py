@@ -21,9 +21,9 @@ from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.table import Table
-from dynid.trajectory.clearance import Scene
 from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.scene import Scene
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
 from dynid.workflows.gap_experiment import GapExperiment
 
@@ -210,6 +210,7 @@ class Plan:
                 "scene": scene_facts(self.options, self.urdf),
                 "assumed_limits": list(assumed_limits(self.robot)),
                 "left_out_pairs": list(self.clearance.left_out),
+                "pictures": [picture.name for picture in self.clearance.pictures],
             },
             selected=self.selected,
         )
@@ -574,9 +575,9 @@ class Reviewed:
     clearance: Clearance
     urdf: Path | None
 
-    def accepted(self) -> StoredTrajectory:
+    def accepted(self, *, seen: bool = True) -> StoredTrajectory:
         """Return the motion with the mark of the person at this machine, who has seen it in these surroundings."""
-        return self.stored.accepted(scene=scene_facts(self.options, self.urdf))
+        return self.stored.accepted(seen=seen, scene=scene_facts(self.options, self.urdf))
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window; see ``Plan.window``."""

@@ -9,7 +9,7 @@ from dynid.motion import Motion
 from dynid.record.motion_checks import check_clearance, check_limits, check_torque, fastest_tool
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined
 from dynid.sim.arm import SimulatedArm
-from dynid.trajectory.clearance import Box, Scene, scene_from
+from dynid.trajectory.scene import Box, Scene, scene_from
 
 LWR = load_robot("kuka_lwr4plus")
 BENT = np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0])

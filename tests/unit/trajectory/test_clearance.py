@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.model.kinematics import tool_pose
-from dynid.trajectory.clearance import Box, Capsules, Scene
+from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.scene import Box, Scene
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,11 @@ import pytest
 
 from dynid.model.prior import prior_base_parameters
 from dynid.trajectory.basis import Fourier, Quintic
-from dynid.trajectory.clearance import Box, Capsules, Scene
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
+from dynid.trajectory.scene import Box, Scene
 
 
 def problem(base, **changes):

@@ -14,10 +14,10 @@ import dynid
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
 from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
-from dynid.trajectory.clearance import Box, Scene
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import Drawing, draw_trajectory, measure_trajectory, require_clear, window
+from dynid.trajectory.scene import Box, Scene
 
 pytest.importorskip("pybullet")
 
@@ -148,7 +148,7 @@ def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_pat
     script = """
 from dynid.files.robotfile import load_robot
 from dynid.sim.urdf import write_urdf
-from dynid.trajectory.clearance import Scene
+from dynid.trajectory.scene import Scene
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import window

@@ -5,7 +5,7 @@ import pytest
 
 import dynid
 from dynid.errors import LimitBroken, WrongUsage
-from dynid.trajectory.clearance import Box
+from dynid.trajectory.scene import Box
 
 
 @pytest.fixture(scope="module")

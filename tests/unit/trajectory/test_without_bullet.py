@@ -1,0 +1,68 @@
+"""Without PyBullet a motion is measured on capsules and drawn; Ctrl-C in the judging phases keeps what was found."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import Collision, PackageMissing
+from dynid.trajectory import planning
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.plan import through_waypoints
+from dynid.trajectory.preview import Drawing
+from dynid.workflows.trajectory import plan_trajectory
+
+UP = np.radians([[0, 0, 0, 0, 0, 0, 0], [20, 40, 0, 40, 0, 0, 0]])
+DOWN = np.radians([[0, 0, 0, 0, 0, 0, 0], [0, 105, 0, 0, 0, 0, 0]])
+QUICK = PlanOptions(optimise=False, duration=6.0, segments=4)
+
+
+def missing(*args, **options):
+    raise PackageMissing("no PyBullet")
+
+
+def interrupted(*args, **options):
+    raise KeyboardInterrupt
+
+
+def test_the_arm_is_drawn_and_the_pairs_are_measured_on_capsules(lwr, monkeypatch, tmp_path):
+    monkeypatch.setattr(planning, "measure_trajectory", missing)
+    drawing = Drawing(tmp_path / "preview.png", tmp_path / "preview.gif")
+    plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr, drawing=drawing)
+    assert plan.clearance.pictures == (tmp_path / "preview.png",)
+    assert (tmp_path / "preview.png").read_bytes().startswith(b"\x89PNG")
+    assert not (tmp_path / "preview.gif").exists()
+    (finding,) = plan.clearance.findings
+    assert (finding.code, "8 minutes" in finding.text) == ("W605", True)
+
+
+def test_a_given_motion_that_meets_the_floor_is_refused_without_pybullet_too(lwr, monkeypatch):
+    monkeypatch.setattr(planning, "measure_trajectory", missing)
+    with pytest.raises(Collision, match="floor"):
+        plan_trajectory(lwr.robot, QUICK, waypoints=DOWN, base=lwr)
+    down = through_waypoints(DOWN, planning.bounds(lwr.robot))
+    context = planning.planning_context(lwr, QUICK)
+    with pytest.raises(Collision, match="floor"):
+        planning.require_clear_motion(context, down, None, Drawing())
+
+
+@pytest.mark.parametrize(("phase", "said"), [("measure_trajectory", ["W607"]), ("draw_trajectory", [])])
+def test_ctrl_c_while_pybullet_works_keeps_the_motion_without_pictures(lwr, monkeypatch, tmp_path, phase, said):
+    pytest.importorskip("pybullet")
+    monkeypatch.setattr(planning, phase, interrupted)
+    plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr, drawing=Drawing(tmp_path / "preview.png"))
+    assert [finding.code for finding in plan.findings] == said
+    assert plan.clearance.pictures == ()
+    assert plan.clearance.distances[0].distance > 0.02
+
+
+def test_short_work_survives_one_ctrl_c_and_not_two():
+    calls = []
+
+    def work():
+        calls.append(None)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return 7
+
+    assert planning.once_more(work) == 7
+    with pytest.raises(KeyboardInterrupt):
+        planning.once_more(interrupted)
