@@ -6,6 +6,7 @@ would then run.
 
 from __future__ import annotations
 
+import errno
 import os
 import runpy
 import signal
@@ -18,6 +19,9 @@ from pathlib import Path
 PARENT = "_DYNID_PARENT"
 #: Where the system cannot tell, the child looks this often whether its parent is still there [s].
 PATIENCE = 0.5
+#: Status of a child that the machine has stopped, such as a full disk or a folder that may only be read.
+MACHINE = 6
+_MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EIO}
 _PR_SET_PDEATHSIG = 1
 _START = "import sys; sys.path[:1] = [sys.argv.pop(1)]; from dynid.children import main; main()"
 
@@ -43,7 +47,13 @@ def main() -> None:
     # Why: a command of dynid puts its temporary files away, the others have nothing to put away.
     end_with_parent(signal.SIGTERM if module == "dynid" else signal.SIGKILL)
     sys.argv = sys.argv[1:]
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except OSError as error:
+        if error.errno not in _MACHINE:
+            raise
+        sys.stderr.write(f"{error.strerror}\n")
+        sys.exit(MACHINE)
 
 
 def end_with_parent(number: int) -> None:

@@ -65,7 +65,7 @@ LIMITS: dict[str, Limit] = {
     "members": Limit(1000, "members", "arrays of an .npz file", "results have up to 60"),
     "header_bytes": Limit(32 * MIB, "bytes", "the JSON header of an .npz file", "headers have 10 kB to 1 MB"),
     "yaml_bytes": Limit(
-        MIB, "bytes", "a YAML or JSON file", "robot files have 5 kB; YAML is read at 1 MB in ten seconds",
+        MIB, "bytes", "a YAML or JSON file, or waypoints", "robot files have 5 kB; YAML is read at 1 MB in ten seconds",
     ),
     "urdf_bytes": Limit(16 * MIB, "bytes", "a URDF", "the longest that are published have 0.5 MB"),
     "text_bytes": Limit(

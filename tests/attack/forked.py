@@ -8,6 +8,7 @@ import resource
 import signal
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,8 +47,8 @@ def mapped() -> int:
     return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def run(words, folder: Path, seconds: float = SECONDS) -> Ended:
-    """Run ``dynid WORDS`` in a fork of this process; a hang ends as SIGALRM, a memory hog as MemoryError."""
+def run(words, folder: Path, seconds: float = SECONDS, prepare: Callable[[], object] = lambda: None) -> Ended:
+    """Run ``dynid WORDS`` in a fork of this process, after ``prepare``; a hang ends as SIGALRM, a memory hog as MemoryError."""
     out, err = folder.parent / f"{folder.name}.out", folder.parent / f"{folder.name}.err"
     begin = time.monotonic()
     sys.stdout.flush()
@@ -74,6 +75,7 @@ def run(words, folder: Path, seconds: float = SECONDS) -> Ended:
             from dynid.cli.main import run as command
 
             failure.prepare_streams()
+            prepare()
             status = command([str(word) for word in words])
             failure.silence_streams()
         finally:

@@ -25,7 +25,7 @@ from dynid.files.artifact import (
     write_artifact,
     write_text,
 )
-from dynid.files.robotfile import parse_robot, robot_text
+from dynid.files.robotfile import parse_robot, text_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import body_columns
@@ -460,7 +460,7 @@ class Identification:
             "result": scalars | {"joints": [asdict(joint) for joint in self.joints]},
             "findings": [asdict(f) for f in self.findings],
             "reduction": reduction,
-            "robot_file": _text_of(self.robot),
+            "robot_file": text_of(self.robot),
             "robot_path": str(self.robot.path or ""),
         }
         write_artifact(path, Artifact(SCHEMA, header, arrays))
@@ -572,15 +572,6 @@ def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401
     return tuple(kind(**row) for row in rows)
-
-
-def _text_of(robot: Robot) -> str:
-    """Return the robot's file, as its user wrote it where it was read from one and has not been changed since."""
-    if robot.path is not None and robot.path.is_file():
-        text = robot.path.read_text(encoding="utf-8")
-        if parse_robot(text, robot.path) == robot:
-            return text
-    return robot_text(robot)
 
 
 def _digits(value: float | None, error: float | None) -> float | None:

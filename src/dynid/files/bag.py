@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import BagTruncated, CannotWrite, Finding, LogNotFound
+from dynid.errors import BagTruncated, CannotWrite, Finding, LogLayout, LogNotFound
 from dynid.files.bag_records import MAGIC, BrokenBag, Connection, Messages, read_index, scan
 from dynid.files.cdr import MULTI_ARRAY, multi_array_ros1
 from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
@@ -22,6 +23,8 @@ from dynid.scratch import scratch_folder
 
 #: First bytes of a ROS bag of any version.
 START = b"#ROSBAG"
+#: Seconds since 1970 that the stamps of messages end with, in 2038.
+LAST_STAMP = 2**31
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,21 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]
     return groups, (recovered(path, reason, groups),)
 
 
+def message_stamps(log: Log, start: int) -> NDArray[np.int64]:
+    """Return the stamps of a log's samples [ns since 1970], (N,).
+
+    Raises:
+        LogLayout: a message cannot hold them.
+    """
+    whole = bool(np.isfinite(log.t).all()) and abs(start) < LAST_STAMP * 10**9
+    if not whole or log.t.min() + start * 1e-9 < 0 or log.t.max() + start * 1e-9 >= LAST_STAMP:
+        raise LogLayout(
+            f"{log.name} has times before 1970 or after 2038, or that are no numbers", where=log.name,
+            why="messages of ROS have no such stamps", fix="write .npz, .csv or .parquet",
+        )  # fmt: skip
+    return np.asarray(start + np.round(log.t * 1e9).astype(np.int64))
+
+
 def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
     """Write a log as a bz2-compressed bag of sensor_msgs/JointState; equal logs give equal bytes.
 
@@ -115,7 +133,7 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     State, Header, Time = (store.types[kind] for kind in kinds)
-    stamps = start + np.round(log.t * 1e9).astype(np.int64)
+    stamps = message_stamps(log, start)
     speeds = np.empty((len(log), 0)) if log.qd is None else log.qd
     q, qd, tau = (np.ascontiguousarray(part) for part in (log.q, speeds, log.tau))
     try:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import CannotWrite, WrongUsage
-from dynid.files.bag import write_bag
+from dynid.files.bag import message_stamps, write_bag
 from dynid.log import Log
 from dynid.scratch import scratch_folder
 from dynid.text import column
@@ -43,7 +43,8 @@ def _names(log: Log) -> list[str]:
 
 def _start(log: Log) -> int:
     """Return what the time of a log counts from [ns since 1970]."""
-    return int(log.extra.get("start_ns", round(float(log.extra.get("t0", 0.0)) * 1e9)))
+    seconds = float(log.extra.get("t0", 0.0))
+    return int(log.extra.get("start_ns", round(np.clip(seconds, -1e12, 1e12) * 1e9)))
 
 
 def _columns(log: Log) -> dict[str, Any]:
@@ -88,7 +89,7 @@ def _ros2(log: Log, path: Path) -> None:
     kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     State, Header, Time = (store.types[kind] for kind in kinds)
     plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
-    stamps = _start(log) + np.round(log.t * 1e9).astype(np.int64)
+    stamps = message_stamps(log, _start(log))
     none = np.empty((len(log), 0))
     q, qd, tau = (
         np.ascontiguousarray(x) if x is not None and np.isfinite(x).any() else none for x in (log.q, log.qd, log.tau)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid import limits
 from dynid.errors import Finding, LogNotFound
 from dynid.files import bag, rosbag2, tablelog
 from dynid.files.artifact import sha256
@@ -104,7 +105,7 @@ def _reader(path: Path) -> Reader:
     if path.suffix in READERS:
         return READERS[path.suffix]
     try:
-        with path.open("rb") as stream:
+        with limits.open_file(path) as stream:
             if stream.read(len(START)) == START:
                 return _bag
     except OSError as error:

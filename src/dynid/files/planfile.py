@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, PositionInDegrees, TimeNotIncreasing
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.robot import Robot
@@ -104,9 +105,10 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         PositionInDegrees: angles beyond two turns.
     """
     try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
+        text = limits.read_bytes(path, "yaml_bytes").decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise LogNotFound(f"cannot read waypoints from {path}: {error}", where=str(path)) from None
+    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
     cells = [[cell.strip() for cell in line.replace(";", ",").split(",")] for line in lines]
     header = cells.pop(0) if cells and any(not _is_number(cell) for cell in cells[0]) else None
     rows = _numbers(cells, path, 1 + (header is not None))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,18 @@ from typing import Any
 import numpy as np
 
 from dynid import limits
-from dynid.errors import Finding, ImplausibleGravity, MissingConvention, NotYaml, RobotNotFound, WrongRobotFile
+from dynid.errors import (
+    DynidError,
+    Finding,
+    ImplausibleGravity,
+    MissingConvention,
+    NotYaml,
+    RobotNotFound,
+    WrongRobotFile,
+)
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
-from dynid.files.yamlfile import Value, closest, parse_yaml, read_yaml
+from dynid.files.yamlfile import Value, closest, parse_yaml, read_text, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
 from dynid.text import printable, yaml_text
 from dynid.units import ANGLE
@@ -184,6 +193,22 @@ def _check_gravity(
 
 
 # ---------------------------------------------------------------- writing
+def text_of(robot: Robot, *, with_prior: bool = True) -> str:
+    """Return the robot's file, as its user wrote it where it was read from one and has not been changed since.
+
+    Args:
+        robot: the arm.
+        with_prior: whether prior and known facts have to be those of the file, too.
+    """
+    with suppress(DynidError, OSError):
+        if robot.path is not None:
+            text = read_text(robot.path)
+            found = parse_robot(text, robot.path)
+            if robot in (found, found if with_prior else replace(found, prior=robot.prior, known=robot.known)):
+                return text
+    return robot_text(robot)
+
+
 def robot_text(robot: Robot, head: str = "") -> str:
     """Return the robot file of an arm: what ``parse_robot`` reads as the same arm. Defaults are left out.
 

@@ -12,7 +12,7 @@ import numpy as np
 from dynid.estimation.effect_columns import settled
 from dynid.estimation.stack import Stack, stack_base
 from dynid.files.artifact import write_text
-from dynid.files.robotfile import robot_text
+from dynid.files.robotfile import text_of
 from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
@@ -100,7 +100,8 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
         specs: the new entries; those the file already has stay.
         path: the copy.
     """
-    text = (robot_text(robot) if robot.path is None else robot.path.read_text(encoding="utf-8")).rstrip("\n")
+    text = text_of(robot, with_prior=False).rstrip("
+")
     entries = [{**s.facts(), "joints": list(s.joints)} for s in (*robot.effects, *specs)]
     block = yaml_text({"effects": entries}, width=110)
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import children
+from dynid.errors import CannotWrite
 from dynid.model.kinematics import link_frames
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot, roll_pitch_yaw
@@ -72,6 +73,8 @@ def ellipsoid_drawing(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: s
             stdin=subprocess.DEVNULL, capture_output=True,
             env=children.environment(), timeout=PATIENCE, check=False,
         )  # fmt: skip
+        if child.returncode == children.MACHINE:
+            raise CannotWrite(f"cannot draw the arm: {child.stderr.decode(errors='replace').strip().splitlines()[-1]}")
         if child.returncode:
             raise RuntimeError(f"drawing the arm ended with status {child.returncode}:\n{child.stderr[-2000:]!r}")
         with np.load(job.with_suffix(".npz"), allow_pickle=False) as arrays:

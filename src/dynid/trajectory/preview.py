@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import children
-from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
+from dynid import children, limits
+from dynid.errors import CannotWrite, Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.npz import written_whole
@@ -344,8 +344,8 @@ def _urdf_joints(urdf: Path) -> list[str]:
     import xml.etree.ElementTree as ET
 
     try:
-        root = ET.parse(urdf).getroot()
-    except (OSError, ET.ParseError) as error:
+        root = ET.fromstring(limits.read_bytes(urdf, "urdf_bytes"))
+    except (OSError, ET.ParseError, LookupError, ValueError) as error:
         raise WrongRobotFile(f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf") from None
     return [j.get("name", "") for j in root.iter("joint") if j.get("type") in ("revolute", "continuous", "prismatic")]
 
@@ -374,6 +374,8 @@ def _command(job: Path) -> list[str]:
 
 def _failure(status: int, log: str, urdf: Path) -> Exception:
     """Turn the end of a child into a mistake of the catalogue."""
+    if status == children.MACHINE:
+        return CannotWrite(f"cannot draw the motion: {log.strip().splitlines()[-1]}", where=str(urdf))
     if "No module named 'pybullet'" in log:
         return PackageMissing(
             "the preview needs PyBullet, which is not installed",

@@ -79,11 +79,10 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     import yaml
 
     from dynid.files.artifact import write_text
-    from dynid.files.robotfile import load_robot, robot_text
+    from dynid.files.robotfile import load_robot, text_of
     from dynid.text import printable, yaml_text
 
-    text = robot.path.read_text(encoding="utf-8") if robot.path else robot_text(robot)
-    document = yaml.safe_load(text)
+    document = yaml.safe_load(text_of(robot, with_prior=False))
     torque: dict[str, Any] = {"source": "motor_current", "gain": [float(f"{value:.9g}") for value in found.gain]}
     document["torque"] = {**torque, "relative": True} if found.relative else torque
     path = folder / f"{robot.slug}.yaml"

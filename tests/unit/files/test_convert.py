@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import WrongUsage
-from dynid.files.convert import WRITERS
+from dynid.errors import LogLayout, WrongUsage
+from dynid.files.convert import WRITERS, write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
 from dynid.signals.stamps import take_samples
@@ -32,6 +32,24 @@ def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
     np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(found.q, log.q)
     np.testing.assert_array_equal(found.tau, log.tau)
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap"])
+@pytest.mark.parametrize("change", [{"t0": 3e9}, {"t0": -1.0}, {"t0": 1e300}, {"start_ns": 10**30}], ids=str)
+def test_times_that_messages_cannot_hold_are_refused(suffix, change, log, tmp_path):
+    with pytest.raises(LogLayout, match="before 1970 or after 2038"):
+        write_log(replace(log, extra=change), tmp_path / f"new{suffix}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".tsv"])
+def test_names_that_break_a_table_are_written_out(suffix, log, tmp_path):
+    names = ('a,b;c"d\te', "line\nbreak", "=1+1", "\u202ereordered", *log.names[4:])
+    write_log(replace(log, names=names), tmp_path / f"new{suffix}")
+    lines = (tmp_path / f"new{suffix}").read_text(encoding="utf-8").split("\n")
+    assert len(lines) == len(log) + 2
+    assert len({line.count("\t" if suffix == ".tsv" else ",") for line in lines[:-1]}) == 1
+    assert lines[0].replace("\t", "").isprintable()
 
 
 def test_a_suffix_that_says_nothing_is_refused(log, tmp_path):
