@@ -100,8 +100,7 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
         specs: the new entries; those the file already has stay.
         path: the copy.
     """
-    text = text_of(robot, with_prior=False).rstrip("
-")
+    text = text_of(robot, with_prior=False).rstrip("\n")
     entries = [{**s.facts(), "joints": list(s.joints)} for s in (*robot.effects, *specs)]
     block = yaml_text({"effects": entries}, width=110)
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
