@@ -95,7 +95,7 @@ class UnknownKey(DynidError):
 
     code, status = "E201", ExitStatus.INPUT
     why = "a misspelt key would silently leave its default in force"
-    fix = "rename or remove the key; docs/reference/robot-file.md lists all keys"
+    fix = "rename or remove the key; `dynid explain robot-file` lists all keys"
 
 
 class AngleTooLarge(DynidError):
@@ -119,7 +119,7 @@ class MissingConvention(DynidError):
 
     code, status = "E204", ExitStatus.INPUT
     why = "standard (distal) and modified (proximal, Craig/Khalil) tables describe different robots"
-    fix = "add `convention: standard` or `convention: modified`; docs/reference/robot-file.md has the picture"
+    fix = "add `convention: standard` or `convention: modified`; `dynid explain robot-file` says how to tell"
 
 
 class RobotNotFound(DynidError):
@@ -151,7 +151,7 @@ class WrongRobotFile(DynidError):
 
     code, status = "E208", ExitStatus.INPUT
     why = "the model would describe another robot"
-    fix = "correct the value; docs/reference/robot-file.md describes each key"
+    fix = "correct the value; `dynid explain robot-file` describes each key"
 
 
 class ReductionsDisagree(DynidError):
@@ -315,7 +315,7 @@ class LogLayout(DynidError):
 
     code, status = "E322", ExitStatus.INPUT
     why = "positions and torques of every joint and the time are needed"
-    fix = "see docs/reference/log-format.md"
+    fix = "`dynid explain log-format` says what is read"
 
 
 class TooLarge(DynidError):
@@ -323,7 +323,7 @@ class TooLarge(DynidError):
 
     code, status = "E323", ExitStatus.INPUT
     why = "a file that somebody else made could fill the memory of this machine"
-    fix = "raise the limit with --limit NAME=VALUE; docs/reference/limits.md lists them"
+    fix = "raise the limit with --limit NAME=VALUE; `dynid explain limits` lists them"
 
 
 class WrongMapping(DynidError):

@@ -50,7 +50,8 @@ def test_explain_prints_what_why_and_fix_as_the_catalogue_has_them(dynid, code):
 
 def test_explain_alone_lists_every_code(dynid):
     """Each once, with a sentence."""
-    lines = dynid("explain").out.splitlines()
+    *lines, pages = dynid("explain").out.splitlines()
+    assert pages.startswith("pages ")
     assert [line.split()[0] for line in lines] == codes()
     assert len(set(codes())) == len(codes())
     assert all(line.endswith(".") for line in lines)
@@ -59,9 +60,9 @@ def test_explain_alone_lists_every_code(dynid):
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("E30", "no code 'E30'; did you mean 'E320'?"),
-        ("307", "no code '307'; did you mean 'E307'?"),
-        ("foo", "no code 'foo'"),
+        ("E30", "no code or page 'E30'; did you mean 'E320'?"),
+        ("307", "no code or page '307'; did you mean 'E307'?"),
+        ("foo", "no code or page 'foo'"),
     ],
 )
 def test_a_misspelt_code_is_suggested(dynid, word, said):
@@ -240,3 +241,10 @@ def test_the_shell_completes_robots_effects_and_codes(dynid, words, expected):
     line = words.split()
     done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(len(line) - 1))
     assert f"plain,{expected}" in done.out.split()
+
+
+def test_explain_shows_a_page_of_the_documentation(dynid):
+    """Text on the terminal, the same with --json; an error's fix can be followed without a clone of the project."""
+    page = (ROOT / "docs/reference/robot-file.md").read_text()
+    assert dynid("explain", "robot-file").out.split() == page.split()
+    assert json.loads(dynid("explain", "robot-file", "--json").out)["text"] == page

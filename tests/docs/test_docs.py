@@ -73,11 +73,13 @@ def test_every_command_named_in_the_pages_exists():
         assert set(shown) <= known, name(page)
 
 
-def test_pages_that_errors_point_to_exist():
-    files = [ROOT / "src/dynid/errors.py", *(ROOT / "src/dynid/cli").glob("*.py")]
-    source = "".join(path.read_text() for path in files)
+def test_pages_that_messages_point_to_exist():
+    """In the folder of the documentation, and by the name that ``dynid explain`` knows them by."""
+    source = "".join(path.read_text() for path in (ROOT / "src/dynid").rglob("*.py"))
     for target in set(re.findall(r"docs/[a-z/-]+\.md", source)):
         assert (ROOT / target).is_file(), target
+    named = set(re.findall(r"dynid explain ([a-z][a-z-]+)", source))
+    assert {"robot-file", "log-format", "limits"} <= named <= {path.stem for path in (ROOT / "docs").rglob("*.md")}
 
 
 def test_pictures_of_the_docs_are_used():

@@ -49,9 +49,10 @@ def _effects() -> Iterable[str]:
 
 
 def _codes() -> Iterable[str]:
+    from dynid.cli.explain import pages
     from dynid.errors import codes
 
-    return codes()
+    return [*codes(), *pages()]
 
 
 ROBOT = Completed(_robots, files=True)

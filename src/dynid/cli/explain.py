@@ -1,6 +1,8 @@
-"""``dynid explain CODE``: the page of an error or warning, made from the catalogue."""
+"""``dynid explain CODE|PAGE``: what an error or warning means, or a page of the documentation that comes with dynid."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import click
 
@@ -9,33 +11,50 @@ from dynid.cli.options import Common, dynid_command
 from dynid.errors import WrongUsage, codes, page, summary
 
 
-def _find(word: str) -> str:
-    from dynid.files.yamlfile import closest
+def pages() -> dict[str, Path]:
+    """Return the pages of the documentation by name, such as ``robot-file``."""
+    from dynid.files.robotfile import packaged
 
-    code = word.strip("[]").upper()
-    if code not in codes():
-        raise WrongUsage(
-            f"no code '{word}'{closest(code, codes())}",
-            why="codes are E or W and three digits, as printed in error[E307]",
-            fix="dynid explain",
-        )
-    return code
+    return {path.stem: path for path in sorted(packaged("docs").rglob("*.md"))}
 
 
 @dynid_command(
     "explain",
-    examples=("dynid explain            all codes", "dynid explain E307       one of them"),
+    examples=(
+        "dynid explain              all codes and pages",
+        "dynid explain E307         a code",
+        "dynid explain robot-file   a page: every key of a robot file",
+    ),
 )
-@click.argument("code", type=CODE, required=False)
-def command(common: Common, code: str | None) -> None:
-    """Say what an error or warning code means and how to get rid of it."""
+@click.argument("word", type=CODE, required=False, metavar="[CODE|PAGE]")
+def command(common: Common, word: str | None) -> None:
+    """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
     terminal = common.terminal
-    if code is None:
-        terminal.emit_json({"schema": "dynid/explain/1", "codes": {each: page(each) for each in codes()}})
+    if word is None:
+        answer = {"codes": {each: page(each) for each in codes()}, "pages": sorted(pages())}
+        terminal.emit_json({"schema": "dynid/explain/1", **answer})
         for each in codes():
             terminal.fact(each, summary(each))
+        terminal.fact("pages", ", ".join(sorted(pages())))
         return
-    found = _find(code)
-    terminal.emit_json({"schema": "dynid/explain/1", "code": found, **page(found)})
-    for label, text in page(found).items():
-        terminal.fact(found if label == "what" else f"  {label}", text)
+    code = word.strip("[]").upper()
+    if code in codes():
+        terminal.emit_json({"schema": "dynid/explain/1", "code": code, **page(code)})
+        for label, text in page(code).items():
+            terminal.fact(code if label == "what" else f"  {label}", text)
+    elif word in pages():
+        text = pages()[word].read_text(encoding="utf-8")
+        terminal.emit_json({"schema": "dynid/explain/1", "page": word, "text": text})
+        terminal.page(text)
+    else:
+        raise _unknown(word)
+
+
+def _unknown(word: str) -> WrongUsage:
+    from dynid.files.yamlfile import closest
+
+    return WrongUsage(
+        f"no code or page '{word}'{closest(word, [*codes(), *pages()])}",
+        why="codes are E or W and three digits, as printed in error[E307]; pages have names such as robot-file",
+        fix="dynid explain",
+    )

@@ -118,7 +118,7 @@ class LazyGroup(click.Group):
         self.format_options_only(ctx, formatter)
         with formatter.section("Exit statuses"):
             formatter.write_dl([(str(int(status)), meaning) for status, meaning in EXIT_MEANING.items()])
-        formatter.write("\nDocs: docs/index.md\n")
+        formatter.write("\nDocs: docs/index.md, or dynid explain PAGE\n")
 
     def format_options_only(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of ``dynid`` itself."""

@@ -144,7 +144,7 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         multiple=True,
         metavar="NAME=VALUE",
         callback=_checked_limits,
-        help="Raise a limit on what a file may hold, such as joints=64 (docs/reference/limits.md); may be repeated.",
+        help="Raise a limit on what a file may hold, such as joints=64 (dynid explain limits); may be repeated.",
     ),
     click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
 )
@@ -197,7 +197,7 @@ class Command(click.Command):
                 for line in self.examples:
                     formatter.write(f"  {line}\n")
         self.format_options(ctx, formatter)
-        formatter.write(f"\nDocs: docs/reference/cli.md#{self.name}\n")
+        formatter.write(f"\nDocs: docs/reference/cli.md#{self.name}, or dynid explain cli\n")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the common ones."""

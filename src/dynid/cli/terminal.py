@@ -178,6 +178,13 @@ class Terminal:
                 for part in folded(visible(line), self.out, indent):
                     self.out.print(Text(part, style=style), soft_wrap=True)
 
+    def page(self, markdown: str) -> None:
+        """Print a page of the documentation, laid out on a terminal and as it is elsewhere; nothing with --json."""
+        from rich.markdown import Markdown
+
+        if not self.common.json:
+            self.out.print(Markdown(markdown) if is_terminal(self.out.file) else Text(markdown), soft_wrap=False)
+
     def fact(self, name: str, text: str) -> None:
         """Print a line of the answer: a short label and a sentence; nothing with --json."""
         self.answer(f"{name:<{LABEL}}{text}", indent=None if name in COPYABLE else LABEL)

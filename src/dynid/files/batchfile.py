@@ -58,7 +58,7 @@ def read_batch(path: Path) -> tuple[Job, ...]:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
         _unique(jobs, top["jobs"])
     except WrongRobotFile as error:
-        error.why, error.fix = "the job could not be run", "docs/how-to/ci-regression.md shows a batch file"
+        error.why, error.fix = "the job could not be run", "`dynid explain ci-regression` shows a batch file"
         raise
     return jobs
 

@@ -53,7 +53,7 @@ USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset
 
 
 def packaged(folder: str) -> Path:
-    """Return the folder ``robots`` or ``trajectories`` that came with dynid."""
+    """Return the folder ``robots``, ``trajectories`` or ``docs`` that came with dynid."""
     inside = Path(__file__).parents[1] / f"_{folder}"
     return inside if inside.is_dir() else Path(__file__).parents[3] / folder
 
