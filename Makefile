@@ -12,8 +12,10 @@ PYTHON ?= $(shell for p in python3.11 python3.10 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 
-# Another apt-get may be at work, such as the unattended upgrades of a new machine: wait for it.
+# Another apt-get may be at work, such as the unattended upgrades of a new machine: wait for it, ten minutes at most. The
+# time limit of apt is for the lock of packages; that of the lists is asked for again and again.
 APT := DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600
+APT_UPDATE := { for i in $$(seq 120); do case "$$($(APT) update -qq 2>&1)" in *"get lock"*) sleep 5;; *) break;; esac; done; }
 
 # Debian 12 has ROS 1; Ubuntu 20.04 has it as Noetic under other names.
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
@@ -34,14 +36,14 @@ ros:
 	@PYTHONPATH=src $(BIN)/python -c 'import sys; from dynid.drivers.ros import missing_modules as m; sys.exit(bool(m()))' \
 		&& command -v rosmaster >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing ROS 1 with apt" && \
-		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends \
+		$(APT_UPDATE) && $(APT) install -y -qq --no-install-recommends \
 			$(ROS_PACKAGES) >/dev/null; } || echo "no ROS 1 here: the tests of recording are left out" >&2
 
 # The window of the preview is tested on a virtual screen.
 screen:
 	@command -v xvfb-run >/dev/null || { \
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing a virtual screen with apt" && \
-		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends \
+		$(APT_UPDATE) && $(APT) install -y -qq --no-install-recommends \
 			xvfb xauth libgl1 libgl1-mesa-dri >/dev/null; } || echo "no virtual screen: its test is left out" >&2
 
 test-slow: $(VENV)/.ready-test
@@ -75,7 +77,7 @@ $(BIN)/python:
 	@echo "making $(VENV) with $(PYTHON)"
 	@rm -rf $(VENV); $(PYTHON) -m venv $(VENV) 2>/dev/null && $@ -m pip --version >/dev/null 2>&1 || { \
 		rm -rf $(VENV); virtualenv --quiet --python $(PYTHON) $(VENV) 2>/dev/null; } || { \
-		test "$$(id -u)" = 0 && $(APT) update -qq && $(APT) install -y -qq python3-venv >/dev/null && \
+		test "$$(id -u)" = 0 && $(APT_UPDATE) && $(APT) install -y -qq python3-venv >/dev/null && \
 		rm -rf $(VENV) && $(PYTHON) -m venv $(VENV); } || { \
 		rm -rf $(VENV); echo "no virtual environment: install python3-venv or virtualenv" >&2; exit 1; }
 
