@@ -46,6 +46,8 @@ SMALLER, GROWN = 0.97, 1.02
 CONSTANT = 1e-3
 #: Parts of a signal's range that tell whether the residual follows it.
 PARTS = 12
+#: Bins in which the quantity that an effect follows is sought.
+BINS = 24
 
 
 @dataclass(frozen=True)
@@ -68,20 +70,32 @@ class Clue:
 
 
 @dataclass(frozen=True)
-class HeldOutFormula:
-    """A formula on rows that were never fitted, of its joint.
+class HeldOutEffect:
+    """An effect or formula on rows that were never fitted, of the joint that shows it most.
 
     Attributes:
         t: times, (M,) [s].
         residual: what is left without it, (M,) [N m or N].
         torque: what it says, (M,) [N m or N].
         left: what is left with it, everything fitted again, (M,) [N m or N].
+        against: values of the quantity that its torque follows most, (M,).
+        follows: that quantity with its unit, such as ``"speed of joint_3 [rad/s]"``.
     """
 
     t: Floats
     residual: Floats
     torque: Floats
     left: Floats
+    against: Floats
+    follows: str
+
+    @property
+    def data(self) -> Floats:
+        """What the model leaves for the effect, (M,) [N m or N].
+
+        Why not the residual without it: there the other parameters have taken up part of it.
+        """
+        return self.left + self.torque
 
 
 @dataclass(frozen=True)
@@ -95,7 +109,7 @@ class Wording:
     """
 
     formulas: tuple[SelectedEffect, ...] = ()
-    proofs: tuple[HeldOutFormula, ...] = ()
+    proofs: tuple[HeldOutEffect, ...] = ()
     clues: tuple[Clue, ...] = ()
 
 
@@ -162,7 +176,7 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
         if formula is None:
             clues.append(_clue(search, j, why))
         else:
-            proofs.append(held_out_formula(search.problem, [*search.selected, *found], formula))
+            proofs.append(held_out_effect(search.problem, [*search.selected, *found], formula, formula.joints[0]))
             found.append(formula)
     return Wording(tuple(found), tuple(proofs), tuple(clues))
 
@@ -416,14 +430,39 @@ def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) ->
     return found
 
 
-def held_out_formula(problem: GapProblem, others: Sequence[SelectedEffect], formula: SelectedEffect) -> HeldOutFormula:
-    """Return what a formula says of the held-out rows of its joint, beside what is left there without it."""
-    j = formula.joints[0]
+def held_out_effect(
+    problem: GapProblem, others: Sequence[SelectedEffect], one: SelectedEffect, joint: int
+) -> HeldOutEffect:
+    """Return what an effect says of the held-out rows of a joint, beside what is left there without it.
+
+    Args:
+        problem: the rows.
+        others: effects that are fitted with the model, and with it.
+        one: the effect.
+        joint: 0-based joint whose torque is looked at.
+    """
     held, residual, _ = _held_out(problem, others)
-    _, left, torques = _held_out(problem, [*others, formula], formula)
-    use = np.concatenate([s.use[:, j] for s in held])
+    _, left, torques = _held_out(problem, [*others, one], one)
+    use = np.concatenate([s.use[:, joint] for s in held])
     t = np.concatenate([s.t for s in held])
-    return HeldOutFormula(*(x[use] for x in (t, residual[:, j], torques[:, j], left[:, j])))
+    torque = torques[:, joint][use]
+    robot, quantities = problem.base.robot, {"time [s]": t[use]}
+    for j in dict.fromkeys((joint, *one.joints)):
+        unit = "rad" if robot.joints[j].revolute else "m"
+        name = robot.joints[j].name
+        quantities[f"position of {name} [{unit}]"] = np.concatenate([s.q[:, j] for s in held])[use]
+        quantities[f"speed of {name} [{unit}/s]"] = np.concatenate([s.qd[:, j] for s in held])[use]
+        load = np.concatenate([s.tau[:, j] for s in held])[use]
+        quantities[f"torque of {name} [{robot.joints[j].torque_unit}]"] = load
+    follows = max(quantities, key=lambda name: _follows(quantities[name], torque))
+    return HeldOutEffect(t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows)
+
+
+def _follows(x: Floats, y: Floats) -> float:
+    """Return the share of the variance of y, (M,), that lies between bins of equal count over x, (M,)."""
+    parts = np.array_split(y[np.argsort(x, kind="stable")], BINS)
+    means, counts = np.array([part.mean() for part in parts if len(part)]), [len(part) for part in parts if len(part)]
+    return float(np.average((means - y.mean()) ** 2, weights=counts) / max(float(y.var()), 1e-30)) if len(y) else 0.0
 
 
 def _held_out(
@@ -446,7 +485,7 @@ def _held_out(
     for s, row in zip(held, regression.segments, strict=True):
         e.append(s.tau - s.W @ theta - row.filtered(effect_torque(row.motion, selected, beta)).T)
         if shown is not None:
-            own = beta[len(beta) - len(shown.values) :]
+            own = beta[len(beta) - len(shown.effect.amplitudes(shown.shape)) :]
             torques.append(row.filtered(effect_torque(row.motion, [shown], own)).T)
     return held, np.concatenate(e), np.concatenate(torques) if torques else np.zeros((0, 0))
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap
     from dynid.gap.refit import HeldOutImprovement
     from dynid.gap.selected_effects import SelectedEffect
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 SCHEMA = "dynid/gap/1"
+#: Held-out rows that the curve of an effect keeps at most.
+MOST_ROWS = 8000
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,7 @@ class GapRecord:
         clues: what is known of joints for which there is none, in words.
         question: ``"numbers"``, ``"arm"`` or ``"changed"``; "" where it was not stored.
         asked: which questions were asked, what they brought, and why, in words.
+        curves: each effect that is named, then each formula, on held-out rows of the joint that shows it most.
     """
 
     robot: str
@@ -152,6 +156,12 @@ class GapRecord:
     clues: tuple[str, ...] = ()
     question: str = ""
     asked: str = ""
+    curves: tuple[HeldOutEffect, ...] = ()
+
+    def drawn(self) -> list[tuple[GapEffect, HeldOutEffect]]:
+        """Return the named effects and formulas that have a torque of their own, each with its curve."""
+        effects = [one for one in (*self.named, *self.formulas) if one.effect != "torque_delay"]
+        return list(zip(effects, self.curves, strict=False))
 
 
 def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, made_from: str) -> GapRecord:
@@ -195,7 +205,34 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
         clues=tuple(clue_text(clue, names) for clue in analysis.wording.clues),
         question=question,
         asked=asked,
+        curves=tuple(_curves(analysis)),
     )
+
+
+def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
+    """Return what is named and what is put into words on held-out rows, the worst of them where they are many."""
+    from dynid.gap.formulas import held_out_effect
+    from dynid.gap.refit import with_columns
+
+    effects, problem = with_columns(analysis.effects), analysis.search.problem
+    shown = [
+        held_out_effect(problem, [other for other in effects if other is not one], one, one.test.joint)
+        for one in effects
+        if one in analysis.verdict.named
+    ]
+    return [_worst_rows(curve) for curve in (*shown, *analysis.wording.proofs)]
+
+
+def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
+    """Return the stretch of ``MOST_ROWS`` rows with the largest error; all rows where they are fewer."""
+    import numpy as np
+
+    if len(curve.t) <= MOST_ROWS:
+        return curve
+    power = np.cumsum(np.concatenate([[0.0], curve.residual**2]))
+    start = int(np.argmax(power[MOST_ROWS:] - power[:-MOST_ROWS]))
+    part = slice(start, start + MOST_ROWS)
+    return replace(curve, **{name: getattr(curve, name)[part] for name in _CURVE})
 
 
 def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
@@ -257,6 +294,8 @@ _EFFECTS = ("named", "closest", "formulas")
 _WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues")
 #: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
 _IMPROVEMENT = ("before", "after", "ratio", "floor")
+#: And those of its curves.
+_CURVE = ("t", "residual", "torque", "left", "against")
 
 
 def write_record(path: Path, record: GapRecord) -> None:
@@ -264,9 +303,11 @@ def write_record(path: Path, record: GapRecord) -> None:
     from dynid.files.artifact import Artifact, write_artifact
 
     facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
-    improvement, simulation = facts.pop("improvement"), facts.pop("simulation")
+    improvement, simulation, curves = facts.pop("improvement"), facts.pop("simulation"), facts.pop("curves")
     arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {"simulation": simulation}
+    arrays |= {f"curve_{k}_{name}": getattr(one, name) for k, one in enumerate(curves) for name in _CURVE}
     facts |= {key: [_stored(one) for one in facts[key]] for key in _EFFECTS}
+    facts |= {"curves": [one.follows for one in curves]}
     facts |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
     write_artifact(path, Artifact(SCHEMA, {"record": facts}, arrays))
 
@@ -278,6 +319,7 @@ def read_record(path: Path) -> GapRecord:
         NotAnArtifact: it is damaged, or of another kind.
     """
     from dynid.files.artifact import read_artifact, reading, require_fields, require_shape
+    from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
 
@@ -293,12 +335,18 @@ def read_record(path: Path) -> GapRecord:
             for gap in found["joints"]
         )
         improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
+        found["curves"] = tuple(
+            HeldOutEffect(**{name: artifact.arrays[f"curve_{k}_{name}"] for name in _CURVE}, follows=follows)
+            for k, follows in enumerate(found["curves"])
+        )
         record = GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
         n = len(record.joint_names)
         require_shape((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
         require_shape((n, 2), ratio=improvement.ratio)
         require_shape((len(record.simulation), n), simulation=record.simulation)
-        for value in (record, *record.named, *record.closest, *record.formulas, *record.joints):
+        for one in record.curves:
+            require_shape((len(one.t),), **{name: getattr(one, name) for name in _CURVE})
+        for value in (record, *record.named, *record.closest, *record.formulas, *record.joints, *record.curves):
             require_fields(value)
         if {one.joint for one in record.joints} != set(range(n)) or len(record.torque_units) != n:
             raise ValueError("it has other joints than names")

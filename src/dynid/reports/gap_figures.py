@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.gap.formulas import HeldOutFormula
+from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
 from dynid.gap.refit import HeldOutImprovement
-from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL, Floats, binned
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 #: Least times the noise's power at which the colours end; they go on to the worst that there is.
 WORST = 10.0
-#: Seconds of held-out motion, and parts of a formula's range, that are drawn.
-SHOWN, PARTS = 12.0, 10
+#: Seconds of held-out motion that are drawn.
+SHOWN = 12.0
 
 
 def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
@@ -92,36 +92,56 @@ def improvement_figure(
     return figure
 
 
-def formula_figure(formulas: Sequence[GapEffect], proofs: Sequence[HeldOutFormula], title: str) -> Figure:
-    """Draw each formula through what is left of held-out rows: over time, and against what it says."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure as NewFigure
+def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
+    """Draw an effect on held-out rows: the error over the worst stretch without and with it, and its curve in the data.
 
-    figure = NewFigure(figsize=(9.0, 2.6 * len(formulas) + 0.5), layout="constrained")
-    for (over_time, against), one, proof in zip(
-        figure.subplots(len(formulas), 2, width_ratios=[3, 2], squeeze=False), formulas, proofs, strict=True
-    ):
-        # Why not the residual without it: there the other parameters have taken up part of it.
-        data, shown = proof.left + proof.torque, proof.t < proof.t[0] + SHOWN
-        over_time.plot(proof.t[shown], data[shown], ".", ms=3, color=MEASURED, label="what the model leaves for it")
-        over_time.plot(proof.t[shown], proof.torque[shown], ".", ms=3, color=ESTIMATED, label="the formula")
-        over_time.set_xlabel("time on held-out rows [s]", fontsize=8)
-        over_time.set_ylabel(f"{label(one.where)} [{one.unit}]", fontsize=8)
-        over_time.set_title(label(one.formula, TITLE_LENGTH), fontsize=9, loc="left")
-        over_time.legend(fontsize=7, frameon=False)
-        part = np.searchsorted(np.quantile(proof.torque, np.linspace(0, 1, PARTS + 1)[1:-1]), proof.torque)
-        groups = [part == k for k in range(PARTS) if np.any(part == k)]
-        x, y = (np.array([values[group].mean() for group in groups]) for values in (proof.torque, data))
-        spread = np.array([data[group].std() for group in groups])
-        against.plot(proof.torque, data, ".", ms=1.5, color=RESIDUAL, alpha=0.3)
-        against.errorbar(x, y, spread, fmt="o", ms=4, color=MEASURED, lw=1.0)
-        ends = [proof.torque.min(), proof.torque.max()]
-        against.plot(ends, ends, color=mpl.rcParams["text.color"], lw=1.0)
-        against.set_xlabel(f"the formula [{one.unit}]", fontsize=8)
-        against.set_ylabel(f"what the model leaves for it [{one.unit}]", fontsize=8)
-        for axis in (over_time, against):
-            axis.tick_params(labelsize=7)
-            for side in ("top", "right"):
-                axis.spines[side].set_visible(False)
-    figure.suptitle(label(f"{title}: not in the catalogue, on unseen data", TITLE_LENGTH), fontsize=10)
+    Args:
+        one: the effect or formula.
+        curve: its torque and what the model leaves for it.
+        title: of the figure, before the name of the effect; "" for none.
+    """
+    from dynid.reports.figures import new_figure
+
+    figure = new_figure(9.0, 3.0)
+    over_time, against = figure.subplots(1, 2, width_ratios=[3, 2])
+    shown = _worst_stretch(curve.t, curve.residual)
+    over_time.plot(curve.t[shown], curve.residual[shown], ".", ms=3, color=RESIDUAL, label="error without it")
+    over_time.plot(curve.t[shown], curve.left[shown], ".", ms=3, color=ESTIMATED, label="error with it")
+    over_time.axhline(0, lw=0.6, color=MEASURED)
+    over_time.set_xlabel("time, worst stretch of unseen data [s]", fontsize=8)
+    over_time.set_ylabel(f"{label(one.joint)} [{one.unit}]", fontsize=8)
+    over_time.legend(fontsize=7, frameon=False)
+    centre, mean, spread = binned(curve.against, curve.data)
+    says = binned(curve.against, curve.torque)[1]
+    against.plot(curve.against, curve.data, ".", ms=1.5, color=MEASURED, alpha=0.4)
+    against.errorbar(centre, mean, spread, fmt="o", ms=3.5, color=RESIDUAL, lw=0.8, label="unseen data")
+    low, high = _interval(one)
+    against.fill_between(centre, low * says, high * says, color=ESTIMATED, alpha=0.3, lw=0)
+    against.plot(centre, says, color=ESTIMATED, lw=1.4, label="the effect, 95 % interval")
+    against.set_xlabel(label(curve.follows), fontsize=8)
+    against.set_ylabel(f"torque left for it [{one.unit}]", fontsize=8)
+    against.legend(fontsize=7, frameon=False)
+    for axis in (over_time, against):
+        axis.tick_params(labelsize=7)
+        for side in ("top", "right"):
+            axis.spines[side].set_visible(False)
+    if title:
+        name = f"{one.formula} (not in the catalogue)" if one.formula else one.effect
+        figure.suptitle(label(f"{title}: {name} on {one.where}", TITLE_LENGTH), fontsize=10)
     return figure
+
+
+def _worst_stretch(t: Floats, error: Floats) -> slice:
+    """Return the rows of the ``SHOWN`` seconds with the largest sum of squared errors."""
+    power = np.concatenate([[0.0], np.cumsum(error**2)])
+    ends = np.searchsorted(t, t + SHOWN) if np.all(np.diff(t) > 0) else np.minimum(np.arange(len(t)) + 500, len(t))
+    start = int(np.argmax(power[ends] - power[: len(t)]))
+    return slice(start, int(ends[start]))
+
+
+def _interval(one: GapEffect) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of the largest amplitude, as shares of it."""
+    sizes = {name: abs(one.values[name]) for name, error in one.std_errors.items() if np.isfinite(error)}
+    largest = max(sizes, key=lambda name: sizes[name], default="")
+    spread = 1.96 * one.std_errors[largest] / sizes[largest] if largest and sizes[largest] else 0.0
+    return 1 - spread, 1 + spread

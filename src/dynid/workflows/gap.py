@@ -258,27 +258,20 @@ class Gap(GapRecord):
         title = f"{self.robot}: the gap on unseen data ({self.heldout})"
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
-    def plot_formulas(self) -> Figure:
-        """Return a figure of each formula drawn through what is left of held-out rows.
+    def plot_effects(self) -> list[Figure]:
+        """Return a figure of each named effect and formula: unseen data without and with it, its curve in the data."""
+        from dynid.reports.gap_figures import effect_figure
 
-        Raises:
-            WrongUsage: the search was read from a file, or there is no formula.
-        """
-        from dynid.reports.gap_figures import formula_figure
-
-        if self.analysis is None or not self.formulas:
-            raise WrongUsage("there is no formula to draw", fix="find_gap(...).plot_formulas()")
-        return formula_figure(self.formulas, self.analysis.wording.proofs, self.robot)
+        return [effect_figure(one, curve, self.robot) for one, curve in self.drawn()]
 
     def write_figures(self, folder: Path) -> list[Path]:
-        """Write the figures as PNG."""
+        """Write the figures as PNG: where.png, shrink.png, and one of each named effect and formula."""
         from dynid.reports.figures import write_figure
 
-        return [
-            write_figure(self.plot_residual(), folder / "where.png"),
-            write_figure(self.plot_improvement(), folder / "shrink.png"),
-            *([write_figure(self.plot_formulas(), folder / "formula.png")] if self.analysis and self.formulas else []),
-        ]
+        figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
+        for k, (figure, (one, _)) in enumerate(zip(self.plot_effects(), self.drawn(), strict=True), start=1):
+            figures[f"effect_{k}_{one.effect}"] = figure
+        return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
     def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
         """Return selected effects by name.

@@ -7,7 +7,7 @@ from typing import Any
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.evidence import Evidence
-from dynid.reports.gap_figures import improvement_figure, residual_figure
+from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.text import shell
@@ -52,7 +52,23 @@ def _row(one: GapEffect) -> dict[str, Any]:
 
 
 def _pictures(record: GapRecord) -> list[Picture]:
+    effects = [
+        Picture(
+            (
+                drawn(
+                    f"gap-effect-{k}",
+                    lambda one=one, curve=curve: effect_figure(one, curve, ""),  # type: ignore[misc]
+                    f"unseen data without and with {one.formula or one.effect} on {one.where}, and its curve",
+                ),
+            ),
+            f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Left: the error on unseen data, "
+            "without and with it; right: what the model leaves for it there, and its own curve.",
+            "A curve that runs beside the dots: the name may be right, its shape is not.",
+        )
+        for k, (one, curve) in enumerate(record.drawn())
+    ]
     return [
+        *effects,
         Picture(
             (
                 drawn(
