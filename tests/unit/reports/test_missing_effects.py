@@ -7,9 +7,12 @@ import pytest
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, write_artifact
+from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement
+from dynid.reports.figures import binned
+from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page
 
 NASTY = '<b>x & "y"</b>'
@@ -24,6 +27,8 @@ def record(evidence):
     regions = (ResidualRegion("speed", "slow", 4.0, 100), ResidualRegion("speed", "fast", 1.1, 100))
     joints = tuple(JointGap(j, 2.5, 1 / n, regions, "when slow") for j in range(n))
     improvement = HeldOutImprovement(np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3))
+    t = np.linspace(0, 20, 500)
+    curve = HeldOutEffect(t, np.sin(t), 0.9 * np.sin(t), 0.1 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]")
     return GapRecord(
         robot=NASTY, mode="refit", verdict="named", named=(one,),
         closest=(replace(one, effect="stribeck", why_not=NASTY, rivals=("end_stop on x",)),),
@@ -31,6 +36,7 @@ def record(evidence):
         torque_units=tuple(joint.torque_unit for joint in evidence.robot.joints), joints=joints,
         improvement=improvement, simulation=np.zeros((2, n)), heldout="the last", noise_from="repeats", noise_note="",
         not_repeatable=(names[0],), cannot_judge={"base_tilt": (), "spring": (0, 1)}, logs=(NASTY,), made_from="a",
+        curves=(curve,),
     )  # fmt: skip
 
 
@@ -40,7 +46,9 @@ def test_a_search_comes_back_from_its_file(record, tmp_path):
     for name in ("before", "after", "ratio", "floor"):
         np.testing.assert_array_equal(getattr(found.improvement, name), getattr(record.improvement, name))
     np.testing.assert_array_equal(found.simulation, record.simulation)
-    same = replace(found, improvement=record.improvement, simulation=record.simulation)
+    for name in ("t", "residual", "torque", "left", "against", "follows"):
+        np.testing.assert_array_equal(getattr(found.curves[0], name), getattr(record.curves[0], name))
+    same = replace(found, improvement=record.improvement, simulation=record.simulation, curves=record.curves)
     assert same == record
 
 
@@ -50,7 +58,7 @@ def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, 
     for text in ("friction that grows with the load", "0.9 → 0.36", "−60 %", "&lt; 0.1 %", "a = 0.05 ± 0.002"):
         assert text in section, text
     assert "spring or end_stop" in section
-    assert section.count("<svg ") == 2
+    assert section.count("<svg ") == 3
     assert "<b>x" not in html
 
 
@@ -58,3 +66,17 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
     write_artifact(tmp_path / "gap.npz", Artifact(SCHEMA, {"answer": {}}, {}))
     with pytest.raises(NotAnArtifact):
         read_record(tmp_path / "gap.npz")
+
+
+def test_the_figure_of_an_effect_shows_the_error_without_and_with_it_and_its_curve(record):
+    """The worst stretch is where the error is; the curve is the mean of the effect's torque in bins."""
+    ((one, curve),) = record.drawn()
+    late = replace(curve, residual=np.where(curve.t > 7, curve.residual, 0.0))
+    over_time, against = effect_figure(one, late, "").axes
+    without, with_it, _ = (line.get_ydata() for line in over_time.get_lines())
+    assert over_time.get_lines()[0].get_xdata()[0] > 6
+    np.testing.assert_allclose(with_it, 0.1 * without, atol=1e-12)
+    line = next(line for line in against.get_lines() if line.get_label().startswith("the effect"))
+    centre, mean, _ = binned(curve.against, curve.torque)
+    np.testing.assert_array_equal(line.get_xydata(), np.column_stack([centre, mean]))
+    assert against.get_xlabel().endswith("[rad/s]")
