@@ -169,7 +169,7 @@ def estimate(
     held = {} if holdout is None else _held_out(base, holdout, prior, name, post)
     theta, covariance, error = sets[in_force]
     judged = held.get(in_force)
-    rms, total = _of_squares(stack, post.squares(stack) if physical else squares(stack, theta, None))
+    rms, total = _of_squares(stack, squares(stack, theta, error))
     std_error, knowledge = _certainty(plain, theta, covariance, physical=physical)
     return Identification(
         robot=base.robot,

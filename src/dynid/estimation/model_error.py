@@ -16,13 +16,13 @@ logs; docs/explanation/estimators.md says what was tried.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import accumulate, triangle
-from dynid.estimation.observation_rows import ObservationRows
+from dynid.estimation.least_squares import triangle
+from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
@@ -31,7 +31,6 @@ from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Highest harmonics of the position, alone and times the Coulomb sign.
 POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
@@ -51,7 +50,10 @@ FOLDED = 400
 #: Evaluations of the evidence.
 EVALUATIONS = 80
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
-WANTED = 6.0
+WANTED = 4.0
+#: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
+#: are there to explain.
+FAR = 5.0
 #: Random states inside the limits over which the columns are made orthogonal to the parameters.
 STATES = 1500
 #: Reach of a joint without position limits: turning [rad], sliding [m].
@@ -226,10 +228,18 @@ class Whitened:
     scale: Floats
     projection: Floats
 
-    def squares(self, theta: Floats, error: ModelError) -> Floats:
-        """Return the sum of squared residuals of each joint with the model error, (n,) [N^2 m^2 or N^2]."""
-        left = [F @ np.concatenate([mean, theta, [-1.0]]) for F, mean in zip(self.factors, error.mean, strict=True)]
-        return np.array([float(e @ e) for e in left]) * self.noise**2 * self.inflation
+    def centred(self, theta: Floats) -> Whitened:
+        """Return rows of which theta is the estimate where there is no model error, (p,).
+
+        Instruments find other parameters than least squares of the same rows; the model error must not undo that.
+        """
+        k, F = self.k, self.factors.copy()
+        W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
+        length = np.linalg.norm(W, axis=0)
+        length = np.where(length > 0.0, length, 1.0)
+        found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
+        F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
+        return replace(self, factors=F)
 
     @property
     def k(self) -> int:
@@ -259,8 +269,18 @@ class Whitened:
         return triangle(np.vstack(rest)), np.array(heads)
 
 
-def whitened_rows(stack: Stack, base: BaseModel, reference: Floats, noise: Floats, inflation: float) -> Whitened:
+def whitened_rows(
+    stack: Stack,
+    base: BaseModel,
+    reference: Floats,
+    noise: Floats,
+    inflation: float,
+    robust: Floats | None = None,
+) -> Whitened:
     """Fold the rows of a stack with the columns of the model error into triangular factors; walks over the rows once.
+
+    Reversals and spikes weigh as little as in the estimate: columns that say how friction depends on the speed would
+    explain them with a friction that the arm does not have.
 
     Args:
         stack: the stacked logs.
@@ -268,9 +288,10 @@ def whitened_rows(stack: Stack, base: BaseModel, reference: Floats, noise: Float
         reference: base parameters that give the torque of the load, (p,).
         noise: sigma of each joint, (n,) [N m or N].
         inflation: how many rows are worth one independent row.
+        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
     speed = _rms_speed(stack.logs, len(stack.joints))
-    factors = _folded(stack, speed, reference)
+    factors = _folded(stack, speed, reference, noise, robust)
     counts = np.maximum(stack.whole[1], 1)
     scale = np.maximum(np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None], 1e-9)
     projection = _projection(base, speed, reference, scale)
@@ -289,22 +310,32 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     """
     if error is None:
         return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
-    factors = _changed(_folded(stack, error.speed, error.reference), error.scale, error.projection)
-    left = [F @ np.concatenate([mean, theta, [-1.0]]) for F, mean in zip(factors, error.mean, strict=True)]
-    return np.array([float(e @ e) for e in left])
+    found = np.zeros(len(stack.joints))
+    by_column = error.mean / error.scale
+    by_parameter = theta - np.einsum("jpk,jk->jp", error.projection, error.mean)
+    for rows in _walk(stack, error.speed, error.reference):
+        predicted = np.einsum("mjk,jk->mj", rows.W, np.hstack([by_column, by_parameter]), optimize=True)
+        found += np.sum(np.where(rows.mask, rows.tau - predicted, 0.0) ** 2, axis=0)
+    return found
 
 
-def _folded(stack: Stack, speed: Floats, reference: Floats) -> Floats:
-    """Return triangular factors of [D W tau] per joint, (n, k + p + 1, k + p + 1)."""
+def _folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust: Floats | None) -> Floats:
+    """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1)."""
     n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
     factors = np.zeros((n, k + p + 1, k + p + 1))
-    observer = stack.observer
-    active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
-    for D, W, tau, mask in _pieces(stack, speed, reference):
+    observer, walk = stack.observer, _walk(stack, speed, reference)
+    active = [
+        np.concatenate([np.arange(k), k + np.unique(observer.cols[observer.rows == j]), [k + p]]) for j in range(n)
+    ]
+    for held in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
+        every = np.concatenate([np.concatenate([rows.W, rows.tau[:, :, None]], axis=2) for rows in held])
+        mask = np.concatenate([rows.mask for rows in held])
+        if robust is not None:
+            left = np.abs(every @ np.concatenate([np.zeros(k), -robust, [1.0]])) / noise
+            every *= (FAR / np.maximum(left, FAR))[:, :, None]
         for j, F in enumerate(factors):
-            good, columns = mask[:, j], np.concatenate([np.arange(k), k + active[j], [k + p]])
-            every = np.column_stack([D[good, j], W[good, j][:, active[j]]])
-            F[np.ix_(columns, columns)] = accumulate(F[np.ix_(columns, columns)], every, tau[good, j])
+            place = np.ix_(active[j], active[j])
+            F[place] = triangle(np.vstack([F[place], every[mask[:, j], j][:, active[j]]]))
     return factors
 
 
@@ -319,24 +350,29 @@ def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
     return found
 
 
-def _pieces(stack: Stack, speed: Floats, reference: Floats) -> Iterator[tuple[Floats, Floats, Floats, Mask]]:
-    """Yield D (M, n, k), W (M, n, p), tau and mask (M, n) of enough rows to be folded at once."""
-    held: list[tuple[Floats, Floats, Floats, Mask]] = []
-    for number, log in enumerate(stack.logs):
-        for rows in stack.rows_of_log(number):
-            D = _filtered_shapes(rows, log, stack.observer, speed)
-            D[:, :, -1] *= np.abs(rows.W @ reference)
-            held.append((D, rows.W, rows.tau, rows.mask))
-            if sum(len(each[2]) for each in held) >= FOLDED:
-                yield _together(held)
-                held = []
+def _walk(stack: Stack, speed: Floats, reference: Floats) -> RowWalk:
+    """Return the rows of a stack with [D W] in place of W."""
+
+    def walk() -> Iterator[ObservationRows]:
+        for number, log in enumerate(stack.logs):
+            for rows in stack.rows_of_log(number):
+                D = _filtered_shapes(rows, log, stack.observer, speed)
+                D[:, :, -1] *= np.abs(rows.W @ reference)
+                yield rows.with_arrays(np.concatenate([D, rows.W], axis=2), rows.tau)
+
+    return RowWalk(walk)
+
+
+def _together(rows: Iterable[ObservationRows]) -> Iterator[list[ObservationRows]]:
+    """Yield rows that are enough to be folded at once."""
+    held: list[ObservationRows] = []
+    for each in rows:
+        held.append(each)
+        if sum(len(one.tau) for one in held) >= FOLDED:
+            yield held
+            held = []
     if held:
-        yield _together(held)
-
-
-def _together(held: list[tuple[Floats, Floats, Floats, Mask]]) -> tuple[Floats, Floats, Floats, Mask]:
-    D, W, tau, mask = zip(*held, strict=True)
-    return np.concatenate(D), np.concatenate(W), np.concatenate(tau), np.concatenate(mask)
+        yield held
 
 
 def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical
+from dynid.estimation.body_prior import COUNTED, curvature, followed, likeliest_size, rounded
 from dynid.estimation.interior_point import Minimum, Objective, approach, minimise
 from dynid.estimation.physical_constraints import (
     PhysicalConstraints,
     basis,
+    body_parameters,
     make_constraints,
-    pseudo_inertia,
     smallest_eigenvalues,
 )
 from dynid.model.base_model import BaseModel
@@ -36,7 +37,7 @@ DEFAULT_GAMMA = 3.0
 #: Weight of the logarithm of a bound that only has to hold: too small to bias anything.
 BOUND_WEIGHT = 1e-5
 #: Rounds of pooling, relative change of the sizes at which it ends, and how exactly each round is solved.
-POOLING_ROUNDS, POOLED, POOLING_TOLERANCE = 10, 0.03, 0.03
+POOLING_ROUNDS, POOLED, POOLING_TOLERANCE = 40, 0.03, 0.03
 #: Rounds in which the prior's bodies get their common size, and change of its logarithm at which they end.
 SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
 #: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
@@ -93,7 +94,7 @@ class PhysicalParameters:
 def constraints_of(base: BaseModel) -> PhysicalConstraints:
     """Return the robot's prior and what is known about it, for all parameters of the model."""
     known, identified = base.robot.known, base.robot.identified_links
-    return make_constraints(
+    found = make_constraints(
         base.model.parameters,
         prior_vector(base.model),
         total_mass=known.total_mass,
@@ -101,6 +102,8 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
         com_box={link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified},
         ratings=friction_ratings(base.robot),
     )
+    # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
+    return found if base.robot.prior and base.robot.prior.links else rounded(found)
 
 
 def friction_ratings(robot: Robot) -> dict[str, float]:
@@ -149,7 +152,11 @@ def fit_physical(
 
 
 def fit_pooled(
-    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = DEFAULT_GAMMA
+    R: Floats,
+    r: Floats,
+    constraints: PhysicalConstraints,
+    gamma: float = DEFAULT_GAMMA,
+    near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_physical``, and let joints lend each other the size of their friction and rotor inertia.
 
@@ -157,7 +164,7 @@ def fit_pooled(
     each kind to a common size s of all joints (for their ratings), minimised over s as well, is
     gamma * n * log(arithmetic / geometric mean): no unit and no size is preferred, only equality. Offsets are normally
     distributed with the common size of the Coulomb friction, from which a joint that moves one way only cannot tell
-    them. Good data override it.
+    them. Good data override it. Bodies may be far from the prior's, see ``body_prior``.
     Source: empirical Bayes; solved by majorisation.
 
     Args:
@@ -165,55 +172,105 @@ def fit_pooled(
         r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
         gamma: weight of the prior and of the pooling.
+        near: possible parameters of a similar fit, (c,), where the search begins.
 
     Returns:
         The fit, and the constraints with the sizes found as prior.
     """
-    start = feasible_start(constraints)
+    start = feasible_start(constraints) if near is None else near
     constraints = with_pooled_prior(constraints, start)
-    objective = _objective(*_with_spread(R, r, constraints, gamma), constraints, gamma)
+    bound = constraints if near is None else _followed(constraints, near)
+    objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
     here, steps = approach(objective, start, POOLING_TOLERANCE)
     for _ in range(POOLING_ROUNDS):
-        before, constraints = constraints, with_pooled_prior(constraints, here.y)
-        if np.allclose(constraints.prior, before.prior, rtol=POOLED):
+        before, constraints = bound, with_pooled_prior(constraints, here.y)
+        bound = _followed(constraints, here.y)
+        if _settled(before, bound):
             break
-        objective = _objective(*_with_spread(R, r, constraints, gamma), constraints, gamma)
+        objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
         here, more = approach(objective, here, POOLING_TOLERANCE)
         steps += more
     minimum = minimise(objective, here)
-    minimum = replace(minimum, steps=steps + minimum.steps)
-    return _report(objective, minimum, constraints), constraints
+    fit = _report(objective, replace(minimum, steps=steps + minimum.steps), constraints)
+    return _honest(fit, R, minimum, constraints, gamma), constraints
+
+
+def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
+    """Return the constraints with the prior whose entropic divergence bounds the price of the bodies from above."""
+    prior = constraints.prior.copy()
+    prior[constraints.bodies] = body_parameters(followed(constraints, x))
+    return replace(constraints, prior=prior)
+
+
+def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
+    """Return whether neither sizes nor bodies of the prior moved."""
+    bodies = np.zeros(len(after.prior), dtype=bool)
+    bodies[after.bodies] = True
+    if not np.allclose(after.prior[~bodies], before.prior[~bodies], rtol=POOLED):
+        return False
+    moved = np.linalg.inv(before.prior_pseudo_inertia) @ after.prior_pseudo_inertia - np.eye(4)
+    return bool(np.einsum("lab,lba->l", moved, moved).max(initial=0.0) < POOLED**2)
+
+
+def _honest(
+    fit: PhysicalParameters, R: Floats, minimum: Minimum, constraints: PhysicalConstraints, gamma: float
+) -> PhysicalParameters:
+    """Return the fit with error bars for bodies that may be far from the prior's.
+
+    Args:
+        fit: with the curvature of entropic divergences.
+        R: whitened regressor, (rows, c).
+        minimum: where the solver stopped.
+        constraints: with the prior's bodies.
+        gamma: weight of the prior.
+    """
+    data, entropic = R.T @ R, fit.hessian
+    change, columns = np.zeros_like(entropic), constraints.bodies
+    places = columns[:, :, None], columns[:, None, :]
+    change[places] = curvature(constraints, fit.x, gamma) - minimum.logs[places]
+    prior = COUNTED * (entropic + change - data)
+    covariance = _inverse(data + prior, None)
+    open_ = np.diagonal(_inverse(COUNTED * (minimum.logs + change), None))
+    return replace(
+        fit,
+        hessian=data + prior,
+        covariance=covariance,
+        std_error=np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
+        data_share=_share(np.diagonal(covariance), open_),
+    )
 
 
 def fit_sized(
-    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = DEFAULT_GAMMA
+    R: Floats,
+    r: Floats,
+    constraints: PhysicalConstraints,
+    gamma: float = DEFAULT_GAMMA,
+    near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_pooled``, and let the data say how heavy the prior's bodies are, all of them by one factor.
 
-    Default cylinders are a shape; nobody says that the arm is made of their stuff. The factor s that fits the bodies
-    found so far best is the mean of tr(P0_i^-1 P_i) / 4; it came out about 1 on arms of 15 kg and 30 to 800 on a heavy
-    one, whose forces cylinders of a light arm would draw towards nothing.
+    Default cylinders are a shape; nobody says that the arm is made of their stuff. The likeliest factor came out about
+    1 on arms of 15 kg and 30 to 800 on a heavy one, whose forces cylinders of a light arm would draw towards nothing.
 
     Args:
         R: whitened regressor or its triangular factor, (rows, c).
         r: whitened torques, (rows,).
         constraints: bounds and prior.
         gamma: weight of the prior and of the pooling.
+        near: possible parameters of a similar fit, (c,), where the search begins.
 
     Returns:
         The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
     """
-    fit, found = as_given = fit_pooled(R, r, constraints, gamma)
+    fit, found = as_given = fit_pooled(R, r, constraints, gamma, near)
     for _ in range(SIZE_ROUNDS if fit.cost > SIZE_GAIN else 0):
-        P = pseudo_inertia(fit.x[constraints.bodies])
-        ratios = np.einsum("lab,lba->l", np.linalg.inv(constraints.prior_pseudo_inertia), P) / 4
-        size = float(np.mean(ratios)) if len(ratios) else 1.0
+        size = likeliest_size(found, fit.x)
         if abs(np.log(size)) < SIZE_SETTLED:
             break
         prior = constraints.prior.copy()
         prior[constraints.bodies] *= size
         constraints = replace(constraints, prior=prior)
-        fit, found = fit_pooled(R, r, constraints, gamma)
+        fit, found = fit_pooled(R, r, constraints, gamma, fit.x)
     return (fit, found) if as_given[0].cost - fit.cost > SIZE_GAIN else as_given
 
 
@@ -363,7 +420,6 @@ def _report(objective: Objective, minimum: Minimum, constraints: PhysicalConstra
     touched = tuple(label for label, cost in zip(constraints.labels, held, strict=True) if cost > 1.0)
     covariance = _inverse(minimum.hessian, objective.T)
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(minimum.logs, None))
-    share = np.where(before > 0.0, 1.0 - after / np.where(before > 0.0, before, 1.0), 1.0)
     return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
         x=x,
@@ -372,11 +428,17 @@ def _report(objective: Objective, minimum: Minimum, constraints: PhysicalConstra
         gap=minimum.gap + BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
         steps=minimum.steps,
         touched=touched,
-        data_share=np.clip(share, 0.0, 1.0),
+        data_share=_share(after, before),
         std_error=np.sqrt(after),
         covariance=covariance,
         hessian=minimum.hessian,
     )
+
+
+def _share(after: Floats, before: Floats) -> Floats:
+    """Return which part of the variance that the prior left open the data took away, (c,)."""
+    known = before > 0.0
+    return np.asarray(np.clip(np.where(known, 1.0 - after / np.where(known, before, 1.0), 1.0), 0.0, 1.0))
 
 
 def _inverse(H: Floats, T: Floats | None) -> Floats:

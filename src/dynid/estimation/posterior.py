@@ -17,14 +17,12 @@ from dynid.estimation.least_squares import Fit
 from dynid.estimation.model_error import (
     WANTED,
     ModelError,
-    Whitened,
     best_size,
     covariance_root,
     model_error,
     orthogonal,
     random_states,
     shapes_of,
-    squares,
     whitened_rows,
 )
 from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_sized
@@ -33,6 +31,8 @@ from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 
+#: Estimators that give spikes little weight.
+ROBUST = ("irls", "iv", "idim-iv")
 #: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
 BEYOND = 1.2
@@ -52,7 +52,6 @@ class Posterior:
         covariance: theirs, (p, p).
         alone: base parameters of the set that fits best without any model error, (p,).
         error: the model error, None where the evidence wants none or it was not asked for.
-        rows: rows with the columns of the model error; None where it was not looked for.
     """
 
     physical: PhysicalParameters
@@ -60,13 +59,6 @@ class Posterior:
     covariance: Floats
     alone: Floats
     error: ModelError | None
-    rows: Whitened | None
-
-    def squares(self, stack: Stack) -> Floats:
-        """Return the sum of squared residuals of each joint on the fitted rows, (n,) [N^2 m^2 or N^2]."""
-        if self.error is None or self.rows is None:
-            return squares(stack, self.theta, None)
-        return self.rows.squares(self.theta, self.error)
 
 
 def physical_posterior(
@@ -92,22 +84,22 @@ def physical_posterior(
     found = _posterior(K, fit, alone, estimate)
     if residual_model is False or stack.earlier is not None or not stack.logs:
         return found
-    rows = whitened_rows(stack, base, alone, estimate.noise, estimate.inflation)
+    robust = estimate.theta if estimate.method in ROBUST else None
+    rows = whitened_rows(stack, base, alone, estimate.noise, estimate.inflation, robust).centred(estimate.theta)
     gain = np.inf
     if size is None:
         size, gain = best_size(rows, K, fit.x, fit.hessian - R.T @ R)
     if residual_model is None and gain < WANTED:
         return found
     left, heads = rows.eliminated(size)
-    fit, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints)
+    fit, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=fit.x)
     found = _posterior(K, fit, alone, estimate)
-    error = model_error(rows, size, gain, heads, found.theta, stack.whole[1])
-    return replace(found, error=error, rows=rows)
+    return replace(found, error=model_error(rows, size, gain, heads, found.theta, stack.whole[1]))
 
 
 def _posterior(K: Floats, fit: PhysicalParameters, alone: Floats, estimate: Fit) -> Posterior:
     fit = replace(fit, inflation=estimate.inflation)
-    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, None)
+    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None)
 
 
 # ---------------------------------------------------------------- what a set is worth

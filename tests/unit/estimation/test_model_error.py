@@ -1,10 +1,12 @@
 """The model error against the same Gaussian algebra done whole, and against torques that were hidden."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_stack import simulated, stacked, truth
 
-from dynid.estimation.estimators import wls
+from dynid.estimation.estimators import irls, wls
 from dynid.estimation.model_error import GROUPS, best_size, model_error, squares, whitened_rows
 from dynid.estimation.posterior import physical_posterior
 from dynid.files.robotfile import load_robot
@@ -107,11 +109,29 @@ def test_an_arm_with_a_complete_model_has_no_model_error(base):
     assert np.mean(z < 1.96) >= 0.85
 
 
-def test_the_residual_on_the_fitted_rows_is_the_same_from_factors_and_rows(found):
+def test_squares_are_those_of_walking_over_the_rows(found):
     stack, _, post = found
     walked = np.zeros(len(stack.joints))
     for rows in stack:
         tau = rows.W @ post.theta + post.error.torque(rows, stack.logs[0], stack.observer)
         walked += np.sum(np.where(rows.mask, rows.tau - tau, 0.0) ** 2, axis=0)
-    assert post.squares(stack) == pytest.approx(walked, rel=1e-6)
     assert squares(stack, post.theta, post.error) == pytest.approx(walked, rel=1e-6)
+
+
+def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, found):
+    """Instruments find other parameters than least squares of the same rows."""
+    stack, estimate, _ = found
+    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0)
+    other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
+    left, _ = rows.centred(other).eliminated(np.full(3, 1e-9))
+    assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(other, rel=1e-5, abs=1e-6)
+
+
+def test_spikes_are_not_taken_for_friction(base):
+    """One sample in a hundred ten times as far off as the torque is large: the columns keep out of it."""
+    log = simulated(base, noise=0.05)
+    rng = np.random.default_rng(2)
+    hit = rng.random(log.tau.shape) < 0.01
+    spiky = stacked(base, replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)), cutoff=15.0)
+    estimate = irls(spiky, prior_base_parameters(base.model, base.reduction))
+    assert physical_posterior(base, estimate, spiky, residual_model=None).error is None
