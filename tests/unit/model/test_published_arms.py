@@ -1,6 +1,7 @@
 """The DH tables in robots/ put the flange where public descriptions of the same arms put it."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +26,16 @@ def _from_example_robot_data(*inside: str) -> Path:
     return path
 
 
-def _largest_wobble(robot, chain):
-    """Return how much the pose of the last DH frame in the URDF's last link changes over random configurations."""
+def _largest_wobble(robot, chain, base=np.eye(4)):  # noqa: B008
+    """Return how much the pose of the last DH frame in the URDF's last link changes over random configurations.
+
+    ``base`` is the pose of the URDF's first link in the world of the robot file.
+    """
     q = np.random.default_rng(0).uniform(-PI, PI, (50, robot.n))
     dh = tool_pose(robot, q)
     fixed = []
     for k in range(len(q)):
-        pose, moving = np.eye(4), iter(q[k])
+        pose, moving = base, iter(q[k])
         for joint in chain:
             pose = pose @ joint.transform(next(moving) if joint.moves else 0.0)
         fixed.append(np.linalg.inv(pose) @ dh[k])
@@ -122,6 +126,55 @@ def test_xarm7_follows_the_urdf_of_its_maker():
     np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
 
 
+PANDAS = {
+    "example-robot-data": lambda: _from_example_robot_data("panda_description", "urdf", "panda.urdf"),
+    "pybullet": lambda: Path(pytest.importorskip("pybullet_data").getDataPath()) / "franka_panda" / "panda.urdf",
+}
+
+
+@pytest.mark.parametrize("source", PANDAS)
+def test_panda_follows_two_public_urdfs(source):
+    urdf = read_urdf(PANDAS[source]())
+    wobble, fixed = _largest_wobble(load_robot("franka_panda"), urdf.chain(urdf.root, "panda_link7"))
+    assert wobble < 1e-9
+    np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
+
+
+def test_ur10_follows_the_urdf_of_ur_description_whose_base_link_is_turned_half_about():
+    urdf = read_urdf(_from_example_robot_data("ur_description", "urdf", "ur10_robot.urdf"))
+    half = np.diag([-1.0, -1.0, 1.0, 1.0])
+    wobble, fixed = _largest_wobble(load_robot("ur10"), urdf.chain(urdf.root, "tool0"), half)
+    assert wobble < 1e-9
+    np.testing.assert_allclose(fixed[:3, 3], 0, atol=1e-9)
+
+
+def test_lwr4plus_follows_the_chain_of_lwr_description():
+    heights = (0.11, 0.2005, 0.2, 0.2, 0.2, 0.19, 0.078)
+    axes = ((0, 0, 1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1), (0, -1, 0), (0, 0, 1))
+    chain = [
+        replace(joint, axis=np.array(axis, dtype=float))
+        for joint, axis in zip(_chain(*((0, 0, z, 0, 0, 0) for z in heights)), axes, strict=True)
+    ]
+    wobble, fixed = _largest_wobble(load_robot("kuka_lwr4plus"), chain)
+    assert wobble < 1e-12
+    np.testing.assert_allclose(fixed[:3, 3], 0, atol=1e-12)
+
+
+def test_gen2_has_the_axes_of_kinova_description_and_its_tool_within_the_urdfs_own_offsets():
+    chain = _chain(
+        (0, 0, 0.15675, 0, PI, 0),
+        (0, 0.0016, -0.11875, -HALF, 0, PI),
+        (0, -0.205, 0, -HALF, 0, 0),
+        (0, 0, -0.205, HALF, 0, PI),
+        (0, 0.2073, -0.0114, -HALF, 0, PI),
+        (0, 0, -0.10375, HALF, 0, PI),
+        (0, 0.10375, 0, -HALF, 0, PI),
+    )
+    wobble, fixed = _largest_wobble(load_robot("kinova_gen2"), chain)
+    np.testing.assert_allclose(np.abs(fixed[:3, :3]), np.eye(3), atol=1e-9)
+    assert wobble < 0.006
+
+
 def test_gen3_turns_about_the_screw_axes_of_its_description():
     """Product of exponentials of the axes and points that the maker's URDF has at zero."""
     heights = (0.1564, 0.2848, 0.4952, 0.7056, 0.9140, 1.0199, 1.1258)
@@ -139,7 +192,10 @@ def test_gen3_turns_about_the_screw_axes_of_its_description():
         np.testing.assert_allclose(tool_pose(robot, q)[:3, 3], place, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["ur3e", "ur5e", "ur10e", "kuka_iiwa7", "kuka_iiwa14", "kinova_gen3", "xarm7"])
+@pytest.mark.parametrize(
+    "name",
+    ["franka_panda", "kinova_gen2", "kuka_lwr4plus", "ur10", "ur3e", "ur5e", "ur10e", "kuka_iiwa7", "kuka_iiwa14", "kinova_gen3", "xarm7"],
+)
 def test_every_published_arm_says_its_source_and_has_limits_of_speed_and_torque(name):
     robot = load_robot(name)
     assert "Source" in robot.path.read_text(encoding="utf-8")
