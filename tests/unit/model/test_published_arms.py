@@ -194,7 +194,19 @@ def test_gen3_turns_about_the_screw_axes_of_its_description():
 
 @pytest.mark.parametrize(
     "name",
-    ["franka_panda", "kinova_gen2", "kuka_lwr4plus", "ur10", "ur3e", "ur5e", "ur10e", "kuka_iiwa7", "kuka_iiwa14", "kinova_gen3", "xarm7"],
+    [
+        "franka_panda",
+        "kinova_gen2",
+        "kuka_lwr4plus",
+        "ur10",
+        "ur3e",
+        "ur5e",
+        "ur10e",
+        "kuka_iiwa7",
+        "kuka_iiwa14",
+        "kinova_gen3",
+        "xarm7",
+    ],
 )
 def test_every_published_arm_says_its_source_and_has_limits_of_speed_and_torque(name):
     robot = load_robot(name)
