@@ -110,7 +110,7 @@ def one(task):
 def verdict(judge, robot, wrong, raw, names, right, edits):
     """Return a word of VERDICTS for a mistake, and what was named."""
     found = mapping.diagnose(raw, wrong, names)
-    noise = mapping.noise_of(robot, right.floor)
+    noise = np.hypot(mapping.noise_of(robot, right.floor), mapping.usual_error(robot, right.left))
 
     def hidden(file):
         return mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise) < mapping.CLEAR

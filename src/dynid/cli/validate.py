@@ -9,6 +9,7 @@ import click
 
 from dynid.cli.dataclass_options import options_from, options_of
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
 from dynid.options import share_or_none
 from dynid.text import shell
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     examples=(
         "dynid validate out/kuka_lwr4plus/parameters.npz unseen.bag",
         "dynid validate out/arm/parameters.npz unseen.bag --max-unexplained 5%     exit 1 when worse",
+        "dynid validate out/arm/parameters.npz unseen.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
     ),
 )
 @click.argument("parameters", type=click.Path(path_type=Path))
@@ -35,11 +37,17 @@ if TYPE_CHECKING:
     help="Exit 1 when the rms torque error of any joint is larger [N m or N].",
 )
 @click.option("--max-unexplained", metavar="SHARE", help="Exit 1 when the total relative torque error is larger.")
+@click.option(
+    "--mcap",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
+)
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
-def command(common: Common, parameters: Path, log: Path, plot: bool, **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(common: Common, parameters: Path, log: Path, plot: bool, mcap: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Compare estimated with measured torques on a recording that the model has not seen."""
     limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
-    facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, **limits)
+    facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits)
     common.terminal.emit_json(facts)
     again = shell("dynid", "validate", parameters, log, "--plot")
     common.terminal.next(f"look at {facts['wrote'][-1]}" if plot else again)
@@ -55,22 +63,27 @@ def run_validate(
     max_rms: float | None = None,
     max_unexplained: str | None = None,
     plot: bool = True,
+    mcap: Path | None = None,
 ) -> dict[str, Any]:
     """Replay a log, write and print what comes out, and return the JSON answer."""
     from dynid.estimation import result
     from dynid.workflows.logs import read_log
-    from dynid.workflows.validate import base_model_of, validate
+    from dynid.workflows.validate import base_model_of, urdf_of, validate
 
     options = options or ValidateOptions()
     terminal = common.terminal
     largest = share_or_none(max_unexplained, "--max-unexplained")
     stored = result.load(parameters)
+    if mcap is not None:
+        may_write(common, mcap, {})
     with terminal.progress() as progress:
         base = base_model_of(stored, parameters.parent, progress)
         progress.stage("read")
         found = validate(stored, read_log(log, stored.robot, options), options, base=base, progress=progress)
         folder = found.folder(parameters.parent / "validation")
         wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
+        if mcap is not None:
+            wrote.append(found.save_mcap(mcap, urdf_of(stored, base)))
     broken = found.broken_limits(max_rms, largest)
     for sentence in broken:
         terminal.say(f"limit      {sentence}")

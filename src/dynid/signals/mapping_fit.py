@@ -53,11 +53,13 @@ class ThinMotion:
         x: position, velocity, acceleration, (3, N, n).
         tau: torques, (N, n).
         apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
+        independent: number of instants of the whole log that say something of their own: it was smoothed.
     """
 
     x: Floats
     tau: Floats
     apart: bool
+    independent: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,12 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     rows = np.flatnonzero(alive)
     if len(rows) < 50:
         return None
+    independent = len(rows) / width
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     unknown = log.tau_unit == "A" and (robot.torque.gain is None or any(g is None for g in robot.torque.gain))
     gain = np.array(robot.torque.gain, dtype=float) if log.tau_unit == "A" and not unknown else np.ones(log.n)
-    return ThinMotion(np.stack([position[rows], velocity[rows], x2[rows]]), smoothed[:count][rows] * gain, unknown)
+    motion = np.stack([position[rows], velocity[rows], x2[rows]])
+    return ThinMotion(motion, smoothed[:count][rows] * gain, unknown, independent)
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ class Validation:
         cutoff: cut-off of the filter over torques and columns [Hz].
         expected_percent: the relative error that the result's posterior expects on this motion [%]; None without one.
         same_motion: whether the log repeats a fitted motion, which tells the noise and not what other motions show.
+        start_ns: what the time of the log counts from [ns since 1970], 0 where it does not say.
     """
 
     robot: Robot
@@ -73,6 +74,7 @@ class Validation:
     cutoff: float
     expected_percent: float | None = None
     same_motion: bool = False
+    start_ns: int = 0
 
     def expectation(self) -> str:
         """Return whether the error that was expected of this motion came true; "" where none was."""
@@ -207,6 +209,32 @@ class Validation:
         prediction.save(path, [self.motion], header)
         return path
 
+    def save_mcap(self, path: Path, urdf: str) -> Path:
+        """Write measured, predicted and residual motion and torques for Foxglove, PlotJuggler and Rerun.
+
+        Args:
+            path: the MCAP file.
+            urdf: text of the arm's URDF, with the robot file's joint names and angles.
+
+        Raises:
+            CannotWrite: the file cannot be written.
+        """
+        import numpy as np
+
+        from dynid.files.replaymcap import JointStates, write_replay
+
+        m = self.motion
+        torque = np.where(m.usable, m.tau_estimated, np.nan)
+        topics = {
+            "/measured/joint_states": JointStates(m.q_measured, m.qd_measured, m.tau_measured),
+            "/predicted/joint_states": JointStates(m.q_estimated, m.qd_estimated, torque),
+            "/residual/joint_states": JointStates(
+                m.q_measured - m.q_estimated, m.qd_measured - m.qd_estimated, m.tau_measured - torque
+            ),
+        }
+        stamps = self.start_ns + np.round(m.t * 1e9).astype(np.int64)
+        return write_replay(path, stamps, self.robot.joint_names, topics, urdf)
+
     def write_figures(self, folder: Path) -> list[Path]:
         """Draw measured and estimated motion and torques of each joint."""
         from dynid.reports.figures import write_motion_figures
@@ -261,9 +289,16 @@ def validate(
     baseline, what = baseline_torque(base, result, rows, motion)
     joints, total = prediction.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or log.name)
-    return Validation(
-        base.robot, where, log.sha256, tuple(joints), total, what, motion, replayed.filter.cutoff, expected, again
-    )
+    cutoff, start = replayed.filter.cutoff, int(log.extra.get("start_ns", 0))
+    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, cutoff, expected, again, start)
+
+
+def urdf_of(result: Identification, base: BaseModel) -> str:
+    """Return the URDF of an arm with its identified bodies, for viewers: also where no body has the parameters."""
+    from dynid.exporters import FORMATS
+    from dynid.workflows.export import ExportOptions, identified_arm
+
+    return FORMATS["urdf"].text(identified_arm(result, ("urdf",), ExportOptions(), base))
 
 
 def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:

@@ -1,0 +1,63 @@
+"""What ``dynid validate --mcap`` writes is read by other libraries, with numbers, stamps and the arm itself in it."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+import twolink
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
+from dynid.workflows.identify import identify
+from dynid.workflows.validate import base_model_of, urdf_of, validate
+
+KINDS = ("measured", "predicted", "residual")
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    twolink.write_arm(folder)
+    arm = load_robot(folder / "arm.yaml")
+    result = identify(arm, read_log(folder / "log.csv", robot=arm))
+    found = validate(result, read_log(folder / "unseen.csv", robot=arm))
+    return found, found.save_mcap(folder / "replay.mcap", urdf_of(result, base_model_of(result)))
+
+
+def test_mcap_reads_the_topics_and_the_attached_urdf(replay):
+    found, path = replay
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        summary, attached = reader.get_summary(), list(reader.iter_attachments())
+        assert reader.get_header().profile == "ros2"
+    counts = {summary.channels[k].topic: n for k, n in summary.statistics.channel_message_counts.items()}
+    states = dict.fromkeys((f"/{kind}/joint_states" for kind in KINDS), len(found.motion.t))
+    assert counts == {"/robot_description": 1, **states}
+    (file,) = attached
+    joints = [joint.get("name") for joint in ET.fromstring(file.data).findall("joint")]
+    assert (file.name, file.media_type, joints) == ("robot.urdf", "application/xml", ["shoulder", "elbow"])
+
+
+def test_rosbags_reads_the_numbers_and_the_description(replay):
+    found, path = replay
+    motion, rows = found.motion, {kind: [] for kind in KINDS}
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        for connection, stamp, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            if connection.topic == "/robot_description":
+                assert ET.fromstring(message.data).tag == "robot"
+                continue
+            assert message.name == ["shoulder", "elbow"]
+            assert stamp == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            rows[connection.topic.split("/")[1]].append((stamp, message.position, message.effort))
+    for kind, tau in (("measured", motion.tau_measured), ("predicted", motion.tau_estimated)):
+        stamps, q, effort = (np.array(each) for each in zip(*rows[kind], strict=True))
+        np.testing.assert_allclose((stamps - stamps[0]) / 1e9, motion.t - motion.t[0], atol=2e-9)
+        np.testing.assert_array_equal(effort[motion.usable], tau[motion.usable])
+        np.testing.assert_array_equal(q, getattr(motion, {"measured": "q_measured"}.get(kind, "q_estimated")))
+    residual = np.array([row[2] for row in rows["residual"]])[motion.usable]
+    np.testing.assert_array_equal(residual, (motion.tau_measured - motion.tau_estimated)[motion.usable])
+    assert residual.std() < 0.02  # the noise of the log before the filter [N m]

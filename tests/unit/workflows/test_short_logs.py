@@ -1,0 +1,43 @@
+"""Several recordings, each too short for itself, count together; so does a short one that is held out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import twolink
+
+from dynid.errors import LogTooShort
+from dynid.files.robotfile import load_robot
+from dynid.log import Log
+from dynid.workflows.identify import IdentifyOptions, identify
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.yaml"
+    path.write_text(twolink.ROBOT)
+    return load_robot(path)
+
+
+@pytest.fixture(scope="module")
+def pieces():
+    t, q, qd, qdd = twolink.motion(1)
+    tau = twolink.torque(q, qd, qdd) + 0.02 * np.random.default_rng(3).standard_normal(q.shape)
+    parts = [slice(k, k + 250) for k in range(0, 2000, 250)]
+    return [
+        Log(t[p] - t[p.start], q[p], tau[p], ("shoulder", "elbow"), source=Path(f"part{k}"))
+        for k, p in enumerate(parts)
+    ]
+
+
+def test_one_alone_is_too_short(arm, pieces):
+    with pytest.raises(LogTooShort):
+        identify(arm, pieces[0])
+
+
+def test_together_they_are_enough_and_a_short_one_can_be_held_out(arm, pieces):
+    found = identify(arm, pieces[:7], IdentifyOptions(holdout=pieces[7]))
+    assert found.heldout == "part7"
+    assert found.heldout_relative_error_percent < 2.0
+    viscous = {row["name"]: row["value"] for row in found.parameter_rows()}
+    assert viscous["fv1"] == pytest.approx(twolink.VISCOUS[0], rel=0.1)
