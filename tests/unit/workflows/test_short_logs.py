@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import twolink
 
+import twolink
 from dynid.errors import LogTooShort
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
