@@ -13,7 +13,8 @@ from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.run import RunOptions
 
 if TYPE_CHECKING:
-    from dynid.workflows.run import BatchResult, JobResult
+    from dynid.workflows.job import JobResult
+    from dynid.workflows.run import BatchResult
 
 #: Schema of the lines of ``--json-lines``: one ``"job"`` each, then one ``"end"``.
 EVENT = "dynid/run-event/1"

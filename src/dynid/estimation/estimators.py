@@ -155,6 +155,8 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     bread = fit.solution.inverse
     old = merge(earlier.factors, 1.0 / earlier.noise)[:-1, :-1]
     sensitivity = bread @ old.T @ old
+    if not stack.logs:
+        return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
     new = hac_covariance(stack, fit.theta, fit.noise, bread=bread)
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)
 

@@ -1,7 +1,7 @@
 """The batch file: many robots and logs in one YAML list, each an identification with what is checked after it.
 
 Keys of a job: name, robot, logs, options (long names of ``dynid identify``), validate, max_unexplained, fail_if,
-baseline, tolerance. ``defaults`` at the top holds the same keys for all jobs. Paths are relative to the file.
+baseline, tolerance, split_s. ``defaults`` at the top holds the same keys for all jobs. Paths are relative to the file.
 """
 
 from __future__ import annotations
@@ -12,9 +12,21 @@ from pathlib import Path
 from typing import Any
 
 from dynid.errors import WrongRobotFile
+from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
 
-_JOB = ("name", "robot", "logs", "options", "validate", "max_unexplained", "fail_if", "baseline", "tolerance")
+_JOB = (
+    "name",
+    "robot",
+    "logs",
+    "options",
+    "validate",
+    "max_unexplained",
+    "fail_if",
+    "baseline",
+    "tolerance",
+    "split_s",
+)
 
 
 @dataclass(frozen=True)
@@ -24,24 +36,26 @@ class Job:
     Attributes:
         name: name of the job and of its results folder.
         robot: name or path of the robot file.
-        logs: recordings to identify from.
+        logs: recordings to identify from; a URL as text.
         options: further options of ``dynid identify`` by long name.
         validate: recordings to validate on.
         max_unexplained: limit of the relative error there, such as ``"5%"``; "" for none.
         fail_if: limits of ``dynid identify --fail-if``.
         baseline: result to compare with, None for none.
         tolerance: largest change against it; "" for the test against noise.
+        split_s: length of the stretches that tasks of their own read [s]; 0 to read all logs in one.
     """
 
     name: str
     robot: str
-    logs: tuple[Path, ...]
+    logs: tuple[Path | str, ...]
     options: dict[str, str] = field(default_factory=dict)
-    validate: tuple[Path, ...] = ()
+    validate: tuple[Path | str, ...] = ()
     max_unexplained: str = ""
     fail_if: tuple[str, ...] = ()
     baseline: Path | None = None
     tolerance: str = ""
+    split_s: float = 0.0
 
 
 def read_batch(path: Path) -> tuple[Job, ...]:
@@ -73,13 +87,14 @@ def _job(value: Value, shared: dict[str, Value], folder: Path) -> Job:
     robot = str(folder / robot) if robot.endswith((".yaml", ".yml")) else robot
     text: dict[str, Any] = {key: keys[key].text() for key in ("max_unexplained", "tolerance") if key in keys}
     return Job(
-        name=keys["name"].text() if "name" in keys else f"{Path(robot).stem}-{logs[0].stem}",
+        name=keys["name"].text() if "name" in keys else f"{Path(robot).stem}-{Path(logs[0]).stem}",
         robot=robot,
         logs=logs,
         options=_options(keys["options"]) if "options" in keys else {},
         validate=_paths(keys["validate"], folder) if "validate" in keys else (),
         fail_if=_list(keys["fail_if"], Value.text) if "fail_if" in keys else (),
         baseline=folder / keys["baseline"].text() if "baseline" in keys else None,
+        split_s=_seconds(keys["split_s"]) if "split_s" in keys else 0.0,
         **text,
     )
 
@@ -88,8 +103,19 @@ def _list(value: Value, read: Callable[[Value], str]) -> tuple[str, ...]:
     return tuple(read(item) for item in value.items()) if value.is_list else (read(value),)
 
 
-def _paths(value: Value, folder: Path) -> tuple[Path, ...]:
-    found = tuple(folder / text for text in _list(value, Value.text))
+def _seconds(value: Value) -> float:
+    text = value.text()
+    try:
+        found = float(text)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found < float("inf"):
+        raise WrongRobotFile(f"{value.where}: {value.path} = {text} is no number of seconds", where=value.where)
+    return found
+
+
+def _paths(value: Value, folder: Path) -> tuple[Path | str, ...]:
+    found = tuple(text if is_url(text) else folder / text for text in _list(value, Value.text))
     if not found:
         raise WrongRobotFile(f"{value.where}: {value.path} is empty", where=value.where)
     return found
