@@ -21,13 +21,16 @@ from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
 from dynid.gap.significance import significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
+from dynid.gap.verdict import unrepeatable
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
 
-#: Most terms; a longer formula explains nothing to anybody.
-MOST = 3
+#: Most steps, and most columns after them; a longer formula explains nothing to anybody.
+MOST, LONGEST = 3, 4
+#: Most joints that are put into words, the loudest ones.
+JOINTS = 3
 #: Products that are evaluated exactly after the screening, and that a later term is chosen from.
 EXACT, LATER = 40, 800
 #: Products that are screened together.
@@ -164,14 +167,15 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
 
     Args:
         search: a search; what it has selected explains part of the rows already.
-        joints: joints with more left than noise, 0-based.
+        joints: joints with more left than noise, 0-based; of many the loudest are looked at.
         progress: told how far the work is.
     """
     found: list[SelectedEffect] = []
     proofs, clues = [], []
-    silent = set(search.problem.noise.unrepeatable)
-    for k, j in enumerate(sorted(joints, key=lambda j: -search.after[j])):
-        progress.advance(k + 1, len(joints), "formula")
+    silent = set(unrepeatable(search))
+    loudest = sorted(joints, key=lambda j: -search.after[j])[:JOINTS]
+    for k, j in enumerate(loudest):
+        progress.advance(k + 1, len(loudest), "formula")
         formula, why = (None, "what disturbs it does not repeat") if j in silent else _formula_of(search, j, found)
         if formula is None:
             clues.append(_clue(search, j, why))
@@ -228,6 +232,7 @@ def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], floa
         gains = rows.gains(regression, tried)
         order = np.argsort(-gains)
         exact = _exact(regression, joint, rows, [tried[k] for k in order[:EXACT] if gains[k] > 0], terms)
+        exact = [one for one in exact if len(terms) + len(one.terms) <= LONGEST]
         tried = [tried[k] for k in order[:LATER]]
         best = max(exact, key=lambda one: one.score, default=None)
         if best is None or best.score <= 2 * np.log(tests):
