@@ -10,6 +10,7 @@ import numpy as np
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
+from dynid.gap.rivals import settled_rivals
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import Key, SignificanceTest, candidates_at, score_candidate
 from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
@@ -99,8 +100,9 @@ def search_effects(
             break
     bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
     chi_before = (first.regression() if delay else bare).reduced_chi_square()
-    after, between = chi_squares(with_selected(bare, stepwise.selected))
-    return EffectSearch(problem, stepwise.selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
+    selected = settled_rivals(problem, stepwise.selected)
+    after, between = chi_squares(with_selected(bare, selected))
+    return EffectSearch(problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
 
 
 def chi_squares(regression: WhitenedRegression) -> tuple[Floats, Floats]:

@@ -171,23 +171,7 @@ class StepwiseSelection:
         self, regression: WhitenedRegression, score: CandidateScore, candidate: EffectCandidate
     ) -> SelectedEffect:
         """Return the candidate at its best shape, refined off the grid."""
-        effect, gain, shape = candidate.effect, score.gain, dict(candidate.shapes[score.index])
-        columns = {j: C[score.index] for j, C in candidate.columns.items()}
-        for factor in REFINED if effect.steps else ():
-            tried = [
-                shape | {name: stepped(shape[name], kind, size, sign * factor)}
-                for name, (kind, size) in effect.steps.items()
-                for sign in (-1, 1)
-            ]
-            near = candidate_of(regression, effect, candidate.joints, tried)
-            better = score_candidate(regression, near)
-            if better.gain > gain:
-                gain, shape = better.gain, tried[better.index]
-                columns = {j: C[better.index] for j, C in near.columns.items()}
-            elif gain < SETTLED / factor:
-                break
-        test = significance_test(regression, columns)
-        found = SelectedEffect(effect, candidate.joints, shape, test, gain - score.penalty)
+        found, columns = refined(regression, score, candidate)
         self._columns[_form(found)] = columns
         return found
 
@@ -260,6 +244,29 @@ class StepwiseSelection:
 
 def _form(one: SelectedEffect) -> tuple[Key, tuple[tuple[str, float], ...]]:
     return one.key, tuple(sorted(one.shape.items()))
+
+
+def refined(
+    regression: WhitenedRegression, score: CandidateScore, candidate: EffectCandidate
+) -> tuple[SelectedEffect, dict[int, Floats]]:
+    """Return a candidate at its best shape, refined off the grid, and its whitened columns, {joint: (k, M_j)}."""
+    effect, gain, shape = candidate.effect, score.gain, dict(candidate.shapes[score.index])
+    columns = {j: C[score.index] for j, C in candidate.columns.items()}
+    for factor in REFINED if effect.steps else ():
+        tried = [
+            shape | {name: stepped(shape[name], kind, size, sign * factor)}
+            for name, (kind, size) in effect.steps.items()
+            for sign in (-1, 1)
+        ]
+        near = candidate_of(regression, effect, candidate.joints, tried)
+        better = score_candidate(regression, near)
+        if better.gain > gain:
+            gain, shape = better.gain, tried[better.index]
+            columns = {j: C[better.index] for j, C in near.columns.items()}
+        elif gain < SETTLED / factor:
+            break
+    test = significance_test(regression, columns)
+    return SelectedEffect(effect, candidate.joints, shape, test, gain - score.penalty), columns
 
 
 def clearly_better(one: SelectedEffect, other: SelectedEffect) -> bool:
