@@ -47,8 +47,8 @@ SHARE, MORE = 0.5, 0.15
 SMALLER, GROWN = 0.97, 1.02
 #: Chance below which a formula differs between parts of the logs.
 CONSTANT = 1e-3
-#: Parts of a signal's range that tell whether the residual follows it.
-PARTS = 12
+#: Parts of a signal's range that tell whether the residual follows it, and the share of its power from which it does.
+PARTS, FOLLOWED = 12, 0.1
 #: Bins in which the quantity that an effect follows is sought.
 BINS = 24
 
@@ -511,7 +511,8 @@ def clue_text(clue: Clue, names: Sequence[str]) -> str:
     """Return what is known of a joint, in words."""
     repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of what is left repeats with the motion; "
     near = f"; nearest: {clue.near}" if clue.near else ""
-    return f"{names[clue.joint]}: {repeats}it follows {clue.signal} most ({100 * clue.share:.0f} % of its power){near}"
+    follows = f"it follows {clue.signal} most ({100 * clue.share:.0f} % of its power)"
+    return f"{names[clue.joint]}: {repeats}{follows if clue.share > FOLLOWED else 'it follows no single signal'}{near}"
 
 
 def _clue(search: EffectSearch, joint: int, why: str) -> Clue:

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.formula_library import forms, library_of
-from dynid.gap.formulas import find_formulas
+from dynid.gap.formulas import Clue, clue_text, find_formulas
 from dynid.gap.problem import make_problem
 from dynid.gap.search import EffectSearch, chi_squares
 from dynid.model.effects.catalogue import added_effects
@@ -94,3 +94,12 @@ def test_a_formula_goes_through_the_robot_file(twolinks, on_joint):
     spec = EffectSpec("formula", (robot.joint_names[1],), one.values, {}, one.effect.text)
     (added,) = added_effects(replace(robot, effects=(spec,)))
     assert [column.value for column in added.columns] == list(one.values.values())
+
+
+def test_a_clue_names_a_signal_only_where_the_residual_follows_it():
+    loud, faint = (Clue(1, "qd2", share, 0.9) for share in (0.4, 0.02))
+    assert (
+        clue_text(loud, ("a", "b"))
+        == "b: 90 % of what is left repeats with the motion; it follows qd2 most (40 % of its power)"
+    )
+    assert clue_text(faint, ("a", "b")).endswith("it follows no single signal")
