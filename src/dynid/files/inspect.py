@@ -83,7 +83,10 @@ class Inspected:
         if self.patterns:
             lines.append(f"  {tablelog.snippet(self.patterns)}")
         units = chosen.units
-        lines.append(f"  units: {{position: {units['position']}, effort: {units['effort']}}}")
+        velocity = chosen.log.qd is not None and bool(np.isfinite(chosen.log.qd).any())
+        shown = units | {"velocity": f"{units['position']}/s"} if velocity else units
+        order = ("position", "velocity", "effort")
+        lines.append(f"  units: {{{', '.join(f'{key}: {shown[key]}' for key in order if key in shown)}}}")
         return "\n".join(lines)
 
 
