@@ -306,6 +306,8 @@ def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
 
 
 # ---------------------------------------------------------------- printing
+#: How far the further part of a long line is moved in.
+FOLDED = 2
 #: Labels of judgements where they are not their names.
 JUDGED = {"fit": "verdict", "unseen motion": "another"}
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
@@ -400,8 +402,7 @@ def show_next(common: Common, result: Identification) -> None:
     from dynid.reports.sections.next_steps import steps
 
     for step in steps(Evidence(result, None, (), None, None))[:2]:
-        common.terminal.next(step.command)
-        common.terminal.stage("", step.why)
+        common.terminal.next(step.command, step.why)
 
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
@@ -428,7 +429,8 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.table(["joint", "rms error", "torque rms", "unexplained", "held out"], rows)
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
-    terminal.answer(total + (f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""))
+    held_text = f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""
+    terminal.answer(total + held_text, indent=FOLDED)
     judged = lights(Evidence(found, None, (), None, None))
     for light in judged:
         terminal.fact(JUDGED.get(light.name, light.name), f"{light.state}: {light.text}")

@@ -138,9 +138,11 @@ class Terminal:
         """Say what was written."""
         self.stage("wrote", f"{path}{'       (' + note + ')' if note else ''}")
 
-    def next(self, command: str) -> None:
-        """Say the next sensible command."""
+    def next(self, command: str, why: str = "") -> None:
+        """Say the next sensible command, and below it why; not with --quiet."""
         self.stage("next", command)
+        if why and not self.common.quiet:
+            self.say(f"{'':<{LABEL}}{why}", indent=LABEL)
 
     def finding(self, finding: Finding) -> None:
         """Say a warning, or with -v an information."""

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from dynid.workflows.validate import Validation
 
 
+#: How far the further part of a long line is moved in.
+FOLDED = 2
+
+
 @dynid_command(
     "validate",
     examples=(
@@ -101,7 +105,7 @@ def show(common: Common, found: Validation) -> None:
         errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %")
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
-    common.terminal.answer(f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}")
-    common.terminal.answer(found.worth(), indent=0)
-    if found.expected_percent:
-        common.terminal.answer(found.expectation())
+    total = f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}"
+    for line in (total, found.worth(), found.expectation()):
+        if line:
+            common.terminal.answer(line, indent=FOLDED)

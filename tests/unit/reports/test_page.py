@@ -219,7 +219,7 @@ def test_knowledge_is_judged_by_the_share_of_parameters_known_well(evidence, wel
     [("physical", False, "good"), ("physical", True, "fair"), ("plain", False, "fair"), ("plain", True, "bad")],
 )
 def test_physics_is_judged_by_the_set_in_force_and_the_warnings(evidence, in_force, warned, state):
-    findings = (Finding("W402", "warning", "x"),) if warned else (Finding("I400", "info", "x"),)
+    findings = (Finding("W404", "warning", "x"),) if warned else (Finding("I400", "info", "x"),)
     light = lights(changed(evidence, in_force=in_force, findings=findings))[3]
     assert (light.name, light.state) == ("physics", state)
 
@@ -248,7 +248,7 @@ def test_the_summary_shows_names_as_they_are(evidence):
     assert lines[9:12] == [
         "| 🔴 bad | unseen motion | 2.9 % unexplained, 2.1 times the fit's 1.4 % |",
         "| 🟢 good | knowledge | parameters known 21 well, 1 not determined |",
-        "| 🟡 fair | physics | bodies that can exist, but see the warnings |",
+        "| 🟢 good | physics | bodies that can exist |",
     ]
     assert lines[15] == r'| \<b\>x \& "y"\</b\> | 0.01 N m | 1.4 % | - |'
     assert len(lines) == 19

@@ -17,6 +17,8 @@ from dynid.reports.evidence import Evidence
 GOOD, FAIR = 5.0, 15.0
 #: Growth of the error on rows that were not fitted that is good, and still fair.
 SAME, NEAR = 1.2, 2.0
+#: Warnings about bodies: the plain numbers belong to no arm, or no possible arm explains a joint.
+OF_PHYSICS = ("W404", "W405")
 #: An error on unseen torque that is good however small that of the fit is [%].
 SMALL = 2.0
 
@@ -87,7 +89,7 @@ def lights(evidence: Evidence) -> list[Light]:
     worst = max(joint.relative_percent for joint in found.joints)
     known = _known(found) / len(found.names)
     growth = None if unseen is None else unseen[1] / max(found.relative_error_percent, 1e-9)
-    warnings = [finding for finding in found.findings if finding.level == "warning"]
+    warnings = [finding for finding in found.findings if finding.level == "warning" and finding.code in OF_PHYSICS]
     physical = found.in_force == "physical"
     return [
         Light(
