@@ -21,4 +21,16 @@ def joint_unit(unit: str, *, revolute: bool) -> str:
     return unit if revolute else SLIDING.get(unit, unit)
 
 
+#: Units of parameters where torques are counted in amperes, because no gain of a drive is known.
+AMPERES = {
+    "kg": "A s^2/m^2", "kg m": "A s^2/m", "kg m^2": "A s^2/rad^2", "N m": "A", "N": "A", "N m s/rad": "A s/rad",
+    "N s/m": "A s/m",
+}  # fmt: skip
+
+
+def ampere_unit(unit: str) -> str:
+    """Return the unit of a parameter where torques are amperes: the size of a mass is not known then."""
+    return AMPERES.get(unit, unit.replace("N m", "A"))
+
+
 FACTORS = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}

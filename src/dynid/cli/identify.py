@@ -438,7 +438,8 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
     mass = sum(link["mass_kg"] for link in found.links())
-    terminal.fact("physical", f"full set of links in parameters.npz, {mass:.3g} kg in all")
+    known = "the sizes of masses are unknown without gains" if torque.relative else f"{mass:.3g} kg in all"
+    terminal.fact("physical", f"full set of links in parameters.npz, {known}")
     if common.verbose:
         terminal.answer()
         terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))

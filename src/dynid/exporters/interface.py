@@ -53,6 +53,7 @@ class IdentifiedArm:
         full: one body per link.
         provenance: where the numbers come from.
         urdf: the user's own URDF, None to make one.
+        warning: what about the numbers cannot be, where they are written all the same.
     """
 
     base: BaseModel
@@ -61,6 +62,7 @@ class IdentifiedArm:
     full: FullModel
     provenance: Provenance
     urdf: Path | None = None
+    warning: str = ""
 
     @property
     def robot(self) -> Robot:
@@ -83,7 +85,7 @@ class IdentifiedArm:
         return (
             f"{escape(self.robot.name)}, identified by dynid {escape(made.version)} ({escape(made.method)}, "
             f"{escape(made.parameter_set)} set, relative error {made.relative_error_percent:.3g} %) "
-            f"from logs with sha256 {hashes}"
+            f"from logs with sha256 {hashes}{f'; WARNING: {escape(self.warning)}' if self.warning else ''}"
         )
 
 

@@ -22,6 +22,7 @@ from dynid.model.kernels import Kernel
 from dynid.model.parameters import Parameter, columns_of, link_parameters
 from dynid.model.program import Program
 from dynid.robot import Robot
+from dynid.units import ampere_unit
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +74,9 @@ class Model:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each parameter by name."""
+        """Unit of each parameter by name; in amperes where no gain of a drive is known."""
+        if self.robot.torque.relative:
+            return {parameter.name: ampere_unit(parameter.unit) for parameter in self.parameters}
         return {parameter.name: parameter.unit for parameter in self.parameters}
 
     def columns_of(self, *kinds: str) -> NDArray[np.intp]:

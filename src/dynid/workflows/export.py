@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,9 @@ from dynid.table import Table
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
     from dynid.model.base_model import BaseModel
@@ -186,6 +189,7 @@ def export(
     arm = identified_arm(result, names, options, base, progress)
     findings = possible(arm, names, options)
     progress.findings(findings)
+    arm = replace(arm, warning="; ".join(finding.text for finding in findings))
     # Why all texts first: nothing is written when one of the formats cannot hold the model.
     texts = {name: FORMATS[name].text(arm) for name in names}
     files = []
@@ -237,22 +241,48 @@ def identified_arm(
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
     version = str(result.header.get("dynid", __version__))
-    made = Provenance(version, result.method, which, result.relative_error_percent, result.log_sha256)
+    made = Provenance(version, result.method, which, fit_percent(result.factors, theta), result.log_sha256)
     return IdentifiedArm(base, theta, result.knowledge, full_model(base, full, theta), made, options.urdf)
 
 
+def fit_percent(factors: NDArray[np.float64], theta: NDArray[np.float64]) -> float:
+    """Return 100 |tau - W theta| / |tau| of parameters on the fitted rows [%].
+
+    Args:
+        factors: triangular factor of [W tau] of each joint, (n, p + 1, p + 1).
+        theta: base parameters, (p,).
+    """
+    from numpy.linalg import norm
+
+    left = factors[:, :, :-1] @ theta - factors[:, :, -1]
+    return 100 * float(norm(left)) / max(float(norm(factors[:, :, -1])), 1e-300)
+
+
+#: Formats that are programs with a mass matrix.
+LANGUAGES = ("c", "python", "matlab")
+#: Poses in which the mass matrix of exported code is looked at.
+POSES = 200
+
+
 def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions) -> tuple[Finding, ...]:
-    """Return the warning W409 for bodies that cannot exist, where they are wanted all the same.
+    """Return the warning W409 for what cannot exist, bodies or the mass matrix, where it is wanted all the same.
 
     Raises:
-        NotPhysical: they are not.
+        NotPhysical: it is not, or the sizes of masses are unknown.
     """
     from dynid.exporters import FORMATS
 
+    names = tuple(formats)
+    holding = [name for name in names if FORMATS[name].needs_bodies]
+    if arm.base.robot.torque.relative and holding:
+        raise NotPhysical(
+            "no gain of a drive is known, so the sizes of masses and inertias are unknown",
+            why=f"a {'/'.join(holding)} file holds kilograms",
+            fix="identify with --loaded LOG --load-mass KG, or export c, python, matlab or yaml, in amperes",
+        )
     impossible = arm.full.impossible_links()
-    holding = [name for name in formats if FORMATS[name].needs_bodies]
     if not impossible or not holding:
-        return ()
+        return _definite(arm, [name for name in names if name in LANGUAGES], options)
     links = ", ".join(str(link) for link in impossible)
     what = f"no body has the parameters of link {links}: mass or inertia not positive, or triangle inequality broken"
     if not options.allow_infeasible:
@@ -262,6 +292,30 @@ def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions)
             fix="export --set physical, or c, python, matlab or yaml, or add --allow-infeasible",
         )
     return (Finding("W409", "warning", what, {"links": list(impossible)}),)
+
+
+def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions) -> tuple[Finding, ...]:
+    """Return the warning W409 for a mass matrix that is not positive definite, where it is wanted all the same.
+
+    Raises:
+        NotPhysical: it is not: a controller that divides by it, or predicts with it, goes astray.
+    """
+    from dynid.model.mass_matrix import random_poses, sign_alarm
+
+    if not formats:
+        return ()
+    observer = arm.base.model.observer(arm.base.reduction.base)
+    alarm = sign_alarm(lambda q, qd, qdd: observer.torque(arm.theta, q, qd, qdd), random_poses(arm.base.robot, POSES))
+    if not alarm.raised:
+        return ()
+    what = f"the mass matrix is not positive definite in {round(POSES * alarm.share)} of {POSES} random poses"
+    if not options.allow_infeasible:
+        raise NotPhysical(
+            what,
+            why=f"{'/'.join(formats)} would compute accelerations of the wrong sign",
+            fix="export --set physical, or add --allow-infeasible",
+        )
+    return (Finding("W409", "warning", what, {"share": alarm.share}),)
 
 
 def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:

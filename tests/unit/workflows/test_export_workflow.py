@@ -68,6 +68,29 @@ def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wante
     assert (tmp_path / "arm.urdf").is_file()
 
 
+def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_it_is_wanted(result, tmp_path):
+    """Its own mass matrix, loaded from the file, has a negative eigenvalue."""
+    with pytest.raises(NotPhysical, match="mass matrix is not positive definite in 200 of 200"):
+        export(impossible(result), tmp_path, ExportOptions(parameters="plain"), formats=("python",))
+    assert not list(tmp_path.iterdir())
+    options = ExportOptions(parameters="plain", allow_infeasible=True)
+    export(impossible(result), tmp_path / "arm.py", options)
+    text = (tmp_path / "arm.py").read_text()
+    assert "WARNING: the mass matrix is not positive definite" in text.splitlines()[0]
+    space = {}
+    exec(compile(text, "arm.py", "exec"), space)
+    assert np.linalg.eigvalsh(space["mass_matrix"](np.array([0.3, 0.2]))).min() < 0
+
+
+def test_without_gains_nothing_is_in_kilograms(result, tmp_path):
+    torque = replace(result.robot.torque, source="motor_current", gain=(1.0, 1.0), relative=True)
+    currents = replace(result, robot=replace(result.robot, torque=torque))
+    with pytest.raises(NotPhysical, match="sizes of masses and inertias are unknown"):
+        export(currents, tmp_path / "arm.urdf")
+    units = {row["unit"] for row in currents.parameter_rows()}
+    assert units <= {"A s^2/m^2", "A s^2/m", "A s^2/rad^2", "A", "A s/rad"}
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_parameter_that_is_no_number_is_a_damaged_result(result, tmp_path, value):
     physical = replace(result.physical, x=np.full_like(result.physical.x, value))
