@@ -614,7 +614,7 @@ WARNINGS: dict[str, str] = {
     "W324": "Torque spikes were replaced by the median of their neighbours.",
     "W325": "Samples repeat the one before them while the arm moves, as the driver held them; they are left out.",
     "W326": "Samples are in an earlier recording too: the same log was given twice; they are left out.",
-    "W327": "Positions are so noisy that parameters are biased and their intervals too narrow.",
+    "W327": "Positions are so noisy that the cut-off is lowered for it, or that parameters are biased.",
     "W328": "The time stamps are not in seconds; they were converted.",
     "W329": "Another mapping of the columns explains the log far better; --anyway went on all the same.",
     "W402": "A base parameter is hardly excited by this log.",

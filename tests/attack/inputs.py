@@ -66,14 +66,28 @@ check: {rate: 100}
 """
 
 
+def pendulum(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """Return the torques of the double pendulum that ROBOT describes, from the textbook's formula."""
+    m1, m2, l1, c1, c2, i1, i2, g = 3.0, 2.0, 0.4, 0.2, 0.15, 0.04, 0.015, 9.81
+    one, both, coupling = np.cos(q[:, 0]), np.cos(q.sum(axis=1)), m2 * l1 * c2 * np.cos(q[:, 1])
+    h = m2 * l1 * c2 * np.sin(q[:, 1])
+    M11, M12, M22 = (
+        i1 + m1 * c1**2 + i2 + m2 * (l1**2 + c2**2) + 2 * coupling,
+        i2 + m2 * c2**2 + coupling,
+        i2 + m2 * c2**2,
+    )
+    v1, v2, a1, a2 = *qd.T, *qdd.T
+    first = M11 * a1 + M12 * a2 - h * (2 * v1 + v2) * v2 + g * ((m1 * c1 + m2 * l1) * one + m2 * c2 * both)
+    return np.column_stack([first, M12 * a1 + M22 * a2 + h * v1**2 + g * m2 * c2 * both])
+
+
 def motion(seed: int) -> Log:
     rng = np.random.default_rng(seed)
     t = np.arange(1200) / 100
     w, p = np.array([2.1, 4.4, 3.3, 5.2]), rng.uniform(0, 6, 4)
     q = np.column_stack([np.sin(w[0] * t + p[0]) + 0.3 * np.sin(w[1] * t + p[1]), 0.9 * np.sin(w[2] * t + p[2])])
     qd, qdd = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    weight = 9.81 * np.column_stack([1.4 * np.cos(q[:, 0]), 0.3 * np.cos(q.sum(axis=1))])
-    tau = weight + 0.4 * qdd + 0.3 * qd + 0.5 * np.tanh(qd / 0.01) + 0.05 * rng.standard_normal(q.shape)
+    tau = pendulum(q, qd, qdd) + 0.3 * qd + 0.5 * np.tanh(qd / 0.01) + 0.05 * rng.standard_normal(q.shape)
     return Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("shoulder", "elbow"), qd=qd)
 
 

@@ -16,6 +16,7 @@ from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot_columns, to_dh
+from dynid.signals.cutoff import check_position_noise
 from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
@@ -33,7 +34,6 @@ from dynid.signals.stamps import (
 from dynid.signals.values import (
     check_degrees,
     check_finite,
-    check_position_noise,
     check_repeats,
     check_torque_scale,
     clipped_samples,

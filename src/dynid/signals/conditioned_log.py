@@ -22,6 +22,7 @@ from dynid.model.reference import prior_torques
 from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
+from dynid.signals.cutoff import choose_cutoff
 from dynid.signals.delay import segment_without_delay, without_delay
 from dynid.signals.filters import decimate, despiked
 
@@ -114,12 +115,12 @@ def condition_logs(
     Args:
         logs: prepared logs.
         model: the model whose rows are wanted.
-        cutoff: as for ``condition_log``; the largest that the band of any motion asks for when None [Hz].
+        cutoff: as for ``condition_log``; ``choose_cutoff`` when None [Hz].
         delay: as for ``condition_log`` [s].
         measured_velocity: as for ``condition_log``.
         progress: told what was noticed in the logs and how they are filtered.
     """
-    shared = max(choose_filter(log, model.robot).cutoff for log in logs) if cutoff is None else cutoff
+    shared = choose_cutoff(logs, model.robot) if cutoff is None else cutoff
     found = []
     for k, log in enumerate(logs, start=1):
         each = condition_log(log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity)

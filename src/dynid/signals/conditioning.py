@@ -18,18 +18,14 @@ from dynid.errors import LogTooShort
 from dynid.log import Log
 from dynid.longarrays import empty, release
 from dynid.robot import Coulomb, Robot
+from dynid.signals.cutoff import choose_cutoff
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
-from dynid.signals.motion import bandwidth, runs
+from dynid.signals.motion import runs
 from dynid.signals.pieces import spans
 from dynid.signals.velocity_sign import NOISE_SAMPLES, VelocitySign, choose_velocity_sign
 
 Floats = NDArray[np.float64]
 
-#: The cut-off lies this many times above the band of the motion: Coriolis products double frequencies, and reversals
-#: of friction add harmonics.
-CUTOFF_OVER_MOTION = 5.0
-#: Lowest cut-off chosen by itself [Hz]: slow motions have friction reversals as sharp as fast ones.
-LOWEST_CUTOFF_HZ = 5.0
 #: The position filter's cut-off over the cut-off of the parallel filter.
 POSITION_OVER_PARALLEL = 4.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
@@ -164,10 +160,10 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     Args:
         log: a prepared log.
         robot: its robot.
-        cutoff: cut-off of the parallel filter [Hz]; from the motion's band when None.
+        cutoff: cut-off of the parallel filter [Hz]; ``choose_cutoff`` when None.
     """
     if cutoff is None:
-        cutoff = max(LOWEST_CUTOFF_HZ, CUTOFF_OVER_MOTION * bandwidth(log, robot))
+        cutoff = choose_cutoff([log], robot)
     cutoff = min(cutoff, 0.45 * log.rate)
     rate = grid_rate(log.t)
     first = max(1, int(rate / (EVALUATED_PER_CUTOFF * cutoff)))

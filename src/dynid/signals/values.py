@@ -12,8 +12,8 @@ from dynid.log import Log
 from dynid.longarrays import empty
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import any_moves, per_joint, runs, speeds
-from dynid.signals.pieces import changed, extremes, spans, spread
+from dynid.signals.motion import any_moves, runs, speeds
+from dynid.signals.pieces import changed, extremes, spans
 from dynid.signals.stamps import same_rows, with_findings
 
 Floats = NDArray[np.float64]
@@ -34,17 +34,10 @@ FLAT_RUN = 5
 FLAT_SHARE = 3.0
 #: Above this share of repeated samples in motion the driver publishes faster than it reads.
 REPEAT_SHARE = 0.2
-#: Noise of the positions beyond which it also scatters the regressor [rad, m]: with 1e-4 rad of white noise 93 % of the
-#: true parameters lie within two standard errors, with 2e-3 rad 84 % (benchmarks/odd_noise.md).
-POSITION_NOISE = (1e-3, 1e-4)
-#: What third differences make of white noise of unit variance: sqrt(1 + 9 + 9 + 1).
-_THIRD = 20**0.5
 #: No sensor reads more in any unit; a flipped bit in a bag, which carries no checksum, does.
 LARGEST = 1e9
 #: A percentile of speeds needs no more samples than this.
 SPEED_SAMPLES = 100_000
-#: The noise of positions needs no more than this.
-NOISE_SAMPLES = 1 << 18
 #: Bad samples closer than this [s] go into one --exclude; more intervals than MOST_INTERVALS into one for all.
 TOGETHER = 0.2
 MOST_INTERVALS = 4
@@ -320,22 +313,3 @@ def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     fresh = log.rate * (1 - share)
     text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
     return (Finding("W314", "warning", text, {"share": share}),)
-
-
-def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return finding W327 when positions scatter so much that the intervals of the parameters are too narrow.
-
-    Why: least squares takes the regressor for exact; noise of the positions biases it, and no interval knows.
-    """
-    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), NOISE_SAMPLES)]
-    noise = np.median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD
-    bad = np.flatnonzero(noise > per_joint(POSITION_NOISE, robot))
-    if not len(bad) or "q_ref" in log.extra:
-        return ()
-    k = int(bad[np.argmax(noise[bad])])
-    unit = "rad" if robot.joints[k].revolute else "m"
-    text = (
-        f"{robot.joint_names[k]} position scatters by {noise[k]:.1g} {unit}: parameters are biased by it and their "
-        "intervals are too narrow; record the commanded positions too (--method iv), or use a finer encoder"
-    )
-    return (Finding("W327", "warning", text, {"noise": noise.tolist()}),)

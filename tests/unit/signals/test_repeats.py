@@ -8,7 +8,6 @@ from signal_cases import RNG, moving_log, robot
 
 from dynid.signals.repeats import without_copies, without_stale
 from dynid.signals.stamps import with_rising_time
-from dynid.signals.values import check_position_noise
 
 
 @pytest.mark.parametrize("every", [2, 4, 7])
@@ -79,12 +78,3 @@ def test_a_recording_joined_to_itself_counts_once():
     twice = replace(log, t=t, q=np.tile(log.q, (2, 1)), tau=np.tile(log.tau, (2, 1)))
     kept, _ = without_copies([twice])
     np.testing.assert_array_equal(kept[0].q, log.q)
-
-
-@pytest.mark.parametrize(("noise", "said"), [(1e-4, False), (5e-4, False), (2e-3, True)])
-def test_noisy_positions_are_said(noise, said):
-    log = moving_log()
-    noisy = replace(log, q=log.q + noise * np.random.default_rng(1).standard_normal(log.q.shape))
-    found = check_position_noise(noisy, robot())
-    assert [finding.code for finding in found] == (["W327"] if said else [])
-    assert not found or found[0].evidence["noise"] == pytest.approx([noise] * 2, rel=0.15)

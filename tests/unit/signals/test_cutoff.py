@@ -1,0 +1,62 @@
+"""The cut-off that noisy positions allow, against noise that is filtered and differentiated by SciPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+from signal_cases import robot
+
+from dynid.log import Log
+from dynid.signals.cutoff import LOWEST_CUTOFF_HZ, MOST_SHARE, check_position_noise, choose_cutoff, position_noise
+
+RATE, SECONDS = 200.0, 60.0
+T = np.arange(round(RATE * SECONDS)) / RATE
+
+
+def slow_log(noise: float, seed: int = 0) -> Log:
+    q = np.column_stack([0.8 * np.sin(1.3 * T) + 0.2 * np.sin(2.9 * T), 0.6 * np.sin(1.7 * T + 0.4)])
+    q = q + noise * np.random.default_rng(seed).standard_normal(q.shape)
+    return Log(T, q, 5 * np.cos(q), ("joint_1", "joint_2"))
+
+
+def acceleration_below(q: np.ndarray, cutoff: float) -> np.ndarray:
+    """Return accelerations below a cut-off, the ends left out, (N, n) [rad/s^2]."""
+    smooth = sosfiltfilt(butter(8, cutoff, fs=RATE, output="sos"), q, axis=0)
+    return np.gradient(np.gradient(smooth, 1 / RATE, axis=0), 1 / RATE, axis=0)[400:-400]
+
+
+@pytest.mark.parametrize("noise", [5e-4, 2e-3])
+def test_share_of_noise_at_the_chosen_cutoff_is_what_a_filter_leaves_of_it(noise):
+    found = position_noise(slow_log(noise), robot())
+    assert found.level == pytest.approx([noise] * 2, rel=0.05)
+    j = found.joint
+    clean, noisy = (acceleration_below(slow_log(size).q, found.cutoff)[:, j] for size in (0.0, noise))
+    share = np.std(noisy - clean) / np.std(noisy)
+    assert found.share == pytest.approx(share, rel=0.15)
+    assert MOST_SHARE / 2 < share < 1.15 * MOST_SHARE
+
+
+@pytest.mark.parametrize(("noise", "said"), [(1e-5, False), (1e-4, False), (2e-3, True), (8e-3, True)])
+def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
+    log = slow_log(noise)
+    found = check_position_noise(log, robot())
+    assert [finding.code for finding in found] == (["W327"] if said else [])
+    assert (choose_cutoff([log], robot()) < LOWEST_CUTOFF_HZ) == said
+
+
+def test_noise_that_no_cutoff_takes_away_is_called_so():
+    (finding,) = check_position_noise(slow_log(0.2), robot())
+    assert "intervals are too narrow" in finding.text
+
+
+def test_commanded_positions_beside_them_make_noise_harmless():
+    log = slow_log(2e-3)
+    log = replace(log, extra={"q_ref": slow_log(0.0).q})
+    assert check_position_noise(log, robot()) == ()
+    assert choose_cutoff([log], robot()) >= LOWEST_CUTOFF_HZ
+
+
+def test_of_several_logs_the_noisiest_says_how_high_the_cutoff_may_be():
+    noisy = choose_cutoff([slow_log(2e-3)], robot())
+    assert choose_cutoff([slow_log(1e-5), slow_log(2e-3)], robot()) == noisy
