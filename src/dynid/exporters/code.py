@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
+from dynid.exporters import residual_code
 from dynid.exporters.interface import IdentifiedArm
 from dynid.model.kernels import FOLD
 from dynid.model.kinematics import geometry
@@ -46,6 +47,9 @@ class Language:
         comment: what stands before a line of the comment at the file's head.
         value: a base parameter in the vector of all, with {value} and the comment {name}.
         between: what stands between two of them.
+        torque: a statement that stores a torque, with {i} and {value}.
+        absolute: name of the absolute value.
+        add: how the torques get those of the residual model, where there is one, and where there is none.
     """
 
     template: str
@@ -58,6 +62,9 @@ class Language:
     comment: str
     value: str
     between: str
+    torque: str
+    absolute: str
+    add: tuple[str, str]
 
 
 def source_code(arm: IdentifiedArm, language: Language) -> str:
@@ -66,9 +73,11 @@ def source_code(arm: IdentifiedArm, language: Language) -> str:
     inertial, friction = writer.statements(arm)
     names = [code(name) for name in arm.base.reduction.base_names]
     values = zip(names, arm.theta.tolist(), strict=True)
-    template = Template((Path(__file__).parent / "templates" / language.template).read_text(encoding="utf-8"))
-    return template.substitute(
-        head=arm.head(code),
+    with_residual, without = language.add
+    return _template(language.template).substitute(
+        head=arm.head(code, whole=True),
+        residual=writer.residual(arm),
+        add=with_residual if arm.predicted_error is not None else without,
         file=code(arm.file_stem),
         name=identifier(arm.file_stem),
         table="\n".join(language.comment + line for line in parameter_lines(arm)),
@@ -91,6 +100,10 @@ def parameter_lines(arm: IdentifiedArm) -> list[str]:
         origin = "not determined by the data" if known == "not determined" else f"from the data, known {code(known)}"
         lines.append(f"{code(name):<7} {float(value): .6e}  {origin}{formula}")
     return lines
+
+
+def _template(name: str) -> Template:
+    return Template((Path(__file__).parent / "templates" / name).read_text(encoding="utf-8"))
 
 
 class _Writer:
@@ -117,6 +130,36 @@ class _Writer:
             target = inertial if parameter.kind == "Imc" else friction
             target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
         return inertial, friction
+
+    def residual(self, arm: IdentifiedArm) -> str:
+        """Return the functions of the residual model; nothing where there is none."""
+        error = arm.predicted_error
+        if error is None:
+            return ""
+        language = self.language
+        names = [code(name) for name in arm.base.reduction.base_names]
+        moved = {parameter.number - 1 for parameter in arm.base.model.parameters if parameter.kind == "fc"}
+        spelling = residual_code.Spelling(
+            position=lambda joint: self._item("q", joint),
+            speed=lambda joint: self._item("qd", joint),
+            sign=lambda joint: self._coulomb(joint, self._item("qd", joint)) if joint in moved else "0.0",
+            load=lambda joint: self._item("load", joint),
+            store=lambda joint, value: language.torque.format(i=joint + language.first, value=value),
+            call=lambda function, x: language.call.format(function=function, x=x),
+            absolute=language.absolute,
+        )
+
+        def values(numbers: Floats) -> str:
+            every = zip(numbers.tolist(), names * (len(numbers) // len(names)), strict=True)
+            return language.between.join(language.value.format(value=repr(value), name=name) for value, name in every)
+
+        return _template(language.template.replace(".txt", "_residual.txt")).substitute(
+            n=arm.robot.n,
+            p=len(names),
+            reference=values(error.reference),
+            shift=values(residual_code.shift(error).ravel()),
+            statements="\n".join(residual_code.statements(error, spelling)),
+        )
 
     def _program(self, program: Program) -> list[str]:
         """Return the program with everything that does not move computed beforehand."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.model_error import ModelError
 from dynid.exporters.engines import Torques
 from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel
@@ -54,6 +55,8 @@ class IdentifiedArm:
         provenance: where the numbers come from.
         urdf: the user's own URDF, None to make one.
         warning: what about the numbers cannot be, where they are written all the same.
+        model_error: residual model of the result, None where it has none.
+        residual_model: whether code predicts with it.
     """
 
     base: BaseModel
@@ -63,6 +66,13 @@ class IdentifiedArm:
     provenance: Provenance
     urdf: Path | None = None
     warning: str = ""
+    model_error: ModelError | None = None
+    residual_model: bool = True
+
+    @property
+    def predicted_error(self) -> ModelError | None:
+        """The residual model that code predicts with, None without."""
+        return self.model_error if self.residual_model else None
 
     @property
     def robot(self) -> Robot:
@@ -74,18 +84,22 @@ class IdentifiedArm:
         """Name of its files, without suffix."""
         return file_name(self.robot.slug)
 
-    def head(self, escape: Callable[[str], str]) -> str:
-        """Return the line at the head of every file: robot, method, logs.
+    def head(self, escape: Callable[[str], str], *, whole: bool = False) -> str:
+        """Return the line at the head of every file: robot, method, logs, and whether it has the residual model.
 
         Args:
             escape: function of ``dynid.text`` for the place where the line is written.
+            whole: whether the format can hold the residual model.
         """
+        residual = "; the parameters alone, without the result's residual model"
+        if self.model_error is None or (whole and self.residual_model):
+            residual = "" if self.model_error is None else "; with its residual model"
         made = self.provenance
         hashes = ", ".join(escape(sha[:12]) for sha in made.log_sha256)
         return (
             f"{escape(self.robot.name)}, identified by dynid {escape(made.version)} ({escape(made.method)}, "
             f"{escape(made.parameter_set)} set, relative error {made.relative_error_percent:.3g} %) "
-            f"from logs with sha256 {hashes}{f'; WARNING: {escape(self.warning)}' if self.warning else ''}"
+            f"from logs with sha256 {hashes}{residual}{f'; WARNING: {escape(self.warning)}' if self.warning else ''}"
         )
 
 

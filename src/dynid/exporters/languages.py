@@ -31,6 +31,13 @@ C = Language(
     comment=" *   ",
     value="    {value} /* {name} */",
     between=",\n",
+    torque="    tau[{i}] = {value};",
+    absolute="fabs",
+    add=(
+        "    {\n        double rest[DYNID_N];\n        int i;\n        residual(q, qd, Y, rest);\n"
+        "        for (i = 0; i < DYNID_N; i++) tau[i] += rest[i];\n    }\n",
+        "",
+    ),
 )
 PYTHON = Language(
     template="python.txt",
@@ -43,6 +50,12 @@ PYTHON = Language(
     comment="    ",
     value="    {value},  # {name}",
     between="\n",
+    torque="    tau[..., {i}] = {value}",
+    absolute="abs",
+    add=(
+        "    Y = regressor(q, qd, qdd)\n    return Y @ theta + _residual(q, qd, Y)\n",
+        "    return regressor(q, qd, qdd) @ theta\n",
+    ),
 )
 MATLAB = Language(
     template="matlab.txt",
@@ -55,11 +68,16 @@ MATLAB = Language(
     comment="%   ",
     value="        {value} % {name}",
     between="\n",
+    torque="    tau({i}) = {value};",
+    absolute="abs",
+    add=(" + residual(q, qd, Y)", ""),
 )
 
 
 def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-    return arm.base.model.observer(arm.base.reduction.base).torque(arm.theta, q, qd, qdd)
+    observer, error = arm.base.model.observer(arm.base.reduction.base), arm.predicted_error
+    tau = observer.torque(arm.theta, q, qd, qdd)
+    return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), observer.dense(q, qd, qdd))
 
 
 def _leaves_out_nothing(arm: IdentifiedArm) -> tuple[str, ...]:

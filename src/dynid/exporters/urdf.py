@@ -65,7 +65,12 @@ def beyond_joints(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what no simulator format holds: coupled motors and effects of the catalogue."""
     gone = [f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc")]
     gone += [f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects]
-    return tuple(gone)
+    return (*gone, *residual_left_out(arm))
+
+
+def residual_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    """Return the residual model where the result has one."""
+    return () if arm.model_error is None else ("the residual model: the file predicts by the parameters alone",)
 
 
 URDF = Format("urdf", ".urdf", text, leaves_out, loaded)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.exporters.urdf import residual_left_out
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
 
@@ -61,8 +62,9 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
-    """Return nothing but the effects, which stay in the robot file."""
-    return tuple(f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects)
+    """Return the effects, which stay in the robot file, and the residual model."""
+    effects = (f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects)
+    return (*effects, *residual_left_out(arm))
 
 
 def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:

@@ -36,6 +36,7 @@ class ExportOptions(Options):
             force.
         urdf: the user's own URDF, which keeps everything but its inertial blocks.
         allow_infeasible: write also bodies that cannot exist.
+        residual_model: predict with the residual model of the result where the format can, which is code.
     """
 
     parameters: str = option(
@@ -45,6 +46,9 @@ class ExportOptions(Options):
     )  # fmt: skip
     urdf: Path | None = option(None, "Your URDF, of which everything but the inertial blocks is kept.", kind="input")
     allow_infeasible: bool = option(False, "Write also bodies that cannot exist; simulators may refuse them.")
+    residual_model: bool = option(
+        True, "Code predicts with the result's residual model, or by the parameters alone.", pair=True
+    )
 
 
 @dataclass(frozen=True)
@@ -242,7 +246,11 @@ def identified_arm(
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
     version = str(result.header.get("dynid", __version__))
     made = Provenance(version, result.method, which, fit_percent(result.factors, theta), result.log_sha256)
-    return IdentifiedArm(base, theta, result.knowledge, full_model(base, full, theta), made, options.urdf)
+    # Why only the set in force: the residual model is what that set leaves.
+    error = result.model_error if which == result.in_force else None
+    return IdentifiedArm(
+        base, theta, result.knowledge, full_model(base, full, theta), made, options.urdf, error, options.residual_model
+    )
 
 
 def fit_percent(factors: NDArray[np.float64], theta: NDArray[np.float64]) -> float:

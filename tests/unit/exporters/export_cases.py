@@ -3,6 +3,7 @@
 import numpy as np
 from arms import random_bodies, random_robot
 
+from dynid.estimation.model_error import GROUPS, ModelError
 from dynid.exporters import FullModel, IdentifiedArm, Provenance
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import BaseModel
@@ -36,3 +37,21 @@ def shipped(name):
 
 def random(seed):
     return made(random_robot(np.random.default_rng(seed), n=4), seed)
+
+
+def random_model_error(arm, seed=0):
+    """A residual model of random numbers; every column of every joint has its part."""
+    rng = np.random.default_rng(seed)
+    n, p, k = arm.robot.n, len(arm.theta), len(GROUPS)
+    return ModelError(
+        speed=rng.uniform(0.2, 1.0, n),
+        reference=arm.theta * rng.uniform(0.9, 1.1, p),
+        scale=rng.uniform(0.5, 2.0, (n, k)),
+        projection=0.1 * rng.normal(size=(n, p, k)),
+        mean=rng.normal(size=(n, k)),
+        root=np.zeros((n, k, k)),
+        slope=np.zeros((n, k, p)),
+        size=np.ones(3),
+        rms=np.ones((n, 4)),
+        evidence=10.0,
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import pinocchio_model
-from export_cases import SHIPPED, made, random, shipped
+from export_cases import SHIPPED, made, random, random_model_error, shipped
 
 from dynid.exporters import FORMATS
 from dynid.exporters.languages import compiled, imported, pointer
@@ -31,6 +31,46 @@ def test_written_code_gives_dynids_torques(robot, format):
     (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
     assert agreement.states == 1000
     assert agreement.largest < 1e-10
+
+
+def by_hand(arm, error, q, qd, qdd):
+    """Torques of the parameters and of the residual model, from its equation, one state and joint after the other."""
+    observer = arm.base.model.observer(arm.base.reduction.base)
+    W, signs = observer.dense(q, qd, qdd), observer.coulomb_sign(qd)
+    tau = W @ arm.theta
+    for m, j in np.ndindex(*q.shape):
+        x, v, sign = q[m, j], abs(qd[m, j]) / error.speed[j], signs[m, j]
+        waves = [f(k * x) for k in (1, 2, 3) for f in (np.sin, np.cos)]
+        shapes = [np.exp(-v / least) for least in (0.1, 0.4, 1.6)]
+        columns = np.array([*waves, *(sign * np.array([*waves[:4], *shapes])), sign * abs(W[m, j] @ error.reference)])
+        tau[m, j] += (columns / error.scale[j] - W[m, j] @ error.projection[j]) @ error.mean[j]
+    return tau
+
+
+@pytest.mark.parametrize("format", ["c", "python"])
+@pytest.mark.parametrize("robot", ["scara", "staubli_tx40"])
+def test_code_predicts_with_the_residual_model(robot, format, tmp_path):
+    alone = shipped(robot)
+    error = random_model_error(alone)
+    source = replace(alone, model_error=error)
+    q, qd, qdd = random_states(source.robot, 20, 3)
+    for engine, _, theirs, ours in FORMATS[format].loaded(written(source, format, tmp_path), source):
+        expected = by_hand(source, error, q, qd, qdd)
+        assert engine
+        np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_files_say_whether_they_have_the_residual_model():
+    source = replace(shipped("scara"), model_error=random_model_error(shipped("scara")))
+    bare = replace(source, residual_model=False)
+    assert "; with its residual model" in FORMATS["c"].text(source)
+    assert "without the result's residual model" in FORMATS["c"].text(bare)
+    assert "residual(" not in FORMATS["c"].text(bare)
+    for name in ("urdf", "mjcf", "sdf", "yaml"):
+        assert "without the result's residual model" in FORMATS[name].text(source)
+        assert any("residual model" in phrase for phrase in FORMATS[name].leaves_out(source))
+    assert "residual model" not in FORMATS["c"].text(shipped("scara"))
 
 
 @pytest.mark.optional

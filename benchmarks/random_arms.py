@@ -1,0 +1,213 @@
+"""Arms with links of random lumps of mass: how many true parameters lie inside their 95 % intervals, and torque errors.
+
+PYTHONPATH=src python benchmarks/random_arms.py > benchmarks/random_arms.md
+
+Kinematics are those of robot files, everything else is drawn: no truth comes from the prior. Pinocchio gives the
+torques, so that nothing is shared with the model; the effects that are hidden are written here.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.signal import lfilter
+
+from dynid import IdentifyOptions, Log, Robot, identify, load_robot, validate
+from dynid.errors import DynidError
+from dynid.model import build_model
+from dynid.model.parameters import BODY_PARAMETERS
+
+#: Robot files and the mass of such an arm [kg], about which the true one is drawn.
+ARMS = {
+    "kuka_lwr4plus": 15.0, "kinova_gen2": 5.5, "ur10": 28.0, "ur5e": 18.0, "staubli_tx40": 27.0, "franka_panda": 17.0,
+    "xarm7": 13.0, "kuka_iiwa14": 30.0,
+}  # fmt: skip
+#: Seconds of motion and share of the fastest speed, by seed.
+MOTIONS = ((12.0, 0.6), (20.0, 0.35), (30.0, 0.6), (40.0, 0.5))
+HIDDEN = ("angle", "load", "ripple", "stribeck", "spring", "delay")
+RATE = 200.0
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A true arm.
+
+    Attributes:
+        robot: its kinematics, without coupled motors.
+        seed: of everything that is drawn.
+        mass: of all links, about [kg].
+    """
+
+    robot: Robot
+    seed: int
+    mass: float
+
+    @cached_property
+    def truth(self) -> tuple[dict[str, float], pin.Model]:
+        """True parameters by name, and Pinocchio's copy."""
+        rng, n = np.random.default_rng(self.seed), self.robot.n
+        weight = np.exp(-0.25 * np.arange(n) + 0.5 * rng.normal(size=n))
+        masses = self.mass * np.exp(0.3 * rng.normal()) * weight / weight.sum()
+        plant, values, before, parent = pin.Model(), {}, pin.SE3.Identity(), 0
+        for i, joint in enumerate(self.robot.joints):
+            turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0, 0, joint.d]))
+            bend = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0, 0]))
+            standard = self.robot.convention == "standard"
+            place, frame = (before, turn * bend) if standard else (before * bend, turn)
+            parent = plant.addJoint(parent, pin.JointModelRZ(), place, joint.name)
+            before = frame
+            com, inertia = self.lumps(rng, i, masses[i])
+            plant.appendBodyToJoint(parent, pin.Inertia(masses[i], com, inertia), frame)
+            about = inertia + masses[i] * (com @ com * np.eye(3) - np.outer(com, com))
+            body = [masses[i], *(masses[i] * com), *about[np.triu_indices(3)]]
+            values |= {f"{kind}{i + 1}": value for kind, value in zip(BODY_PARAMETERS, body, strict=True)}
+        plant.gravity.linear = np.array(self.robot.gravity)
+        size = float(np.abs(np.diag(pin.crba(plant, plant.createData(), np.zeros(n)))).mean())
+        plant.armature = 0.15 * size * np.exp(0.9 * rng.normal(size=n))
+        rotors = zip(self.robot.joints, plant.armature, strict=True)
+        plant.armature = np.array([value if joint.motor_inertia else 0.0 for joint, value in rotors])
+        drawn = {
+            "Im": plant.armature,
+            "fc": 0.04 * self.rated * np.exp(0.5 * rng.normal(size=n)),
+            "fv": 0.03 * self.rated * np.exp(0.6 * rng.normal(size=n)),
+            "fo": 0.005 * self.rated * rng.normal(size=n),
+        }
+        return values | {f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)}, plant
+
+    def lumps(self, rng: np.random.Generator, i: int, mass: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return centre of mass and inertia about it of 3 to 11 balls scattered around the link's axis."""
+        joint, start, end = self.robot.joints[i], np.zeros(3), np.zeros(3)
+        if self.robot.convention == "standard":
+            start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)]) - [joint.a, 0, 0]
+        else:
+            end = np.array([self.robot.joints[i + 1].a if i + 1 < self.robot.n else 0.0, 0, -joint.d])
+        if np.linalg.norm(end - start) < 0.05:
+            end = end + 0.06 * rng.normal(size=3)
+        count = rng.integers(3, 12)
+        places = start + rng.beta(0.8, 0.8, size=(count, 1)) * (end - start)
+        places = places + rng.normal(size=(count, 3)) * rng.uniform(0.02, 0.07)
+        parts = rng.dirichlet(np.full(count, 0.8)) * mass
+        com = parts @ places / mass
+        inertia = 0.4 * rng.uniform(0.015, 0.05) ** 2 * mass * np.eye(3)
+        for part, r in zip(parts, places - com, strict=True):
+            inertia += part * (r @ r * np.eye(3) - np.outer(r, r))
+        return com, inertia
+
+    @cached_property
+    def rated(self) -> np.ndarray:
+        """Torques of the drives [N m]."""
+        rated = [joint.limits.torque for joint in self.robot.joints]
+        return np.array(rated) if all(rated) else 60.0 * np.exp(-0.45 * np.arange(self.robot.n))
+
+    def motion(self, t: np.ndarray, rng: np.random.Generator, share: float) -> tuple[np.ndarray, ...]:
+        """Return q, qd, qdd of five tones a joint inside the limits, (N, n) each."""
+        n = self.robot.n
+        q, qd, qdd = (np.zeros((len(t), n)) for _ in range(3))
+        for j, joint in enumerate(self.robot.joints):
+            low, high = joint.limits.position or (-2.5, 2.5)
+            speed = min(joint.limits.velocity or 1.5, 3.0)
+            f = np.sort(rng.uniform(0.06, 0.7, 5))
+            angle, w = 2 * np.pi * np.outer(t, f) + rng.uniform(0, 7, 5), 2 * np.pi * f
+            size = rng.uniform(0.4, 1, 5) / f**0.8
+            reach, fastest = np.abs(np.sin(angle) @ size).max(), np.abs(np.cos(angle) @ (size * w)).max()
+            size *= min(min(0.42 * (high - low), 1.7) / reach, share * speed / fastest)
+            q[:, j], qd[:, j] = np.sin(angle) @ size + (low + high) / 2, np.cos(angle) @ (size * w)
+            qdd[:, j] = -np.sin(angle) @ (size * w**2)
+        return q, qd, qdd
+
+    def log(self, seed: int, seconds: float, share: float, hidden: tuple[str, ...] = ()) -> Log:
+        """Record a motion with white and coloured torque noise; what is hidden belongs to the arm."""
+        rng, own = np.random.default_rng(seed), np.random.default_rng(self.seed + 1000)
+        values, plant = self.truth
+        n, t = self.robot.n, np.arange(0, seconds, 1 / RATE)
+        q, qd, qdd = self.motion(t, rng, share)
+        offset, size, phase = own.normal(size=n), np.exp(0.4 * own.normal(size=(5, n))), own.uniform(0, 7, (2, n))
+        off = np.deg2rad(0.5) * offset if "angle" in hidden else 0.0
+        data = plant.createData()
+        rigid = np.array([pin.rnea(plant, data, *state) for state in zip(q + off, qd, qdd, strict=True)])
+        fv, fc, fo = (np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo"))
+        sign = np.tanh(qd / 0.003)
+        tau = rigid + fv * qd + fc * sign + fo
+        extra = {
+            "load": 0.05 * size[0] * np.abs(rigid) * sign,
+            "ripple": 0.15 * fc * (size[1] * np.cos(3 * q + phase[0]) + size[2] * sign * np.cos(2 * q + phase[1])),
+            "stribeck": 0.4 * fc * size[3] * np.exp(-np.abs(qd) / 0.08) * sign,
+            "spring": 0.4 * fc * size[4] * (q - q.mean(axis=0)),
+        }
+        tau = tau + sum(extra[name] for name in hidden if name in extra)
+        if "delay" in hidden:
+            tau = np.stack([np.interp(t - 0.004, t, column) for column in tau.T], axis=1)
+        noise = 0.004 * self.rated * np.exp(0.2 * own.normal(size=n))
+        coloured = lfilter([0.28], [1, -0.96], rng.normal(size=tau.shape), axis=0)
+        tau = tau + noise * (rng.normal(size=tau.shape) + 0.3 * coloured)
+        return Log(t, np.round(q / 2e-5) * 2e-5, tau, self.robot.joint_names, tau_unit="Nm", dh=True)
+
+
+def judged(arm: Arm, seed: int, hidden: tuple[str, ...]) -> tuple[float, ...]:
+    """Return shares inside (set in force, plain), medians of |z|, torque errors [%] and true over expected error."""
+    seconds, share = MOTIONS[seed % len(MOTIONS)]
+    result = identify(arm.robot, arm.log(seed, seconds, share, hidden), IdentifyOptions(holdout=None, drop_weak=True))
+    values = arm.truth[0]
+    true = result.reduction.K @ np.array([values[name] for name in result.reduction.names])
+    other = arm.log(seed + 500, 20.0, 0.5, hidden)
+    seen = validate(result, other)
+    q, qd, qdd = arm.motion(np.linspace(0, 20, 400), np.random.default_rng(seed + 700), 0.5)
+    W = build_model(arm.robot).observer(result.reduction.base).dense(q, qd, qdd).reshape(-1, len(true))
+    found = []
+    for theta, covariance in ((result.theta, result.covariance), (result.plain, result.plain_covariance)):
+        z = np.abs(theta - true) / np.sqrt(np.diag(covariance))
+        error = 100 * np.linalg.norm(W @ (theta - true)) / np.linalg.norm(W @ true)
+        found.append((np.mean(z < 1.96), np.median(z), error))
+    (inside, median, error), (plain_inside, _, plain_error) = found
+    ratio = seen.relative_error_percent / (seen.expected_percent or np.nan)
+    return inside, plain_inside, median, error, plain_error, ratio, float(result.model_error is not None)
+
+
+def rows(title: str, cases: dict[str, list[tuple[float, ...]]]) -> None:
+    """Print one table."""
+    print(f"\n## {title}\n")
+    print(
+        "| | logs | inside [%] | plain inside [%] | median of z | torque error [%] | plain [%] | true / expected | with residual model |"
+    )
+    print("| - | - | - | - | - | - | - | - | - |")
+    every = [row for each in cases.values() for row in each]
+    for name, found in [*cases.items(), ("all", every)]:
+        x = np.array(found)
+        if not len(x):
+            continue
+        inside, plain, median = 100 * x[:, 0].mean(), 100 * x[:, 1].mean(), np.median(x[:, 2])
+        error, other = np.exp(np.log(x[:, 3:5]).mean(axis=0))
+        ratio, on = np.median(x[:, 5]), int(x[:, 6].sum())
+        print(
+            f"| {name} | {len(x)} | {inside:.0f} | {plain:.0f} | {median:.2f} | {error:.2f} | {other:.2f} | {ratio:.2f} | {on} |"
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    complete: dict[str, list[tuple[float, ...]]] = {}
+    hidden: dict[str, list[tuple[float, ...]]] = {}
+    seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else len(MOTIONS))
+    print(f"# Arms with links of random lumps\n\nSeeds 0 to {len(seeds) - 1} of each arm; errors are geometric means.")
+    for name, mass in ARMS.items():
+        robot = replace(load_robot(name), coupling=None)
+        for seed in seeds:
+            arm = Arm(robot, 100 + seed, mass)
+            plan = [((), complete.setdefault(name, []))]
+            plan += [((one,), hidden.setdefault(one, [])) for one in HIDDEN if seed == 1]
+            plan += [(("angle", "load", "ripple", "stribeck"), hidden.setdefault("four of them", []))]
+            for what, found in plan:
+                try:
+                    found.append(judged(arm, seed, what))
+                except DynidError as error:
+                    print(f"{name} {seed} {what}: {error}", file=sys.stderr)
+    rows("Complete models", complete)
+    rows("With hidden effects", hidden)
+
+
+if __name__ == "__main__":
+    main()
