@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.covariance import NEGLIGIBLE
+from dynid.estimation.model_error import GROUP_NAMES
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.npz import written_whole
@@ -208,6 +209,30 @@ def residual_figure(motion: EstimatedMotion, robot: Robot, against: str) -> Figu
         axis.set_title(f"{label(joint.name)} [{joint.torque_unit}]", fontsize=7, loc="left", pad=2)
     units = {"velocity": "rad/s, m/s", "position": "rad, m", "load": "N m, N", "time": "s"}
     axes[-1].set_xlabel(f"{against} [{units[against]}]", fontsize=8)
+    return figure
+
+
+def residual_model_figure(found: Identification) -> Figure:
+    """Draw the rms torque that the residual model holds by group, beside what it leaves, one bar pair per joint [%].
+
+    Args:
+        found: a result with a residual model.
+    """
+    error = found.model_error
+    assert error is not None, "only results with a residual model have this figure"
+    torque = np.array([max(joint.torque_rms, 1e-12) for joint in found.joints])
+    held, left = 100 * error.rms[:, :-1] / torque[:, None], 100 * np.array([j.rms for j in found.joints]) / torque
+    figure = new_figure(6.4, 0.8 + 0.42 * len(torque))
+    axis = figure.subplots()
+    y, height = np.arange(len(torque)), 0.2
+    for k, (name, colour) in enumerate(zip(GROUP_NAMES, (ESTIMATED, "#009e73", "#cc79a7"), strict=True)):
+        axis.barh(y + (k - 1.5) * height, held[:, k], height, color=colour, label=f"held: {name}")
+    axis.barh(y + 1.5 * height, left, height, color=RESIDUAL, label="left")
+    axis.set_yticks(y, [label(joint.joint) for joint in found.joints], fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlabel("rms, percent of the joint's torque", fontsize=8)
+    axis.grid(axis="x", lw=0.5)
+    axis.legend(fontsize=7)
     return figure
 
 

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynid.estimation.model_error import GROUP_NAMES
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.reports.evidence import Evidence
-from dynid.reports.figures import AGAINST, coverage_figure, residual_figure, spectrum_figure, torque_panel
+from dynid.reports.figures import (
+    AGAINST,
+    coverage_figure,
+    residual_figure,
+    residual_model_figure,
+    spectrum_figure,
+    torque_panel,
+)
 from dynid.reports.sections.interface import Picture
 from dynid.reports.svg import drawn
 from dynid.text import shell
@@ -67,11 +75,34 @@ def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture
     )
 
 
+def residual_model(evidence: Evidence) -> dict[str, Any]:
+    """Return what the residual model holds of each joint's torque, table and picture; nothing where there is none."""
+    found = evidence.result
+    if found.model_error is None:
+        return {"held": [], "holding": []}
+    picture = Picture(
+        (
+            drawn(
+                "residual model", lambda: residual_model_figure(found), "torque that the residual model holds, by joint"
+            ),
+        ),
+        "Torque that position, friction of position and speed, and friction of the load add to the parameters' in "
+        "predictions; the last bar is what is still left. URDF and the like hold the parameters alone.",
+        "A joint whose residual model holds more than is left lacks an effect: dynid gap may name it.",
+    )
+    rows = []
+    for joint, held in zip(found.joints, found.residual_table(), strict=True):
+        parts = [f"{held[group]:.3g}" for group in (*GROUP_NAMES, "all")]
+        rows.append({"joint": joint.joint, "parts": [*parts, f"{joint.rms:.3g}"]})
+    return {"held": rows, "holding": [picture], "groups": [*GROUP_NAMES, "all", "left"]}
+
+
 def residual(evidence: Evidence) -> dict[str, Any]:
-    """Return averages of the residual over four quantities, one row per joint."""
+    """Return averages of the residual over four quantities, one row per joint, and what the residual model holds."""
     motion, robot = evidence.motion, evidence.robot
+    model = residual_model(evidence)
     if motion is None:
-        return {"pictures": []}
+        return {"pictures": [], **model}
     one = Picture(
         tuple(
             drawn(
@@ -86,4 +117,4 @@ def residual(evidence: Evidence) -> dict[str, Any]:
         "a slope over load a gear or gain, a drift over time heat.",
         narrow=True,
     )
-    return {"pictures": [one]}
+    return {"pictures": [one], **model}
