@@ -249,7 +249,14 @@ def identified_arm(
     # Why only the set in force: the residual model is what that set leaves.
     error = result.model_error if which == result.in_force else None
     return IdentifiedArm(
-        base, theta, result.knowledge, full_model(base, full, theta), made, options.urdf, error, options.residual_model
+        base,
+        theta,
+        result.knowledge,
+        full_model(base, full, theta),
+        made,
+        options.urdf,
+        model_error=error,
+        residual_model=options.residual_model,
     )
 
 
