@@ -2,6 +2,7 @@
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time, the exact ones alone, and run up to three times, because a busy machine may not let them
 # make attack  5000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
+# make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 10 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
 # make reference    the pages of docs/reference that are made from the code
@@ -21,7 +22,7 @@ APT_UPDATE := { for i in $$(seq 120); do case "$$($(APT) update -qq 2>&1)" in *"
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test test-slow attack ros screen lint docs reference clean
+.PHONY: demo test test-slow test-pythons attack ros screen lint docs reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -48,6 +49,9 @@ screen:
 
 test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -n 2 -m slow
+
+test-pythons: $(BIN)/python
+	$(BIN)/python tests/pythons.py
 
 attack: $(VENV)/.ready-test
 	ATTACK_SHARE=1 $(BIN)/python -m pytest -n 2 tests/attack

@@ -460,7 +460,7 @@ class PlanTeachesLittle(DynidError):
     """The best motion found excites so little that identification would refuse its log."""
 
     code, status = "E511", ExitStatus.UNSAFE
-    why = "noise would be amplified by the condition number; E402 refuses such logs"
+    why = "a model from its log would predict other motions worse than one sample measures them"
     fix = "give the search more time or room: --seconds, --duration, --segments, --floor none, thinner links"
 
 
@@ -630,6 +630,7 @@ WARNINGS: dict[str, str] = {
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W606": "Limits that the robot file leaves out were assumed for the plan; `dynid record` refuses assumed rates.",
     "W605": "PyBullet is missing: distances were measured on capsules along the links, and the picture is a drawing.",
+    "W608": "The condition number at full speed is beyond what `dynid identify` accepts without --drop-weak.",
     "W607": "Interrupted: distances were measured on capsules along the links only, and nothing was drawn.",
 }
 

@@ -36,9 +36,8 @@ Floats = NDArray[np.float64]
 #: a motion may first pass through the floor and itself, or it would never get from one good region to another.
 STAGES = ((2.0, 0.01, 60), (8.0, 0.1, 60), (np.inf, 1.0, 200))
 #: Costs without extreme eigenvalues are smooth as they are. A stage that comes twice forgets its curvatures between.
-SMOOTH_STAGES = ((np.inf, 0.01, 100), (np.inf, 0.01, 100), (np.inf, 0.1, 100), (np.inf, 0.1, 100)) + 2 * (
-    (np.inf, 1.0, 100),
-)
+#: The first one is short and obeys everything, so that there is something to keep when the time is soon over.
+SMOOTH_STAGES = ((np.inf, 1.0, 60), (np.inf, 0.01, 100), (np.inf, 0.1, 100), (np.inf, 1.0, 100), (np.inf, 1.0, 100))
 #: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
 HOPELESS = 0.35
 #: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share

@@ -130,12 +130,14 @@ class AlphaRow:
         duration: length of the run [s].
         torque_error: expected rms torque error on other motions [N m].
         condition: condition number of W.
+        condition_scaled: the same with columns of equal length.
     """
 
     alpha: float
     duration: float
     torque_error: float
     condition: float
+    condition_scaled: float
 
 
 def alpha_table(
@@ -151,5 +153,9 @@ def alpha_table(
         slowed = replace(trajectory, alpha=alpha)
         motion = slowed.motion(slowed.duration * (np.arange(samples) + 0.5) / samples)
         found = predict(model, columns, motion, noise, other, known)
-        rows.append(AlphaRow(alpha, slowed.duration, found.torque_error, found.figures.condition))
+        rows.append(
+            AlphaRow(
+                alpha, slowed.duration, found.torque_error, found.figures.condition, found.figures.condition_scaled
+            )
+        )
     return tuple(rows)

@@ -135,9 +135,18 @@ class Plan:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is worth a warning."""
+        from dynid.estimation.findings import LARGE_CONDITION
+
         assumed = assumed_limits(self.robot)
         text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
         more = (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
+        full = next(row for row in self.alphas if row.alpha == 1.0)
+        if full.condition_scaled > LARGE_CONDITION:
+            text = (
+                f"condition number {full.condition_scaled:.3g} at full speed with columns of equal length: identify "
+                f"asks for --drop-weak beyond {LARGE_CONDITION:g}; weakest is {self.weakest}"
+            )
+            more += (Finding("W608", "warning", text, {"condition_number_scaled": full.condition_scaled}),)
         return (*self.clearance.findings, *more)
 
     @property
@@ -430,31 +439,32 @@ def plan_trajectory(
 
 
 def require_teaching(plan: Plan, context: PlanningContext) -> None:
-    """Refuse a plan whose log identification would refuse even at full speed.
+    """Refuse a plan whose log would predict other motions worse than one sample measures, even at full speed.
 
     Args:
         plan: what was found.
         context: the arm and what is wanted.
 
     Raises:
-        PlanTeachesLittle: its condition number is beyond the limit (E511); the message says what limits it.
+        PlanTeachesLittle: it teaches too little (E511); the message says what limits it.
     """
-    from dynid.estimation.findings import LARGE_CONDITION
     from dynid.trajectory.predict import predict
 
     fast = replace(plan.trajectory, alpha=1.0).sampled(plan.options.rate)
     base = context.base
     full = predict(base.model, base.reduction.base, fast, context.noise, context.other, context.known)
-    condition = full.figures.condition_scaled
-    if condition <= LARGE_CONDITION:
+    noise = float(np.sqrt(np.mean(context.noise**2)))
+    if full.torque_error <= noise:
         return
     reasons = [f"weakest is {plan.weakest}"]
     if plan.search is not None and plan.search.share < 1:
         reasons.insert(0, f"to keep clear it was drawn in to {100 * plan.search.share:.0f} %")
+    if plan.search is not None and plan.search.ended in ("time", "interrupt") and plan.search.finished_starts == 0:
+        reasons.insert(0, "the search ended before its first start was through")
     if plan.options.duration < SHORT:
         reasons.insert(0, f"it has {plan.options.duration:g} s")
-    limit = f"{condition:.3g} at full speed with columns of equal length; identify accepts {LARGE_CONDITION:g}"
-    raise PlanTeachesLittle(f"the best motion has a condition number of {limit}: {', '.join(reasons)}")
+    error = f"{full.torque_error:.2g} N m to expect on other motions after a log of it at full speed"
+    raise PlanTeachesLittle(f"{error}, more than the {noise:.2g} N m of noise in one sample: {', '.join(reasons)}")
 
 
 def _given_path(

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from dynid.errors import Collision, PackageMissing
+from dynid.errors import Collision, PackageMissing, PlanTeachesLittle
 from dynid.trajectory import planning
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import Drawing
-from dynid.workflows.trajectory import plan_trajectory
+from dynid.workflows.trajectory import plan_trajectory, require_teaching
 
 UP = np.radians([[0, 0, 0, 0, 0, 0, 0], [20, 40, 0, 40, 0, 0, 0]])
 DOWN = np.radians([[0, 0, 0, 0, 0, 0, 0], [0, 105, 0, 0, 0, 0, 0]])
@@ -49,9 +49,16 @@ def test_ctrl_c_while_pybullet_works_keeps_the_motion_without_pictures(lwr, monk
     pytest.importorskip("pybullet")
     monkeypatch.setattr(planning, phase, interrupted)
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr, drawing=Drawing(tmp_path / "preview.png"))
-    assert [finding.code for finding in plan.findings] == said
+    assert [finding.code for finding in plan.clearance.findings] == said
     assert plan.clearance.pictures == ()
     assert plan.clearance.distances[0].distance > 0.02
+
+
+def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):
+    plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr)
+    context = planning.planning_context(lwr, QUICK)
+    with pytest.raises(PlanTeachesLittle, match=r"it has 6 s, weakest is"):
+        require_teaching(plan, context)
 
 
 def test_short_work_survives_one_ctrl_c_and_not_two():
