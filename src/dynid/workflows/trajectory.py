@@ -139,7 +139,8 @@ class Plan:
 
         assumed = assumed_limits(self.robot)
         text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
-        more = (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
+        more: tuple[Finding, ...] = ()
+        more += (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
         full = next(row for row in self.alphas if row.alpha == 1.0)
         if full.condition_scaled > LARGE_CONDITION:
             text = (
