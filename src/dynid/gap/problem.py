@@ -12,6 +12,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.change import ChangeTest, change_test
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
+from dynid.gap.possible_arm import PossibleArm, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
@@ -96,6 +97,8 @@ class GapProblem:
             where it cancels, and when the baseline is refitted.
         matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
             compared with the model alone.
+        arm: the prior of possible links, where it is asked what only an odd arm would absorb.
+        held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, (k, p + 1).
         change: which joints have changed since the earlier logs, that are among the rows; None where there are none.
     """
 
@@ -111,6 +114,8 @@ class GapProblem:
     unexplained: Floats | None = None
     matched: float = 0.0
     change: ChangeTest | None = None
+    arm: PossibleArm | None = None
+    held_by: Floats | None = None
 
     @property
     def since(self) -> bool:
@@ -126,17 +131,18 @@ class GapProblem:
         """
         reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
         segments = with_reference(self.segments, reference)
-        return _baseline(segments, self.train, self.kept, self.noise, [nuisance_columns(s, nuisance) for s in segments])
+        prior = self.held_by if self.kept is None else self.kept.prior_rows
+        found = _baseline(segments, self.train, prior, self.noise, [nuisance_columns(s, nuisance) for s in segments])
+        return found if self.arm is None else replace(found, odd=True)
 
 
 def _baseline(
     segments: Sequence[SegmentRows],
     train: Sequence[Mask],
-    kept: KeptModel | None,
+    prior: Floats | None,
     noise: NoiseModel,
     nuisance: Sequence[Sequence[Floats]],
 ) -> WhitenedRegression:
-    prior = None if kept is None else kept.prior_rows
     return whitened_regression(cut(segments, train), noise, nuisance, prior)
 
 
@@ -191,6 +197,48 @@ def make_problem(
     return with_noise(found, noise, residuals)
 
 
+def problem_of_arm(logs: Sequence[ConditionedLog], base: BaseModel) -> GapProblem:
+    """Arrange a search for what only an odd arm would absorb.
+
+    Each joint's noise is at least what parameters without any bounds leave: what they do not explain says nothing about
+    links.
+
+    Args:
+        logs: conditioned logs, all with the same filter.
+        base: model and base parameters.
+    """
+    found = make_problem(logs, base, None)
+    residuals = unwhitened_fit(found.segments, found.train, None)[1]
+    level = _rms(found.segments, residuals, found.train)
+    found = replace(found, noise=with_misfit(found.noise, found.segments, residuals, level), unexplained=level)
+    bare = found.regression()
+    found = replace(found, arm=possible_arm(bare, base))
+    return held_near_possible(found, bare)
+
+
+def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:
+    """Return a problem held near the best possible arm beside what a regression has selected.
+
+    Args:
+        problem: the problem; one that asks for anything else stays as it is.
+        regression: its rows, with effects.
+    """
+    if problem.arm is None:
+        return problem
+    arm = possible_arm(regression, problem.base)
+    rows = prior_rows(regression, arm)
+    theta = rows[:, :-1]
+    best = replace(regression, prior=_wide(rows, regression.size)).fit.theta[: theta.shape[1]]
+    return replace(problem, arm=arm, held_by=rows, theta=best)
+
+
+def _wide(rows: Floats, size: int) -> Floats:
+    """Return rows [columns, value] with zeros for further columns, (k, size + 1)."""
+    wide = np.zeros((len(rows), size + 1))
+    wide[:, : rows.shape[1] - 1], wide[:, -1] = rows[:, :-1], rows[:, -1]
+    return wide
+
+
 def _problem_since(
     earlier: Sequence[SegmentRows], segments: Sequence[SegmentRows], base: BaseModel, kept: KeptModel
 ) -> GapProblem:
@@ -241,7 +289,7 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         noise: measured from repeats or high frequencies.
         residuals: what a model leaves of the rows, one (M, n) per segment.
     """
-    if not problem.since:
+    if not problem.since and problem.arm is None:
         return replace(problem, noise=noise)
     if problem.matched and noise.repeats:
         # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
@@ -302,7 +350,8 @@ def unwhitened_fit(
     """
     columns = [nuisance_columns(s, nuisance) for s in segments]
     n, p = segments[0].W.shape[1:]
-    regression = _baseline(segments, train, kept, NoiseModel.white(np.ones(n)), columns)
+    prior = None if kept is None else kept.prior_rows
+    regression = _baseline(segments, train, prior, NoiseModel.white(np.ones(n)), columns)
     sigma = [np.sqrt(max(float(np.mean(e**2)), 1e-18)) if len(e) else 1.0 for e in regression.fit.e]
-    regression = _baseline(segments, train, kept, NoiseModel.white(np.array(sigma)), columns)
+    regression = _baseline(segments, train, prior, NoiseModel.white(np.array(sigma)), columns)
     return regression.fit.theta[:p], torque_residuals(regression, segments, columns)

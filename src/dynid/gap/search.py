@@ -9,7 +9,15 @@ import numpy as np
 
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
-from dynid.gap.problem import GapProblem, KeptModel, make_problem, nuisance_columns, with_noise
+from dynid.gap.problem import (
+    GapProblem,
+    KeptModel,
+    held_near_possible,
+    make_problem,
+    nuisance_columns,
+    problem_of_arm,
+    with_noise,
+)
 from dynid.gap.rivals import settled_rivals
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import Key, SignificanceTest, candidates_at, score_candidate
@@ -91,10 +99,10 @@ def search_effects(
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late
             shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
-            problem = make_problem(shifted, base, kept, earlier)
+            problem = problem_of_arm(shifted, base) if first.arm else make_problem(shifted, base, kept, earlier)
             continue
         floor = problem.noise.floor
-        problem = with_noise_beside(problem, stepwise.regression, stepwise.selected)
+        problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)
         change = problem.noise.floor / floor
         if np.all((change > SAME_NOISE) & (change < 1 / SAME_NOISE)):
             break
@@ -134,8 +142,10 @@ def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) ->
     selected = [one for one in search.selected if one.key != dropped.key]
     if dropped.name == "torque_delay":
         search = replace(search, problem=replace(first, noise=search.problem.noise), delay=0.0, delay_test=None)
-    after, between = chi_squares(with_selected(search.problem.regression(), selected))
-    return replace(search, selected=selected, after=after, between_reversals=between)
+    bare = search.problem.regression()
+    problem = held_near_possible(search.problem, with_selected(bare, selected))
+    after, between = chi_squares(with_selected(problem.regression(), selected))
+    return replace(search, problem=problem, selected=selected, after=after, between_reversals=between)
 
 
 def with_noise_beside(
@@ -147,7 +157,7 @@ def with_noise_beside(
     compared with the same motion before have no other measure of it; the first guess, which lets all parameters go, is
     too small.
     """
-    if not problem.matched and not (problem.noise.repeats and selected):
+    if problem.arm is not None or (not problem.matched and not (problem.noise.repeats and selected)):
         return problem
     residuals = torque_residuals(regression, problem.segments, [nuisance_columns(s) for s in problem.segments])
     for k, s in enumerate(regression.segments):

@@ -18,10 +18,6 @@ from dynid.model.effects.interface import Effect, Floats, Joints, Shape
 #: Identifier and joints of a candidate.
 Key = tuple[str, Joints]
 
-#: Share of a candidate's power, and of that of its own columns, below which the model absorbs it: these logs cannot
-#: show it.
-ABSORBED = 1e-5
-
 
 @dataclass(frozen=True)
 class EffectCandidate:
@@ -107,7 +103,7 @@ def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints
 def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) -> CandidateScore:
     """Return how much the best of a candidate's shapes explains."""
     G, b = _projected(regression, candidate)
-    gains, ranks, shares = _gains(G, b, candidate.gram, candidate.effect.positive)
+    gains, ranks, shares = _gains(G, b, candidate.gram, regression.absorbed, candidate.effect.positive)
     best = int(np.argmax(gains))
     samples = max(sum(len(regression.fit.e[j]) for j in candidate.columns), 2)
     penalty = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(len(candidate.shapes))
@@ -128,17 +124,17 @@ def _projected(regression: WhitenedRegression, candidate: EffectCandidate) -> tu
     return candidate.gram - np.einsum("gkp,glp->gkl", P, P), b.reshape(count, k)
 
 
-def _gains(G: Floats, b: Floats, raw: Floats, positive: bool) -> tuple[Floats, Floats, Floats]:
+def _gains(G: Floats, b: Floats, raw: Floats, absorbed: float, positive: bool) -> tuple[Floats, Floats, Floats]:
     """Return gain, number of directions and visible share of each shape, (G,) each."""
     size = np.sqrt(np.diagonal(raw, axis1=1, axis2=2))
     there = np.all(size > 0, axis=1)
     size = np.where(size > 0, size, 1.0)
     values, V = np.linalg.eigh(G / (size[:, :, None] * size[:, None, :]))
-    kept = values > ABSORBED
+    kept = values > absorbed
     parts = np.einsum("gkv,gk->gv", V, b / size)
     gains = np.sum(np.where(kept, parts**2 / np.where(kept, values, 1.0), 0.0), axis=1)
     shares = np.where(there, np.maximum(values[:, -1], 0.0), 0.0)
-    hopeless = (shares < ABSORBED) | ((b[:, 0] <= 0) if positive else False)
+    hopeless = (shares < absorbed) | ((b[:, 0] <= 0) if positive else False)
     return np.where(hopeless, 0.0, gains), np.maximum(kept.sum(axis=1), 1), shares
 
 
@@ -209,7 +205,7 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     amplitudes = beta / scale
     visible = {
         j: float(np.sqrt(regression.noise.count[j] * np.mean((amplitudes @ projected[j]) ** 2)))
-        for j in columns
+        for j in (projected if regression.odd else columns)
         if len(fit.e[j])
     }
     joint = max(visible, key=lambda j: visible[j])

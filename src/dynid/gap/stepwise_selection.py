@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.problem import GapProblem
+from dynid.gap.possible_arm import LEAST_GAIN, least_gain
+from dynid.gap.problem import GapProblem, held_near_possible
 from dynid.gap.selected_effects import SelectedEffect, stepped
 from dynid.gap.significance import (
     CandidateScore,
@@ -57,12 +58,14 @@ class SelectionOptions:
         joints: 0-based joints; all when empty.
         false_alarm: chance of naming something on logs that hold nothing.
         most: largest number of effects that are added.
+        also: further effects at their joints that are tried, whatever is asked.
     """
 
     effects: tuple[str, ...] = ()
     joints: tuple[int, ...] = ()
     false_alarm: float = 0.01
     most: int = 3
+    also: tuple[Key, ...] = ()
 
 
 class StepwiseSelection:
@@ -147,12 +150,25 @@ class StepwiseSelection:
             leading = sorted((one for one in refined if one.test.joint not in unclear), key=lambda one: -one.score)
             for one in leading:
                 if self._passes(one):
-                    return self._simplest(one, leading)
+                    if not self._possible_absorbs(one):
+                        return self._simplest(one, leading)
+                    self.barred.add(one.key)
+                    continue
                 if one.test.visible_rms >= SMALLEST:
                     unclear.add(one.test.joint)
                     break
             else:
-                return None
+                if not any(one.key in self.barred for one in leading):
+                    return None
+                ranked = [(score, c) for score, c in ranked if c.key not in self.barred]
+
+    def _possible_absorbs(self, one: SelectedEffect) -> bool:
+        """Return whether a possible arm, exactly fitted, absorbs an effect, for some masses of the prior's links."""
+        if self.problem.arm is None or one.effect.name == "torque_delay":
+            return False
+        gain = least_gain(self.regression, self.problem.arm, self._columns_of(one))
+        price = one.freedom * float(np.log(sum(len(e) for e in self.regression.fit.e)))
+        return gain - price < LEAST_GAIN
 
     def _simplest(self, best: SelectedEffect, others: Sequence[SelectedEffect]) -> SelectedEffect:
         """Return what has the least freedom among those that the best is not clearly better than."""
@@ -221,7 +237,8 @@ class StepwiseSelection:
             self._select([one for one in tested if one is not worst])
 
     def _relinearise(self) -> None:
-        """Scale model-based candidates with the new parameters."""
+        """Scale model-based candidates with the new parameters, and hold these near the arm that is possible now."""
+        self.problem = held_near_possible(self.problem, self.regression)
         self.regression = self.problem.regression(self.regression.fit.theta[: self.problem.base.reduction.rank])
         self._columns = {}
         self.candidates = self._candidates(self.candidates)
@@ -285,13 +302,14 @@ def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:
 
 def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Joints]]:
     """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on."""
-    use = "frozen" if problem.since else "refit"
+    use = "frozen" if problem.since else "refit" if problem.arm is None else "arm"
     moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
     return [
         (effect, joints)
         for effect in CATALOGUE.values()
-        if use in effect.uses and (not options.effects or effect.name in options.effects)
         for joints in effect.candidate_joints(problem.base.robot.n)
+        if (use in effect.uses or (effect.name, joints) in options.also)
+        if not options.effects or effect.name in options.effects
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
         if not _in_model(effect, joints, problem) and _may_have_changed(effect, joints, problem)
     ]

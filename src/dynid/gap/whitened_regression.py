@@ -21,6 +21,12 @@ Ints = NDArray[np.int64]
 #: Whitened columns of one effect by joint, {joint: (k, M_j)}.
 EffectColumns = Mapping[int, Floats]
 
+#: Share of a candidate's power, and of that of its own columns, below which the model absorbs it: these logs cannot
+#: show it.
+ABSORBED = 1e-5
+#: The same of possible links: the data hold these a thousand times as tightly as their prior does, so what they take up
+#: nearly wholly is still told from an odd arm.
+ABSORBED_BY_ARM = 1e-8
 #: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9
 
@@ -77,6 +83,7 @@ class WhitenedRegression:
         prior: further rows [columns, value] on the baseline, such as what an earlier identification knows,
             (r, p + c + 1); None for none.
         effects: columns of selected effects.
+        odd: whether the prior rows say how odd an arm is. What frees the links then shows on other joints than its own.
     """
 
     segments: Sequence[SegmentRows]
@@ -84,6 +91,12 @@ class WhitenedRegression:
     joints: tuple[WhitenedRows, ...]
     prior: Floats | None = None
     effects: tuple[EffectColumns, ...] = ()
+    odd: bool = False
+
+    @property
+    def absorbed(self) -> float:
+        """Share of a candidate's power below which the model absorbs it."""
+        return ABSORBED_BY_ARM if self.odd else ABSORBED
 
     @property
     def size(self) -> int:
@@ -106,7 +119,7 @@ class WhitenedRegression:
     @cached_property
     def fit(self) -> WhitenedFit:
         """Baseline and effects fitted to all rows and to the prior."""
-        full = [self._columns(rows) for rows in self.joints]
+        full = [self.columns(rows) for rows in self.joints]
         width = full[0].shape[1]
         gram, right = np.zeros((width, width)), np.zeros(width)
         for A, rows in zip(full, self.joints, strict=True):
@@ -125,7 +138,8 @@ class WhitenedRegression:
         residuals = [rows.y - A @ theta for A, rows in zip(full, self.joints, strict=True)]
         return WhitenedFit(theta, root @ root.T, [A @ root for A in full], residuals)
 
-    def _columns(self, rows: WhitenedRows) -> Floats:
+    def columns(self, rows: WhitenedRows) -> Floats:
+        """Return all columns in the rows of one joint: baseline and effects, (M, w)."""
         if not self.effects:
             return rows.A
         parts = [one.get(rows.joint, np.zeros((_count(one), len(rows.y)))).T for one in self.effects]

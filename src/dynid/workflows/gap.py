@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.significance import Key
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
 
@@ -36,8 +37,11 @@ VERDICTS = {
     "ambiguous": "fit equally well",
 }
 #: The questions, and the names that two of them had before.
-QUESTIONS = ("numbers", "changed")
+QUESTIONS = ("numbers", "arm", "changed")
 MODES = {"refit": "numbers", "frozen": "changed"}
+#: Torque error of possible links over that of any numbers from which on it is asked what only odd ones would absorb:
+#: errors of what else is missing make it up to 1.1.
+ODD = 1.15
 #: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
 EXTRAPOLATES = 1.5
 #: A joint with a larger share of the disagreement of all joints is told.
@@ -57,8 +61,8 @@ class GapOptions(LogOptions):
 
     ask: str = option(
         "auto",
-        "numbers: what no identification can absorb; changed: what is different since the model was identified; auto "
-        "asks what the logs can answer, and says why.",
+        "numbers: what no identification can absorb; arm: what only links that no arm has would absorb; changed: what "
+        "is different since the model was identified; auto asks what the logs can answer, and says why.",
         choices=("auto", *QUESTIONS), shown="",
     )  # fmt: skip
     mode: str | None = option(
@@ -441,7 +445,9 @@ class _Search:
         """Return checked recordings."""
         return [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
 
-    def ask(self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str) -> Gap:
+    def ask(
+        self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str, also: tuple[Key, ...] = ()
+    ) -> Gap:
         """Ask one question of checked logs.
 
         Args:
@@ -449,6 +455,7 @@ class _Search:
             logs: the recordings.
             earlier: those that the model was identified from, to find what has changed since.
             why: why this is asked, in words.
+            also: effects that are tried whatever is asked.
         """
         from dynid.gap.analysis import analyse_gap, relative_error
         from dynid.gap.problem import kept_model
@@ -459,7 +466,9 @@ class _Search:
         before = condition_logs(earlier, self.base.model, options, self.progress) if earlier else []
         self.progress.stage("search")
         kept = kept_model(self.result) if question == "changed" else None
-        analysis = analyse_gap(conditioned, self.base, kept, self.wanted, self.progress, earlier=before)
+        arm = question == "arm"
+        wanted = replace(self.wanted, also=also)
+        analysis = analyse_gap(conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm)
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
             then = relative_error(before, self.base, self.result.theta) if before else 0.0
@@ -476,8 +485,22 @@ class _Search:
         )
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
-        """Ask what the model has always lacked."""
-        return self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?")
+        """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
+        from dynid.gap.possible_arm import misfit_ratio
+
+        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?")
+        result = self.result
+        ratio = misfit_ratio(result.reduction.K, result.physical, result.plain, result.factors)
+        if ratio < ODD:
+            return found
+        named = tuple((one.effect, one.indices) for one in found.named)
+        more = f"possible links miss {ratio:.2g} times as much as any numbers: what would only odd links absorb?"
+        why = f"{found.asked} {more}"
+        odd = self.ask("arm", logs, (), why, named)
+        # Why other joints: what numbers cannot absorb on a joint needs no odd links.
+        taken = {where[:1] for _, where in named}
+        new = [one for one in odd.named if one.indices[:1] not in taken]
+        return odd if new else replace(found, asked=f"{why} nothing that has a name")
 
 
 def _kept_error(now: float, then: float, unchanged: bool) -> str:

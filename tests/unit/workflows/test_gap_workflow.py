@@ -229,3 +229,22 @@ def test_two_different_questions_at_once_are_refused(result):
     assert GapOptions(mode="frozen").question == GapOptions(ask="changed").question == "changed"
     with pytest.raises(WrongUsage, match="--mode refit is --ask numbers, but --ask changed was given too"):
         find_gap(result, [], GapOptions(mode="refit", ask="changed"))
+
+
+def test_what_only_odd_links_would_absorb_is_asked_where_possible_ones_do_worse(springy, monkeypatch):
+    from dynid.gap import possible_arm
+
+    logs, result = springy
+    monkeypatch.setattr(possible_arm, "misfit_ratio", lambda *of: 3.0)
+    found = find_gap(result, logs, GapOptions(effects=f"{EFFECTS},counterbalance"))
+    assert "possible links miss 3 times as much as any numbers" in found.asked
+    assert [one.effect for one in found.named] == ["spring"], "what numbers cannot absorb needs no odd links"
+    monkeypatch.setattr(possible_arm, "misfit_ratio", lambda *of: 1.05)
+    assert "odd" not in find_gap(result, logs, GapOptions(effects=EFFECTS)).asked
+
+
+def test_an_odd_arm_can_be_asked_about_alone(springy):
+    logs, result = springy
+    found = find_gap(result, logs, GapOptions(ask="arm"))
+    assert (found.question, found.mode) == ("arm", "refit")
+    assert {one.effect for one in found.named} <= {"counterbalance"}

@@ -1,0 +1,172 @@
+"""What only an odd arm would absorb: the rows of a search with the prior of possible links beside them.
+
+A counterbalance vanishes in masses and centres of mass that no link has. The entropic prior of possible links
+(``estimation/physical_parameters.py``) says what such links cost. Near the best possible arm it is a parabola
+(Laplace), so it joins the search as further rows on the base parameters; that ranks candidates well and overstates
+large gains, so what is taken is fitted again exactly. And the prior's own masses may be wrong: the least gain over
+several of them counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynid.estimation.physical_constraints import PhysicalConstraints
+from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_pooled, fit_sized
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.interface import Floats
+
+#: Masses of the prior's links that a name has to outlive, times those that fit best beside it.
+MASSES = (1.0, 3.0, 10.0, 30.0)
+#: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
+#: and chance alone would be content with 12.
+LEAST_GAIN = 25.0
+#: Directions of information below this share of the strongest are none.
+NONE = 1e-10
+
+
+@dataclass(frozen=True)
+class PossibleArm:
+    """The prior of possible links, in the size that the rows prefer.
+
+    Attributes:
+        K: base parameters as combinations of all parameters, (p, c).
+        constraints: the prior.
+        given: the prior of the robot file, before it got a size.
+    """
+
+    K: Floats
+    constraints: PhysicalConstraints
+    given: PhysicalConstraints
+
+    def heavier(self, factor: float) -> PossibleArm:
+        """Return the prior with links of another mass."""
+        prior = self.constraints.prior.copy()
+        prior[self.constraints.bodies] *= factor
+        return replace(self, constraints=replace(self.constraints, prior=prior))
+
+
+@dataclass(frozen=True)
+class ReducedRows:
+    """Rows on the base parameters alone, what else is fitted being eliminated.
+
+    Attributes:
+        R: (k, p).
+        r: (k,).
+        rest: sum of squares that no base parameters change.
+    """
+
+    R: Floats
+    r: Floats
+    rest: float
+
+
+def possible_arm(regression: WhitenedRegression, base: BaseModel) -> PossibleArm:
+    """Return the prior of possible links in the size that the rows of a search prefer."""
+    K, rows, given = base.reduction.K, reduced(regression), constraints_of(base)
+    return PossibleArm(K, fit_sized(rows.R @ K, rows.r, given)[1], given)
+
+
+def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
+    """Return the rows of a search without its prior, reduced to the base parameters.
+
+    Args:
+        regression: the search.
+        more: columns of further effects.
+    """
+    wide = replace(regression, prior=None, effects=(*regression.effects, *more))
+    p = regression.segments[0].W.shape[2]
+    full = [np.column_stack([wide.columns(rows), rows.y]) for rows in wide.joints]
+    gram = np.sum([A.T @ A for A in full], axis=0)
+    order = [*range(p), len(gram) - 1]
+    other = [k for k in range(len(gram)) if k not in order]
+    kept = gram[np.ix_(order, order)]
+    if other:
+        side = gram[np.ix_(other, order)]
+        kept = kept - side.T @ _inverse(gram[np.ix_(other, other)]) @ side
+    # Why of the rows before: a direction that is eliminated has nothing but rounding left.
+    size = np.sqrt(np.maximum(np.diag(gram)[:p], 1e-300))
+    values, V = np.linalg.eigh(kept[:p, :p] / np.outer(size, size))
+    seen = values > NONE * values[-1]
+    root = np.sqrt(values[seen])
+    r = V[:, seen].T @ (kept[:p, p] / size) / root
+    return ReducedRows(root[:, None] * V[:, seen].T * size, r, float(kept[p, p] - r @ r))
+
+
+def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
+    """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1)."""
+    rows = reduced(regression)
+    fit, _ = fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)
+    A = rows.R @ arm.K
+    H = fit.hessian - A.T @ A
+    held = np.diag(H) > NONE * np.maximum(np.diag(fit.hessian), 1e-300)
+    S = arm.K[:, held] @ _inverse(H[np.ix_(held, held)]) @ arm.K[:, held].T
+    theta = arm.K @ fit.x
+    centre = theta + S @ (rows.R.T @ (rows.R @ theta - rows.r))
+    root = _root(_without_directions(_inverse(S), arm.K[:, ~held]))
+    return np.column_stack([root, root @ centre])
+
+
+def least_gain(
+    regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, masses: Sequence[float] = MASSES
+) -> float:
+    """Return the least drop of twice the objective that an effect brings, over the masses of the prior's links.
+
+    Args:
+        regression: the search, with other effects.
+        arm: the prior.
+        one: columns of the effect.
+        masses: factors of the masses.
+    """
+    without, with_it = reduced(regression), reduced(regression, [one])
+    # Why the size of the links beside the effect: without it, links of a hundred tons carry what it carries.
+    arm = replace(arm, constraints=fit_sized(with_it.R @ arm.K, with_it.r, arm.given)[1])
+    gains = []
+    for mass in masses:
+        heavier = arm.heavier(mass)
+        before, after = (
+            2 * fit_pooled(rows.R @ arm.K, rows.r, heavier.constraints)[0].objective + rows.rest
+            for rows in (without, with_it)
+        )
+        gains.append(before - after)
+    return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))
+
+
+def misfit_ratio(K: Floats, physical: PhysicalParameters, plain: Floats, factors: Floats) -> float:
+    """Return how much more the physically possible parameters leave than the plain ones, as a ratio of errors.
+
+    Args:
+        K: base parameters as combinations of all parameters, (p, c).
+        physical: the physically possible parameters.
+        plain: the plain estimate, (p,).
+        factors: triangular factors of [W tau], (n, p + 1, p + 1).
+    """
+    left = [float(np.sum((factors @ np.append(-theta, 1.0)) ** 2)) for theta in (K @ physical.x, plain)]
+    return float(np.sqrt(left[0] / max(left[1], 1e-300)))
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Return the inverse of a positive semi-definite matrix, zero along directions that it does not see."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=NONE, hermitian=True)
+    return np.asarray(inverse / np.outer(size, size))
+
+
+def _without_directions(information: Floats, free: Floats) -> Floats:
+    """Return information with nothing known along free directions, (p, k)."""
+    if not free.size:
+        return information
+    side = information @ free
+    return np.asarray(information - side @ _inverse(free.T @ side) @ side.T)
+
+
+def _root(information: Floats) -> Floats:
+    """Return L with L^T L = information, (k, p)."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, V = np.linalg.eigh(information / np.outer(size, size))
+    seen = values > NONE * values[-1]
+    return np.asarray((V[:, seen] * np.sqrt(values[seen])).T * size)

@@ -1,0 +1,70 @@
+"""The prior of possible links as rows of a search: where they hold, and what they say of a counterbalance."""
+
+import numpy as np
+import pytest
+
+from dynid.estimation.physical_parameters import constraints_of, fit_pooled
+from dynid.gap.analysis import analyse_gap
+from dynid.gap.possible_arm import PossibleArm, least_gain, possible_arm, prior_rows, reduced
+from dynid.gap.problem import held_near_possible, problem_of_arm
+from dynid.gap.significance import candidates_at
+from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.model.effects.catalogue import CATALOGUE
+
+#: Torque of a counterbalance at the shoulder [N m], several times the arm's weight.
+CARRIED = 200.0
+
+
+@pytest.fixture(scope="module")
+def carried(twolinks, on_joint):
+    """An arm whose shoulder has a counterbalance."""
+    return problem_of_arm(twolinks.logs(lambda t, q, qd, qdd: on_joint(0, -CARRIED * np.cos(q[:, 0]))), twolinks.base)
+
+
+def counterbalance(regression, joint):
+    (candidate,) = candidates_at(regression, CATALOGUE["counterbalance"], (joint,))
+    return {j: C[0] for j, C in candidate.columns.items()}
+
+
+def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fit(clean):
+    regression = clean.regression()
+    rows = reduced(regression)
+    theta = np.linalg.lstsq(rows.R, rows.r, rcond=None)[0]
+    np.testing.assert_allclose(theta, regression.fit.theta[: len(theta)], rtol=1e-5, atol=1e-7)
+    left = rows.rest + np.sum((rows.R @ theta - rows.r) ** 2)
+    assert left == pytest.approx(regression.squares, rel=1e-9)
+
+
+def test_with_the_prior_as_rows_the_fit_is_the_best_possible_arm(twolinks, clean):
+    """Laplace's parabola has its least value where the objective has it."""
+    regression = clean.regression()
+    arm = PossibleArm(twolinks.base.reduction.K, constraints_of(twolinks.base), constraints_of(twolinks.base))
+    rows = reduced(regression)
+    best = arm.K @ fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)[0].x
+    held = prior_rows(regression, arm)
+    A, y = np.vstack([rows.R, held[:, :-1]]), np.append(rows.r, held[:, -1])
+    np.testing.assert_allclose(np.linalg.lstsq(A, y, rcond=None)[0], best, rtol=1e-3, atol=1e-5)
+
+
+def test_a_counterbalance_vanishes_in_links_that_no_arm_has(carried):
+    """All of it is absorbed when everything is refitted; with the prior of links it is worth its place."""
+    bare = carried.regression()
+    assert abs(reduced(bare, [counterbalance(bare, 0)]).rest - reduced(bare).rest) < 1.0
+    assert least_gain(bare, carried.arm, counterbalance(bare, 0)) > 25.0
+    assert least_gain(bare, carried.arm, counterbalance(bare, 1)) < 25.0
+
+
+def test_an_arm_without_a_counterbalance_gains_nothing_from_one(twolinks):
+    problem = problem_of_arm(twolinks.logs(), twolinks.base)
+    bare = problem.regression()
+    assert all(least_gain(bare, problem.arm, counterbalance(bare, j)) < 12.0 for j in (0, 1))
+    seen = analyse_gap(twolinks.logs(), twolinks.base, None, SelectionOptions(), simulate=False, arm=True)
+    assert seen.verdict.named == ()
+
+
+def test_links_are_held_only_where_that_is_asked(clean, carried):
+    assert held_near_possible(clean, clean.regression()) is clean
+    assert carried.held_by.shape[1] == len(carried.theta) + 1
+    heavier = possible_arm(carried.regression(), carried.base).heavier(3.0)
+    bodies = heavier.constraints.bodies
+    np.testing.assert_allclose(heavier.constraints.prior[bodies], 3.0 * carried.arm.constraints.prior[bodies], rtol=0.2)
