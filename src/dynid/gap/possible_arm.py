@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.estimation.physical_constraints import PhysicalConstraints
-from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_pooled, fit_sized
+from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_physical, fit_pooled, fit_sized
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -123,14 +123,14 @@ def least_gain(
         masses: factors of the masses.
     """
     without, with_it = reduced(regression), reduced(regression, [one])
-    # Why the size of the links beside the effect: without it, links of a hundred tons carry what it carries.
+    # Why the size of the links beside the effect: without it, links of a hundred tons carry what it carries. The sizes
+    # of friction stay as they are found there too: with others, the objective would be another.
     arm = replace(arm, constraints=fit_sized(with_it.R @ arm.K, with_it.r, arm.given)[1])
     gains = []
     for mass in masses:
-        heavier = arm.heavier(mass)
+        prior = arm.heavier(mass).constraints
         before, after = (
-            2 * fit_pooled(rows.R @ arm.K, rows.r, heavier.constraints)[0].objective + rows.rest
-            for rows in (without, with_it)
+            2 * fit_physical(rows.R @ arm.K, rows.r, prior).objective + rows.rest for rows in (without, with_it)
         )
         gains.append(before - after)
     return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))
