@@ -34,6 +34,9 @@ SAME = 1e-3
 COMPANION = 0.25
 #: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
 TRACE = 0.12
+#: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, beside what the
+#: model has at the null, has told them apart already.
+OUTSIDE = 1.96
 SMALL_DELAY = "it is shorter than the sampling can resolve"
 NOT_SMALLER = "it does not reduce the error on unseen data"
 
@@ -122,7 +125,7 @@ def _undetermined(one: SelectedEffect) -> str:
     if one.z < SURE_Z:
         return f"its size is not determined: {one.z:.1f} standard errors from zero; {SURE_Z:g} are needed"
     for name in one.free_shape:
-        if one.shape_z(name) < SURE_Z:
+        if one.shape_z(name) < (OUTSIDE if name in one.effect.nulls else SURE_Z):
             return _open_shape(one, name)
     return "" if possible(one) else "no body has these parameters"
 
@@ -165,7 +168,7 @@ def _open_shape(one: SelectedEffect, name: str) -> str:
     if null is None:
         return f"its {name} is not determined: {one.shape_z(name):.1f} standard errors from zero; {SURE_Z:g} are needed"
     size = f"{name} = {one.values[name]:.2g} +- {one.std_errors[name]:.2g}"
-    return f"{size} is not told from {null:g}, where it is part of the model; {SURE_Z:g} standard errors are needed"
+    return f"{size} is not told from {null:g}, where it is part of the model; {OUTSIDE:g} standard errors are needed"
 
 
 def labels(selected: SelectedEffect, joints: Sequence[str]) -> list[str]:

@@ -183,7 +183,7 @@ def test_a_size_whose_interval_holds_zero_gets_no_name():
 
 def test_a_shape_whose_interval_holds_what_the_model_has_gets_no_name():
     linear = with_shape("nonlinear_viscous", {"a": 5.0, "p": 0.96}, {"a": 0.5, "p": 0.39})
-    why = "p = 0.96 +- 0.39 is not told from 1, where it is part of the model; 3 standard errors are needed"
+    why = "p = 0.96 +- 0.39 is not told from 1, where it is part of the model; 1.96 standard errors are needed"
     assert reason(search(), linear) == why
     assert said(search(), with_shape("nonlinear_viscous", {"a": 5.0, "p": 1.9}, {"a": 0.5, "p": 0.2})).named
 

@@ -110,7 +110,7 @@ def test_nothing_can_be_applied_where_nothing_is_named(result):
 
 def test_figures_are_drawn(gap, tmp_path):
     wrote = gap.write_figures(tmp_path)
-    assert [path.name for path in wrote] == ["where.png", "shrink.png"]
+    assert [path.name for path in wrote] == ["where.png", "shrink.png", "effect_1_spring.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in wrote)
 
 
