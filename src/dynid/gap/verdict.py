@@ -34,8 +34,8 @@ SAME = 1e-3
 COMPANION = 0.25
 #: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
 TRACE = 0.12
-#: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, beside what the
-#: model has at the null, has told them apart already.
+#: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, beside what
+#: the model has at the null, has told them apart already.
 OUTSIDE = 1.96
 SMALL_DELAY = "it is shorter than the sampling can resolve"
 NOT_SMALLER = "it does not reduce the error on unseen data"
