@@ -22,26 +22,25 @@ from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.trajectory import plan_trajectory
 
-#: What is mistaken for something else when a motion is poor.
-KINDS = (
-    "spring", "end_stop", "load_friction", "position_friction", "stribeck", "nonlinear_viscous", "torque_crosstalk",
-    "torque_gain", "encoder_offset", "asymmetric_viscous",
-)  # fmt: skip
+#: What is mistaken for something else when a motion is poor: drag of a neighbour when both neighbours move in step, and
+#: a function of place when the travel is small.
+KINDS = ("joint_coupling", "spring", "joint_coupling", "end_stop")
 SECONDS = 20.0
 
 
 def draw(k, seed):
-    """Return a case and how small its first motion is."""
+    """Return a case, how small its first motion is, and a joint whose neighbours move in step, if any do."""
     rng = np.random.default_rng([k, 99, seed])
     arm = "lwr4plus" if rng.random() < 0.6 else "kinova_gen2"
     case = hidden.Case(
         arm,
         KINDS[k % len(KINDS)],
         int(rng.choice(blind.JOINTS)),
-        float(np.exp(rng.uniform(-0.7, 0.7))),
+        float(np.exp(rng.uniform(0.3, 1.3))),
         70_000 + 17 * k + 1_000_003 * seed,
     )
-    return case, float(rng.uniform(0.06, 0.25))
+    dragged = case.effect == "joint_coupling"
+    return case, 1.0 if dragged else float(rng.uniform(0.08, 0.2)), case.joint if dragged else None
 
 
 def look(case, base, **options):
@@ -57,9 +56,10 @@ def said(seen):
 
 
 def run(k, seed):
-    case, shrink = draw(k, seed)
+    case, shrink, between = draw(k, seed)
+    poor = {"shrink": shrink, "in_step": between}
     base = blind.model_of(case.arm)
-    first = look(case, base, shrink=shrink)
+    first = look(case, base, **poor)
     row = {
         "k": k,
         "seed": seed,
@@ -72,7 +72,7 @@ def run(k, seed):
         return row
     start = time.process_time()
     options = PlanOptions(alpha=1.0, duration=SECONDS, segments=6, seed=seed, restarts=3, seconds=120.0, floor=None)
-    plan = plan_trajectory(base.robot, options, base=base, for_gap=record_of(first, base.robot, "refit", ""))
+    plan = plan_trajectory(base.robot, options, base=base, for_gap=record_of(first, base.robot, "numbers", "", ""))
     row |= {"outlook": list(plan.outlook), "seconds": time.process_time() - start}
     arm = hidden.load_arm(case.arm)
     sines = hidden.sines(arm, SECONDS, np.random.default_rng(case.seed + 5))
@@ -85,7 +85,7 @@ def run(k, seed):
         return hidden.motion(arm, sines, t, np.random.default_rng(0), 0.0)
 
     for name, motion in (("second", planned), ("usual", usual)):
-        row[name] = said(look(case, base, shrink=shrink, further=(SECONDS, motion)))
+        row[name] = said(look(case, base, **poor, further=(SECONDS, motion)))
     return row
 
 

@@ -346,11 +346,21 @@ def noisy(case, white, qd, rng):
 
 
 def simulate(
-    case, trajectories=3, repeats=2, seconds=20.0, hide=True, plan_seed=None, start_at=0.0, further=None, shrink=1.0
+    case,
+    trajectories=3,
+    repeats=2,
+    seconds=20.0,
+    hide=True,
+    plan_seed=None,
+    start_at=0.0,
+    further=None,
+    shrink=1.0,
+    in_step=None,
 ):
     """Return a list of logs (t, q, tau); without ``hide`` the same motion and noise without the effect.
 
-    ``further`` is one more motion, driven once, (seconds, function of time); ``shrink`` makes all others smaller.
+    ``further`` is one more motion, driven once, (seconds, function of time); ``shrink`` makes all others smaller, and the
+    two neighbours of joint ``in_step`` move as one in them.
 
     The visible size is relative to the noise: the effect's torque is scaled so that its rms after a crude baseline
     (offset, position, velocity, sign, acceleration of the joint) is taken off equals ``case.size`` times the noise.
@@ -360,6 +370,7 @@ def simulate(
     s = shape_of(case, rng, arm)
     case.facts = s
     plans_rng = np.random.default_rng(case.seed + 1000 if plan_seed is None else plan_seed)
+    wobble = shrink * (4e-3 if case.extra == "drifting_tracking" else 1e-3) * (0.1 if in_step is not None else 1.0)
     white = np.array([0.14, 0.14, 0.14, 0.14, 0.085, 0.08, 0.075])[: arm.n]
     logs = []
     clock = start_at
@@ -367,8 +378,13 @@ def simulate(
     tilt = None
     plans = [sines(arm, seconds, plans_rng) for _ in range(trajectories)]
     prepared(case, arm, plans)
-    for _, size, _ in plans:
+    for f, size, phase in plans:
         size *= shrink
+        if in_step is not None:
+            one, other = in_step - 1, in_step + 1
+            least = min(np.abs(size[one]).sum(), np.abs(size[other]).sum())
+            f[other], phase[other] = f[one], phase[one]
+            size[other] = size[one] = least * size[one] / np.abs(size[one]).sum()
     if further is not None:
         plans.append(further[1])
     for number, plan in enumerate(plans):
@@ -376,7 +392,7 @@ def simulate(
         seconds = further[0] if last else seconds
         for _ in range(1 if last or (case.extra == "one_repeat" and number) else repeats):
             t = sampling(case, seconds, rng)
-            q, qd, qdd = motion(arm, plan, t, rng, shrink * (4e-3 if case.extra == "drifting_tracking" else 1e-3))
+            q, qd, qdd = motion(arm, plan, t, rng, wobble)
             gravity = arm.model.gravity.linear.copy()
             size = case.size * scale_of(case, arm) if hide else 0.0
             if case.effect == "base_tilt":

@@ -150,7 +150,8 @@ def show(common: Common, gap: Gap) -> None:
         terminal.fact("named", f"{effect.title} on {one.where}: {effect.signature}")
         terminal.fact("", ", ".join(one.texts()))
     for one in gap.formulas:
-        terminal.fact("formula", f"{one.formula} on {one.where}, not in the catalogue")
+        add = f"--apply formula@{one.indices[0] + 1} adds it"
+        terminal.fact("formula", f"{one.formula} on {one.where}, not in the catalogue; {add}")
         terminal.fact(
             "", f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
         )
