@@ -12,7 +12,7 @@ EFFORT = {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3}
 #: Units of a turning joint and what they are called at a sliding one.
 SLIDING = {
     "N m s/rad": "N s/m", "N m (s/rad)^p": "N (s/m)^p", "N m/rad": "N/m", "rad/N m": "m/N", "N m/s": "N/s", "N m": "N",
-    "kg m^2": "kg", "rad/s": "m/s", "1/rad": "1/m", "rad": "m", "mrad": "mm",
+    "kg m^2": "kg", "rad/s": "m/s", "rad/s^2": "m/s^2", "1/rad": "1/m", "rad": "m", "mrad": "mm",
 }  # fmt: skip
 
 

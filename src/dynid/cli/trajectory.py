@@ -230,8 +230,9 @@ def show(common: Common, found: Plan) -> None:
          "-" if p.torque is None else f"{p.torque:.2f}", f"{100 * p.share:.0f} %")
         for p in found.check.peaks
     ]  # fmt: skip
-    heads = ("joint", "position rad", "velocity rad/s", "accel. rad/s^2", "torque N m", "of limit")
-    common.terminal.table(heads, rows)
+    names = ("position", "velocity", "accel.", "torque")
+    heads = [f"{name} {unit}" for name, unit in zip(names, found.units, strict=True)]
+    common.terminal.table(("joint", *heads, "of limit"), rows)
 
 
 def accepted(common: Common, found: Plan | Reviewed, look: View, *, accept: bool) -> Answer:

@@ -167,14 +167,14 @@ def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
         k = int(beyond.argmax())
         if beyond[k] > 1e-6 * max(1.0, abs(upper)):
             value, limit = float(q[k]), float(upper if q[k] > upper else lower)
-            found.append(Violation(joint.name, "position", value, limit, float(motion.t[k]), None))
+            found.append(Violation(joint.name, "position", value, limit, float(motion.t[k]), None, joint.revolute))
         rates = ((motion.qd, limits.velocity, "velocity", 1), (motion.qdd, limits.acceleration, "acceleration", 2))
         for values, allowed, quantity, order in rates:
             k = int(np.abs(values[:, j]).argmax())
             value = abs(float(values[k, j]))
             if allowed and value > allowed * (1 + 1e-6):
                 alpha = played.speed * (allowed / value) ** (1 / order)
-                found.append(Violation(joint.name, quantity, value, allowed, float(motion.t[k]), alpha))
+                found.append(Violation(joint.name, quantity, value, allowed, float(motion.t[k]), alpha, joint.revolute))
     return found
 
 
@@ -250,9 +250,7 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     tau, limit = torque(motion), TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
-        found = torque_violations(
-            robot.joint_names, limit, tau, motion.t, None if alpha is None else alpha * played.speed
-        )
+        found = torque_violations(robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed)
         raise_worst(found, 1 - TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)

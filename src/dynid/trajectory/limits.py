@@ -17,6 +17,7 @@ from dynid.robot import Robot
 from dynid.trajectory.clearance import tool_speed
 from dynid.trajectory.feasible import Bounds
 from dynid.trajectory.plan import Trajectory
+from dynid.units import joint_unit
 
 Floats = NDArray[np.float64]
 Torque = Callable[[Motion], Floats]
@@ -61,6 +62,7 @@ class Violation:
         limit: what is allowed, margins taken off.
         time: when [s].
         alpha: largest speed factor that keeps this limit; None when slowing down does not help.
+        revolute: whether the joint turns; one that slides counts in metres.
     """
 
     joint: str
@@ -69,6 +71,7 @@ class Violation:
     limit: float
     time: float
     alpha: float | None
+    revolute: bool = True
 
 
 @dataclass(frozen=True)
@@ -144,16 +147,18 @@ def raise_worst(violations: Sequence[Violation], margin: float, slower: Callable
         fix = "slower does not help: this pose is too heavy for the joint; use waypoints nearer to the base"
     else:
         fix = "slower does not help: move the waypoints away from the limit, or try another --seed"
-    done = f"{worst.joint} {_VERB[worst.quantity].format(worst.value)} at t = {worst.time:.1f} s"
+    verb, unit = _VERB[worst.quantity]
+    size = f"{worst.value:.3g} {joint_unit(unit, revolute=worst.revolute)}"
+    done = f"{worst.joint} {verb} {size} at t = {worst.time:.1f} s"
     raise LimitBroken(f"{done}; limit {worst.limit:.3g}{kept}{more}", fix=fix)
 
 
 _VERB = {
-    "position": "reaches {:.3g} rad",
-    "velocity": "moves at {:.3g} rad/s",
-    "acceleration": "accelerates at {:.3g} rad/s^2",
-    "torque": "needs {:.3g} N m",
-    "speed": "moves at {:.3g} m/s",
+    "position": ("reaches", "rad"),
+    "velocity": ("moves at", "rad/s"),
+    "acceleration": ("accelerates at", "rad/s^2"),
+    "torque": ("needs", "N m"),
+    "speed": ("moves at", "m/s"),
 }
 
 
@@ -178,7 +183,7 @@ def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> 
             alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
             shown = (abs(value), abs(limit)) if order else (value, limit)
             time = float(when[worst]) / trajectory.alpha
-            found.append(Violation(robot.joint_names[j], quantity, *shown, time, alpha))
+            found.append(Violation(robot.joint_names[j], quantity, *shown, time, alpha, robot.joints[j].revolute))
     return found
 
 
@@ -196,28 +201,26 @@ def _torques(
     alpha = None
     if np.any(np.abs(tau) > limits.torque * (1 + ROUNDING)):
         alpha = fitting_alpha(trajectory.slowed(1.0).sampled(RATE / 10), limits.torque, torque, trajectory.alpha)
-    return torque_violations(robot.joint_names, limits.torque, tau, t, alpha)
+    return torque_violations(robot, limits.torque, tau, t, alpha)
 
 
-def torque_violations(
-    joints: Sequence[str], limit: Floats, tau: Floats, t: Floats, alpha: float | None
-) -> list[Violation]:
+def torque_violations(robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha: float | None) -> list[Violation]:
     """Return broken torque limits.
 
     Args:
-        joints: names of the joints, n of them.
+        robot: the arm.
         limit: (n,) [N m or N].
         tau: predicted torques, (N, n).
         t: their times, (N,) [s].
         alpha: speed factor at which all torques fit; None when there is none.
     """
     share = np.abs(tau) / limit
-    return [
-        Violation(
-            joints[j], "torque", float(np.abs(tau[:, j]).max()), float(limit[j]), float(t[share[:, j].argmax()]), alpha
-        )
-        for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING).tolist()
-    ]
+    found = []
+    for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING).tolist():
+        joint, worst = robot.joints[j], float(np.abs(tau[:, j]).max())
+        time = float(t[share[:, j].argmax()])
+        found.append(Violation(joint.name, "torque", worst, float(limit[j]), time, alpha, joint.revolute))
+    return found
 
 
 def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0) -> float | None:

@@ -24,6 +24,7 @@ from dynid.table import Table
 from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.scene import Scene
+from dynid.units import joint_unit
 from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
 from dynid.workflows.gap_experiment import GapExperiment
 
@@ -241,16 +242,24 @@ class Plan:
         write_trajectory(path, self.stored(inputs))
         return [path, *texts]
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of positions, velocities, accelerations and torques; both where joints turn and slide."""
+        kinds = sorted({joint.revolute for joint in self.robot.joints}, reverse=True)
+        units = ("rad", "rad/s", "rad/s^2", "N m")
+        return tuple(" or ".join(joint_unit(unit, revolute=kind) for kind in kinds) for unit in units)
+
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
+        units = self.units
         return Table(
             [
                 {
                     "joint": peak.joint,
-                    "position [rad]": peak.position,
-                    "velocity [rad/s]": peak.velocity,
-                    "acceleration [rad/s^2]": peak.acceleration,
-                    "torque [N m]": peak.torque,
+                    f"position [{units[0]}]": peak.position,
+                    f"velocity [{units[1]}]": peak.velocity,
+                    f"acceleration [{units[2]}]": peak.acceleration,
+                    f"torque [{units[3]}]": peak.torque,
                     "share of limit": peak.share,
                 }
                 for peak in self.check.peaks
@@ -274,7 +283,9 @@ class Plan:
         figures, low, high = self.prediction.figures, float(self.noise.min()), float(self.noise.max())
         excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
         size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
-        error = f"torque error {self.prediction.torque_error:.2g} N m on other motions; weakest: {self.weakest}"
+        error = (
+            f"torque error {self.prediction.torque_error:.2g} {self.units[3]} on other motions; weakest: {self.weakest}"
+        )
         return [
             ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
             *([("search", self.search.text)] if self.search is not None else []),
@@ -286,7 +297,7 @@ class Plan:
             ),
             ("predicted", error),
             *(("gap", text) for text in self.outlook),
-            ("noise", f"{size} N m per sample, {self.noise_from}"),
+            ("noise", f"{size} {self.units[3]} per sample, {self.noise_from}"),
             *self._alpha_lines(),
         ]
 

@@ -7,10 +7,11 @@ import pytest
 from randomplans import random_trajectory
 
 from dynid.errors import LimitBroken
+from dynid.files.robotfile import load_robot
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds, bounds
 from dynid.trajectory.limits import check_trajectory, require_within_limits
-from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.plan import Trajectory, through_waypoints
 
 #: Torque limits that about half of the random plans keep [N m].
 TORQUES = {
@@ -128,3 +129,17 @@ def test_shares_of_a_plan_inside_the_limits_are_at_most_one(lwr):
     found = check_trajectory(random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1))
     require_within_limits(found)
     assert all(0 < peak.share <= 1 + 1e-6 for peak in found.peaks)
+
+
+def test_a_slide_beyond_its_limit_is_told_in_metres_and_newtons():
+    robot = load_robot("scara")
+    limits = bounds(robot)
+    points = np.array([[0, 0, 0.1, 0], [0, 0, 0.5, 0]])
+    there = through_waypoints(points, replace(limits, velocity=10 * limits.velocity))
+    with pytest.raises(LimitBroken, match=r"slide reaches 0\.5 m at"):
+        require_within_limits(check_trajectory(there, robot, limits))
+    strong = replace(limits, torque=np.array([60.0, 30.0, 1.0, 6.0]))
+    still = through_waypoints(np.array([[0, 0, 0.1, 0], [0, 0, 0.11, 0]]), limits)
+    found = check_trajectory(still, robot, strong, lambda motion: np.full((len(motion), 4), 2.0))
+    with pytest.raises(LimitBroken, match=r"slide needs 2 N at"):
+        require_within_limits(found)
