@@ -202,7 +202,11 @@ def plan_once(
         common.terminal.wrote(text)
     wrote += found.clearance.pictures
     common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
-    common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
+    if any(finding.code == "W606" for finding in found.findings):
+        # Why: dynid record would refuse it.
+        common.terminal.next(f"write `limits:` of every joint into {arm.path or arm.word}, then plan again")
+    else:
+        common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
     return Answer.YES
 
 
