@@ -58,7 +58,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     metavar="RESULT",
     help="parameters.npz without the load: find the body that the arm of the LOG carries on its last link.",
 )
-@click.option("--report/--no-report", default=False, show_default=True, help="Write report.html as well.")
+@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html and summary.md as well.")
+@click.option("--open", "open_report", is_flag=True, help="Open report.html in the browser.")
 @click.option(
     "--loaded",
     type=click.Path(path_type=Path),
@@ -84,17 +85,17 @@ def command(
     logs: tuple[Path, ...],
     fail_if: tuple[str, ...],
     report: bool,
+    open_report: bool,
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
     beside = {key: values.pop(key) for key in ("explained", "payload_from", "loaded", "load_mass", "update")}
-    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), **beside)
+    report = report or open_report
+    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), report=report, **beside)
     write_run(Path(facts["folder"]), facts["inputs"])
-    if report:
-        from dynid.cli.report import write_report
-
-        write_report(common, Path(facts["folder"]) / "parameters.npz")
+    if open_report:
+        click.launch(str((Path(facts["folder"]) / "report.html").resolve()))
     return ExitStatus.LIMIT_NOT_MET if sum(broken(common, facts, *limit) for limit in limits) else ExitStatus.DONE
 
 
@@ -109,6 +110,7 @@ def run_identify(
     loaded: Path | None = None,
     load_mass: float | None = None,
     update: Path | None = None,
+    report: bool = False,
     show: bool = True,
     final: bool = True,
 ) -> dict[str, Any]:
@@ -124,6 +126,7 @@ def run_identify(
         loaded: log of currents with a load of known mass.
         load_mass: that mass [kg].
         update: result that the logs are added to.
+        report: write report.html and summary.md beside the results, where they are new or have none.
         show: print the tables.
         final: print the JSON answer and the next command as well; not when another command goes on.
     """
@@ -166,6 +169,10 @@ def run_identify(
         add_payload(common, folder, find_payload(result, unloaded), facts)
     if explained:
         facts["explain"] = explain(common, result, recordings, options, base)
+    if report and (wrote or not (folder / "report.html").is_file()):
+        from dynid.cli.report import write_report
+
+        facts["wrote"] = [*facts["wrote"], *write_report(common, result.path, base)[1]]
     if show and final:
         common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
         show_next(common, result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import click
 from dynid.cli.options import Common, dynid_command
 
 if TYPE_CHECKING:
+    from dynid.model.base_model import BaseModel
     from dynid.workflows.report import Report
 
 
@@ -32,12 +34,20 @@ def command(common: Common, run: Path, show: bool) -> None:
         click.launch(str(wrote[0].resolve()))
 
 
-def write_report(common: Common, run: Path) -> tuple[Report, list[Path]]:
-    """Write report.html and summary.md of a result, beside it or where --out says."""
+def write_report(common: Common, run: Path, base: BaseModel | None = None) -> tuple[Report, list[Path]]:
+    """Write report.html and summary.md of a result, beside it or where --out says.
+
+    Args:
+        common: the common options.
+        run: the result, or its folder.
+        base: its base model, where it is there already.
+    """
     from dynid.workflows.report import report
     from dynid.workflows.results import load_run
 
     stored = load_run(run)
+    if base is not None:
+        stored = replace(stored, rigid=base.model.rigid)
     with common.terminal.progress() as progress:
         made = report(stored, progress=progress)
     wrote = made.save(common.out or stored.path.parent)

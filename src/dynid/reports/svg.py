@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL
+from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL, save
 from dynid.text import html
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def as_svg(figure: Figure, label: str) -> str:
         label: what it shows, for those who cannot see it.
     """
     stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
+    save(figure, stream, "svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     head, rest = text.split(">", 1)

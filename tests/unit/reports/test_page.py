@@ -11,7 +11,7 @@ import pytest
 from dynid.errors import Finding
 from dynid.estimation.result import JointQuality
 from dynid.files.robotfile import load_robot
-from dynid.reports.figures import binned
+from dynid.reports.charts import binned
 from dynid.reports.page import page, summary
 from dynid.reports.sections import SECTIONS
 from dynid.reports.sections.verdict import lights, sentences
@@ -91,7 +91,7 @@ def test_nothing_is_fetched_and_no_script_runs(html):
     assert not {"script", "iframe", "object", "embed", "img", "form"} & set(found.tags)
     assert not re.findall(r"url\((?!#)", html)
     assert "@import" not in html
-    assert set(re.findall(r'https?://[^\s"<]+', html)) == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert set(re.findall(r'https?://[^\s"<]+', html)) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
 
 
 def test_names_are_text_wherever_they_stand(html):

@@ -6,17 +6,16 @@ from typing import Any
 
 from dynid.estimation.model_error import GROUP_NAMES
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.reports.evidence import Evidence
-from dynid.reports.figures import (
+from dynid.reports.charts import (
     AGAINST,
-    coverage_figure,
-    residual_figure,
-    residual_model_figure,
-    spectrum_figure,
-    torque_panel,
+    coverage_chart,
+    residual_chart,
+    residual_model_chart,
+    spectrum_chart,
+    torque_chart,
 )
+from dynid.reports.evidence import Evidence
 from dynid.reports.sections.interface import Picture
-from dynid.reports.svg import drawn
 from dynid.text import shell
 
 
@@ -28,7 +27,7 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
         label = "singular values of the stack with normalised columns"
         pictures.append(
             Picture(
-                (drawn("spectrum", lambda: spectrum_figure(values), label),),
+                (spectrum_chart(values, label),),
                 "Each dot is a combination of parameters; the further right, the less the motion shows it.",
                 "Dots below the dashed line (1/1000): noise in those directions is amplified a thousandfold.",
             )
@@ -37,7 +36,7 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
         label = "range of positions and velocities of each joint, and its limits"
         pictures.append(
             Picture(
-                (drawn("coverage", lambda: coverage_figure(motion, robot), label),),
+                (coverage_chart(motion, robot, label),),
                 "Blue is what the joint did, grey what its limits allow.",
                 "A joint whose blue bar is short taught little: its inertia and friction come from few, small signals.",
             )
@@ -63,11 +62,7 @@ def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture
     robot = evidence.robot
     return Picture(
         tuple(
-            drawn(
-                f"{title} {j}",
-                lambda j=j: torque_panel(motion, robot, j),  # type: ignore[misc]
-                f"measured and estimated torque of {name}, {title}",
-            )
+            torque_chart(motion, robot, j, f"measured and estimated torque of {name}, {title}")
             for j, name in enumerate(robot.joint_names)
         ),
         "Grey is measured, blue estimated, orange what is left, all on one scale per joint.",
@@ -81,11 +76,7 @@ def residual_model(evidence: Evidence) -> dict[str, Any]:
     if found.model_error is None:
         return {"held": [], "holding": []}
     picture = Picture(
-        (
-            drawn(
-                "residual model", lambda: residual_model_figure(found), "torque that the residual model holds, by joint"
-            ),
-        ),
+        (residual_model_chart(found, "torque that the residual model holds, by joint"),),
         "Torque that position, friction of position and speed, and friction of the load add to the parameters' in "
         "predictions; the last bar is what is still left. URDF and the like hold the parameters alone.",
         "A joint whose residual model holds more than is left lacks an effect: dynid gap may name it.",
@@ -105,11 +96,7 @@ def residual(evidence: Evidence) -> dict[str, Any]:
         return {"pictures": [], **model}
     one = Picture(
         tuple(
-            drawn(
-                f"residual {against}",
-                lambda against=against: residual_figure(motion, robot, against),  # type: ignore[misc]
-                f"mean and spread of the residual of each joint over {against}",
-            )
+            residual_chart(motion, robot, against, f"mean and spread of the residual of each joint over {against}")
             for against in AGAINST
         ),
         "The line is the mean residual in a bin, the band one standard deviation; noise gives a flat line at zero.",

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dynid.reports.charts import error_chart
 from dynid.reports.evidence import Evidence
-from dynid.reports.figures import error_figure
 from dynid.reports.sections.interface import Picture
-from dynid.reports.svg import drawn
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import with_error
 
@@ -29,7 +28,7 @@ def parameters(evidence: Evidence) -> dict[str, Any]:
         grid.append((name, cells))
     label = "standard error of each base parameter in percent of its value"
     errors = Picture(
-        (drawn("values", lambda: error_figure(evidence.result), label),),
+        (error_chart(evidence.result, label),),
         "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %. Grey bars belong to "
         "parameters that are zero as far as the torques can tell.",
         "Blue bars above the dashed line (10 %): do not quote those values without their error.",
