@@ -163,16 +163,16 @@ def run_identify(
         **answer_of(result), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
     }  # fmt: skip
     result = replace(result, path=folder / "parameters.npz")
+    if report and (wrote or not (folder / "report.html").is_file()):
+        from dynid.cli.report import write_report
+
+        facts["wrote"] = [*facts["wrote"], *write_report(common, result.path, base)[1]]
     if show:
         show_result(common, base, result)
     if unloaded is not None:
         add_payload(common, folder, find_payload(result, unloaded), facts)
     if explained:
         facts["explain"] = explain(common, result, recordings, options, base)
-    if report and (wrote or not (folder / "report.html").is_file()):
-        from dynid.cli.report import write_report
-
-        facts["wrote"] = [*facts["wrote"], *write_report(common, result.path, base)[1]]
     if show and final:
         common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
         show_next(common, result)

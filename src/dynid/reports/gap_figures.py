@@ -11,7 +11,8 @@ from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
 from dynid.gap.refit import HeldOutImprovement
-from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL, Floats, binned
+from dynid.reports.charts import Floats, binned
+from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,7 +13,14 @@ import pytest
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.files.robotfile import load_robot
 from dynid.reports.chart import PARTS, Curve, Panel, chart, outline, ticks
-from dynid.reports.charts import coverage_chart, error_chart, residual_averages, spectrum_chart, torque_chart
+from dynid.reports.charts import (
+    coverage_chart,
+    error_chart,
+    residual_averages,
+    residual_model_chart,
+    spectrum_chart,
+    torque_chart,
+)
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -125,6 +133,19 @@ def test_bars_are_standard_errors_in_percent_cut_at_300(evidence):
     percent = np.clip(1 / np.abs(found.theta[shown]), 0.05, 300)
     heights = np.array([bar["height"] for bar in bars])
     np.testing.assert_allclose(heights, 120 * np.log(percent / 0.05) / np.log(300 / 0.05), atol=0.06)
+
+
+def test_the_residual_model_is_drawn_in_percent_of_each_joints_torque():
+    """Two joints of 10 and 2 N m: what is held by group, and what is left, as bars of one joint each."""
+    rms = np.array([[1.0, 0.5, 0.2, 1.2], [0.2, 0.4, 0.0, 0.5]])
+    joints = [
+        SimpleNamespace(joint="one", torque_rms=10.0, rms=0.3),
+        SimpleNamespace(joint="two", torque_rms=2.0, rms=0.1),
+    ]
+    svg = residual_model_chart(SimpleNamespace(model_error=SimpleNamespace(rms=rms), joints=joints), "residual model")
+    rects = [e for e in ElementTree.fromstring(svg).iter(f"{SVG}rect") if float(e.get("height")) == 7.0]
+    wide = np.array([float(e.get("width")) for e in rects]).reshape(2, 4)
+    np.testing.assert_allclose(wide / wide.max() * 20.0, [[10.0, 5.0, 2.0, 3.0], [10.0, 20.0, 0.0, 5.0]], atol=0.01)
 
 
 def test_names_are_text(motion, robot):

@@ -1,7 +1,6 @@
 """Figures show the numbers that they are made from."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -106,18 +105,3 @@ def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
     names = ["position", "velocity", "acceleration", "torque"]
     assert write_motion_figures(tmp_path, motion, robot, "run") == [tmp_path / f"{name}.png" for name in names]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(f"{n}{s}" for n in names for s in (".png", ".svg"))
-
-
-def test_the_residual_model_is_drawn_in_percent_of_each_joints_torque():
-    """Two joints of 10 and 2 N m: what is held by group, and what is left, as bars of one joint each."""
-    rms = np.array([[1.0, 0.5, 0.2, 1.2], [0.2, 0.4, 0.0, 0.5]])
-    joints = [
-        SimpleNamespace(joint="one", torque_rms=10.0, rms=0.3),
-        SimpleNamespace(joint="two", torque_rms=2.0, rms=0.1),
-    ]
-    (axis,) = residual_model_figure(SimpleNamespace(model_error=SimpleNamespace(rms=rms), joints=joints)).axes
-    bars = {bar.get_label(): [patch.get_width() for patch in bar] for bar in axis.containers}
-    assert bars["held: position"] == pytest.approx([10.0, 10.0])
-    assert bars["held: friction"] == pytest.approx([5.0, 20.0])
-    assert bars["held: load"] == pytest.approx([2.0, 0.0])
-    assert bars["left"] == pytest.approx([3.0, 5.0])
