@@ -11,7 +11,7 @@ from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement
-from dynid.reports.figures import binned
+from dynid.reports.charts import binned
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page
 
