@@ -115,7 +115,7 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
     def hidden(file):
         return mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise) < mapping.CLEAR
 
-    if not found.wrong:
+    if found is None or not found.wrong:
         return "absorbed" if judge.same(wrong, robot) else "hidden" if hidden(wrong) else "silent", ""
     said = " and ".join(f"{edit.kind}{edit.value}" for edit in found.best[0].edits)
     for place, hypothesis in enumerate(found.best[:3]):

@@ -36,6 +36,12 @@ def ros2_array(values):
     return types[ARRAY](layout, np.asarray(values, dtype=float))
 
 
+def ros1_array(values):
+    types = ROS1.types
+    layout = types["std_msgs/msg/MultiArrayLayout"]([types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0)
+    return types[ARRAY](layout, np.asarray(values, dtype=float))
+
+
 def cdr(message, little: bool = True) -> bytes:
     return bytes(ROS2.serialize_cdr(message, message.__msgtype__, little_endian=little))
 

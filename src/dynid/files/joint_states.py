@@ -97,6 +97,7 @@ def _with_effort(log: Log, groups: Sequence[Log], robot: Robot, topic: str) -> L
             tau[:, k] = np.interp(log.t[shared], clock, torque[:, joints.index(name)])
     extra = {**log.extra, "absent": tuple(key for key in log.extra["absent"] if key != "effort")}
     t, qd = log.t[shared], log.qd[shared] if log.qd is not None else None
+    extra["start_ns"] += round(1e9 * float(t[0]))
     return replace(log, t=t - t[0], q=log.q[shared], tau=tau, qd=qd, extra=extra)
 
 

@@ -111,7 +111,9 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     span = len(kernel)
     reach = t[3 * (span - 1) :][:count] - t[:count]
     whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
-    alive = np.any(np.abs(velocity) > per_joint(MOVING_SPEED, robot), axis=1) & whole
+    # Why: a log in rad that the robot file takes for degrees seems to stand still.
+    unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0
+    alive = np.any(np.abs(velocity) > unit * per_joint(MOVING_SPEED, robot), axis=1) & whole
     rows = np.flatnonzero(alive)
     if len(rows) < 50:
         return None

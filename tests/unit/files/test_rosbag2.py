@@ -9,12 +9,14 @@ import pytest
 from dynid.errors import DynidError, WrongMessageType
 from dynid.files.logs import read_log
 from dynid.signals.stamps import take_samples
-from makelogs import lwr, lwr_log
+from makelogs import joint_state, lwr, lwr_log
+from makelogs import write_bag as write_ros1
 from recordings import (
     add_view,
     compute_column,
     of_ros1,
     of_ros2,
+    ros1_array,
     ros2_array,
     ros2_state,
     single,
@@ -74,6 +76,23 @@ def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(log, 
         read_log(path, robot=elsewhere)
 
 
+@pytest.mark.parametrize("array", [True, False], ids=["Float64MultiArray", "JointState"])
+def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tmp_path):
+    states = [(TOPIC, ns, joint_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    names, later = log.names[::-1], 1_000_000
+    torques = [
+        ("/tau", ns + later, ros1_array(tau) if array else joint_state(ns + later, names, (), (), tau[::-1].copy()))
+        for ns, tau in zip(stamps(log), log.tau, strict=True)
+    ]
+    path = write_ros1(tmp_path / "a.bag", sorted(states + torques, key=lambda entry: entry[1]))
+    robot = replace(lwr(), driver=replace(lwr().driver, effort_topic="/tau", joint_names=log.names))
+    found = read_log(path, robot=robot)
+    between = np.stack([np.interp(log.t, log.t + 1e-3, tau) for tau in log.tau.T], axis=1)
+    some = slice(1, len(found))
+    np.testing.assert_array_equal(found.q, log.q[-len(found) :])
+    np.testing.assert_allclose(found.tau[some], between[-len(found) :][some], atol=1e-6 * np.abs(log.tau).max())
+
+
 @pytest.mark.parametrize("kind", ["single .db3", "MCAP, ROS 1, zstd", "MCAP, ROS 2"])
 def test_a_damaged_recording_gives_an_error_or_what_is_readable(kind, log, tmp_path):
     path = FORMATS[kind](log, tmp_path)
@@ -100,6 +119,29 @@ def test_a_cut_mcap_gives_the_samples_before_the_cut_and_says_so(log, tmp_path):
     assert 100 < len(found) < len(log)
     assert [finding.code for finding in found.findings] == ["W305"]
     np.testing.assert_array_equal(found.q, log.q[: len(found)])
+
+
+def test_a_folder_without_metadata_or_with_a_wrong_one_is_read_by_its_files(log, tmp_path):
+    bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
+    for text in (None, "", "{", "rosbag2_bagfile_information: {relative_file_paths: [gone.db3], version: 5}"):
+        (bag / "metadata.yaml").unlink(missing_ok=True)
+        if text is not None:
+            (bag / "metadata.yaml").write_text(text)
+        np.testing.assert_array_equal(read_log(bag, robot=lwr()).q, log.q)
+
+
+def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
+    bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
+    for part in bag.glob("*.db3"):
+        part.unlink()
+    with pytest.raises(DynidError, match="no .db3 or .mcap file"):
+        read_log(bag, robot=lwr())
+
+
+def test_a_topic_of_another_type_is_named_with_its_type(log, tmp_path):
+    numbers = [(TOPIC, ns, ros2_array(tau)) for ns, tau in zip(stamps(log), log.tau, strict=True)]
+    with pytest.raises(WrongMessageType, match="std_msgs/Float64MultiArray"):
+        read_log(write_rosbag2(tmp_path / "bag", numbers), robot=lwr())
 
 
 def test_columns_that_are_computed_when_they_are_read_are_refused(log, tmp_path):
