@@ -24,20 +24,20 @@ from dynid.signals.mapping_fit import Judge, thin_motion
 
 Floats = NDArray[np.float64]
 
-#: Mean logarithm of the residuals per joint below which one robot file is better than another.
+#: What each edit has to lower the mean logarithm of the joints' residuals by.
 CLEAR = 0.1
 #: What the logarithm of the likelihood has to gain: a short log explains itself with many robot files.
-SURE = 12.0
-#: A further edit has to earn as much again.
-FURTHER = 0.06
-#: Hypotheses that are taken further with a second edit, and a third.
-BEAM = 4
+SURE = 20.0
+#: Hypotheses that are taken further with a second edit, and a third; and where no first one helps.
+BEAM, LOST = 4, 16
 #: They are when they are not so much worse than the best.
 NEAR = 0.4
 #: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint.
 ELSEWHERE = 0.01
-#: Hypotheses whose residuals agree to this share explain the log alike.
-ALIKE = 0.003
+#: Hypotheses whose residuals agree to this share may make the same torques: boxes around links differ a little.
+ALIKE = 0.05
+#: A robot file of which less is explained (mean logarithm) may have two mistakes that hide each other.
+POOR = -0.7
 #: How much less likely a mistake is, in units of ``CLEAR``, where several explain the log equally well.
 UNLIKELY = {
     "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
@@ -107,40 +107,65 @@ class _Search:
         self.single = tuple(edits_of(judge, names))
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
+        self.price = max(CLEAR, SURE / (judge.motion.independent * judge.robot.n))
+        self.least_error = np.full(judge.robot.n, np.inf)
         self.given = self.fit(())
-        self.noise = noise_of(judge.robot, self.given.floor)
+
+    @property
+    def noise(self) -> Floats:
+        """How well each joint's torque can be known, as far as it was found out, (n,) [N m or N]."""
+        return np.asarray(np.hypot(noise_of(self.judge.robot, self.given.floor), self.least_error))
 
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:
         """Return a hypothesis fitted with bodies that can exist."""
         if edits not in self.found:
-            self.found[edits] = Hypothesis(edits, *self.judge.possible(with_edits(self.judge.robot, edits)))
+            found = Hypothesis(edits, *self.judge.possible(with_edits(self.judge.robot, edits)))
+            self.least_error = np.minimum(self.least_error, usual_error(self.judge.robot, found.left))
+            self.found[edits] = found
         return self.found[edits]
 
     def bound(self, edits: tuple[Edit, ...]) -> float:
-        """Return a rank that a hypothesis cannot be better than."""
+        """Return a promise that a hypothesis cannot be better than."""
         if edits not in self.bounds:
             self.bounds[edits] = Hypothesis(edits, *self.judge.least(with_edits(self.judge.robot, edits)))
-        return self.rank(self.bounds[edits])
+        return self.promise(self.bounds[edits])
 
     def same(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Return whether two hypotheses make the same torques whatever the arm does."""
         return self.judge.same(*(with_edits(self.judge.robot, each.edits) for each in (one, other)))
 
+    def promise(self, hypothesis: Hypothesis) -> float:
+        """Return what hypotheses are taken further by, lower is better: as ``rank``, but small errors count as well."""
+        return self._rank(hypothesis, noise_of(self.judge.robot, self.given.floor))
+
     def rank(self, hypothesis: Hypothesis) -> float:
-        """Return what hypotheses are ordered by, lower is better: fit, likelihood and number of edits."""
+        """Return what hypotheses are ordered by in the end, lower is better: fit, likelihood and number of edits."""
+        return self._rank(hypothesis, self.noise)
+
+    def _rank(self, hypothesis: Hypothesis, noise: Floats) -> float:
         unlikely = CLEAR * sum(UNLIKELY[edit.kind] for edit in hypothesis.edits)
-        return hypothesis.misfit(self.noise) + unlikely + 0.5 * FURTHER * len(hypothesis.edits)
+        return hypothesis.misfit(noise) + unlikely + self.price * len(hypothesis.edits)
 
     def ranked(self) -> list[Hypothesis]:
         """Return what was fitted, the best first."""
         return sorted(self.found.values(), key=self.rank)
 
+    def promising(self) -> list[tuple[Edit, ...]]:
+        """Return edits that may become the best with one more, the most promising first.
+
+        Two mistakes can hide each other: where no edit helps, many are taken further by what they leave at the least.
+        """
+        lost = self.ranked()[0] is self.given
+        values = [*(self.bounds if lost else self.found).values()]
+        places = sorted(values, key=self.promise)[: LOST if lost else BEAM]
+        return [each.edits for each in places if self.promise(each) < self.promise(places[0]) + NEAR]
+
     def widen(self, starts: Iterable[tuple[Edit, ...]]) -> None:
         """Add one edit to each start, and fit those that can be among the best."""
         tried = {more for start in starts for edit in self.single if (more := _with(start, edit)) is not None}
         for edits in sorted(tried - set(self.found), key=self.bound):
-            places = self.ranked()[:BEAM]
-            if len(places) == BEAM and self.bound(edits) > self.rank(places[-1]):
+            places = sorted(map(self.promise, self.found.values()))[:BEAM]
+            if len(places) == BEAM and self.bound(edits) > places[-1]:
                 break
             self.fit(edits)
 
@@ -160,19 +185,16 @@ def diagnose(log: Log, robot: Robot, names: Sequence[str] = ()) -> Diagnosis | N
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
-        if search.rank(before) > search.rank(search.given) - CLEAR:
+        if before is search.given and before.misfit(noise_of(robot, before.floor)) < POOR:
             break
-        near = [each for each in search.ranked()[:BEAM] if search.rank(each) < search.rank(before) + NEAR]
-        search.widen([each.edits for each in near])
+        search.widen(search.promising())
         if search.ranked()[0] is before:
             break
     ranked = search.ranked()
     best = ranked[0]
-    noise = np.hypot(search.noise, usual_error(robot, best.left))
-    gain = search.given.misfit(noise) - best.misfit(noise)
-    wrong = gain > len(best.edits) * max(CLEAR, SURE / (motion.independent * robot.n)) and best is not search.given
-    same = [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)] if wrong else []
-    same = [each for each in same if search.same(each, best)]
+    wrong = best is not search.given
+    alike = [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)] if wrong else []
+    same = [each for each in alike if search.same(each, best)]
     others = [each for each in ranked[1:] if each not in same]
     return Diagnosis(search.given, (best, *others[:4]), tuple(same), wrong)
 
@@ -229,7 +251,7 @@ def _directions(robot: Robot) -> Iterator[Edit]:
     size = float(np.linalg.norm(gravity))
     for other in size * np.concatenate([np.eye(3), -np.eye(3)]):
         if size and not np.allclose(other, gravity, atol=0.1 * size):
-            yield Edit("gravity", tuple(other.tolist()))
+            yield Edit("gravity", tuple((other + 0.0).tolist()))
 
 
 def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:

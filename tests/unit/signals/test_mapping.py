@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from dynid.errors import WrongMapping
+from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
 from dynid.signals.edits import Edit, edited, pasted, said, with_edits
 from dynid.signals.mapping import diagnose, driver_columns
-from makelogs import lwr, lwr_log
+from dynid.signals.stamps import take_samples
+from makelogs import lwr, lwr_log, shared_data
 
 
 def columns(robot):
@@ -105,3 +107,13 @@ def test_a_pause_cuts_the_recording_and_is_listed():
     found = prepare(replace(log, t=t), lwr())
     (said,) = [finding for finding in found.findings if finding.code == "W312"]
     assert "cut into 2 segments" in said.text
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("run", "first", "seconds"), [("run1", 5.0, 6.0), ("run2", 5.0, 12.0), ("run3", 7.0, 3.0)])
+def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, first, seconds):
+    """What passes sideways through the wrist's sensors looks like another wrist there: by a quarter of a newton metre."""
+    log = read_log(shared_data(f"kuka_lwr4plus/{run}.bag"), robot=lwr())
+    raw, names = driver_columns(log, lwr())
+    some = np.flatnonzero((raw.t > first) & (raw.t < first + seconds))
+    assert not diagnose(take_samples(raw, some), lwr(), names).wrong
