@@ -134,7 +134,7 @@ def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
     bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
     for part in bag.glob("*.db3"):
         part.unlink()
-    with pytest.raises(DynidError, match="no .db3 or .mcap file"):
+    with pytest.raises(DynidError, match=r"no \.db3 or \.mcap file"):
         read_log(bag, robot=lwr())
 
 

@@ -112,7 +112,7 @@ def test_a_pause_cuts_the_recording_and_is_listed():
 @pytest.mark.data
 @pytest.mark.parametrize(("run", "first", "seconds"), [("run1", 5.0, 6.0), ("run2", 5.0, 12.0), ("run3", 7.0, 3.0)])
 def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, first, seconds):
-    """What passes sideways through the wrist's sensors looks like another wrist there: by a quarter of a newton metre."""
+    """What passes sideways through the wrist's sensors looks like another wrist, by 0.2 N m."""
     log = read_log(shared_data(f"kuka_lwr4plus/{run}.bag"), robot=lwr())
     raw, names = driver_columns(log, lwr())
     some = np.flatnonzero((raw.t > first) & (raw.t < first + seconds))
