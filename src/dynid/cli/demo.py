@@ -4,21 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
+
+if TYPE_CHECKING:
+    from dynid.robot import Robot
 from dynid.text import shell
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
 
 
-@dynid_command("demo", examples=("dynid demo", "dynid demo --robot kinova_gen2", "dynid demo --effect random --seed 3"))
+@dynid_command(
+    "demo",
+    examples=(
+        "dynid demo",
+        "dynid demo --robot kinova_gen2",
+        "dynid demo --robot my_arm.yaml     your own arm, simulated",
+        "dynid demo --effect random --seed 3",
+    ),
+)
 @click.option(
-    "--robot", type=click.Choice(list(ARMS)), default="kuka_lwr4plus", show_default=True, help="The simulated arm."
+    "--robot",
+    default="kuka_lwr4plus",
+    show_default=True,
+    metavar="ROBOT",
+    help=f"The arm: {' or '.join(ARMS)} with shipped logs; any other, a robot file or a URDF, is simulated now.",
 )
 @click.option("--effect", metavar="NAME|random", help="Hide an effect in the simulated LWR4+, find it and add it.")
 def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
@@ -28,33 +43,52 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     from dynid.cli.identify import run_identify
     from dynid.cli.model import derive, reduce
     from dynid.cli.validate import run_validate
-    from dynid.files.robotfile import load_robot, packaged
     from dynid.workflows.demo import against_truth
     from dynid.workflows.results import load_run
+    from dynid.workflows.robots import load_robot
 
-    logs = packaged("trajectories")
-    common = replace(common, out=common.out or Path("out") / "demo" / robot, force=True)
+    arm = load_robot(robot)
+    common = replace(common, out=common.out or Path("out") / "demo" / arm.slug, force=True)
     terminal = common.terminal
+    terminal.findings(arm.findings)
     terminal.say("--- loop 1: dynid model", "bold")
-    reduce(common, derive(common, load_robot(robot)))
-    terminal.say("--- loop 3: dynid identify, on a log simulated by PyBullet", "bold")
-    identified = run_identify(common, robot, (logs / f"{ARMS[robot]}_identify.bag",), final=False)
+    reduce(common, derive(common, arm))
+    logs, unseen, truth, physics = _recordings(common, robot, arm)
+    terminal.say(f"--- loop 3: dynid identify, on a log simulated by {physics}", "bold")
+    identified = run_identify(common, robot, (logs,), final=False)
     terminal.say("--- dynid validate, on another motion", "bold")
-    path = common.folder(robot) / "parameters.npz"
-    unseen = logs / f"{ARMS[robot]}_validate.bag"
+    path = common.folder(arm.slug) / "parameters.npz"
     validated = run_validate(common, path, unseen)
-    truth = against_truth(load_run(path), logs / f"{ARMS[robot]}_truth.yaml")
+    counted = against_truth(load_run(path), truth)
     terminal.answer()
-    inside = (
-        f"{truth['inside_95_percent']} of {truth['parameters']} true base parameters lie inside their 95 % interval"
-    )
-    terminal.fact("truth", f"{inside} ({logs / (ARMS[robot] + '_truth.yaml')})")
+    inside = "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval".format(**counted)
+    terminal.fact("truth", inside)
     terminal.fact("figures", "  ".join(str(p) for p in validated["wrote"] if p.suffix == ".png"))
-    terminal.fact("next", "your robot:  dynid check my_arm.yaml;  your log:  dynid identify my_arm.yaml my_log.bag")
+    last = "your log:  dynid identify my_arm.yaml my_log.bag"
+    terminal.fact("next", f"your robot:  dynid check my_arm.yaml;  {last}" if robot in ARMS else last)
     terminal.emit_json(
-        {"schema": "dynid/demo/1", "robot": robot, "identify": identified, "validate": validated, "truth": truth}
+        {"schema": "dynid/demo/1", "robot": robot, "identify": identified, "validate": validated, "truth": counted}
     )
     return ExitStatus.DONE
+
+
+def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict[str, float], str]:
+    """Return a log to identify from, an unseen one, the true parameters, and what simulated them."""
+    from dynid.files.robotfile import packaged
+    from dynid.workflows.demo import simulate_own, truth_of
+
+    if name in ARMS:
+        logs, word = packaged("trajectories"), ARMS[name]
+        seen, unseen = (logs / f"{word}_{which}.bag" for which in ("identify", "validate"))
+        return seen, unseen, truth_of(logs / f"{word}_truth.yaml"), "PyBullet"
+    common.terminal.say(
+        "--- two motions of the arm, with bodies up to 20 % off those of its file, friction, noise", "bold"
+    )
+    folder = common.folder(arm.slug)
+    folder.mkdir(parents=True, exist_ok=True)
+    with common.terminal.progress() as progress:
+        own = simulate_own(arm, folder, common.seed, progress)
+    return own.logs[0], own.logs[1], own.truth, own.physics
 
 
 def find_hidden(common: Common, effect: str) -> ExitStatus:

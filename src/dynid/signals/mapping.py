@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 
 #: What each edit has to lower the mean logarithm of the joints' residuals by.
 CLEAR = 0.1
-#: What the logarithm of the likelihood has to gain: a short log explains itself with many robot files.
-SURE = 20.0
+#: Free numbers of a joint: a short log explains itself with many robot files.
+FREE = 10.0
 #: Hypotheses that are taken further with a second edit, and a third; and where no first one helps.
 BEAM, LOST = 4, 16
 #: They are when they are not so much worse than the best.
@@ -107,7 +107,7 @@ class _Search:
         self.single = tuple(edits_of(judge, names))
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
-        self.price = max(CLEAR, SURE / (judge.motion.independent * judge.robot.n))
+        self.price = max(CLEAR, FREE / judge.motion.independent)
         self.least_error = np.full(judge.robot.n, np.inf)
         self.given = self.fit(())
 

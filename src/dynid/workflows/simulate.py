@@ -66,11 +66,15 @@ class Simulation:
         log: what a driver would have recorded, in DH quantities.
         torque: drive torques without sensor errors, (N, n) [N m or N].
         source: which physics computed the rigid bodies, in words.
+        viscous: viscous friction that was added, (n,) [N m s/rad or N s/m].
+        coulomb: Coulomb friction that was added, (n,) [N m or N].
     """
 
     log: Log
     torque: Floats
     source: str
+    viscous: Floats
+    coulomb: Floats
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid simulate`` says."""
@@ -111,7 +115,8 @@ def simulate(
     rated = np.array([joint.limits.torque or max(float(np.abs(tau[:, j]).max()), 1e-3) for j, joint in _joints(robot)])
     speed = np.array([joint.limits.velocity or 1.0 for joint in robot.joints])
     width = np.array(robot.coulomb_shape.velocity)
-    tau = tau + options.viscous * rated / speed * motion.qd + options.coulomb * rated * np.tanh(motion.qd / width)
+    viscous, coulomb = options.viscous * rated / speed, options.coulomb * rated
+    tau = tau + viscous * motion.qd + coulomb * np.tanh(motion.qd / width)
     specs = (*robot.effects, *options.effects)
     if specs:
         tau = tau + _effect_torque(robot, motion, specs, base, progress)
@@ -120,7 +125,7 @@ def simulate(
     measured = late + rng.normal(0.0, 1.0, late.shape) * options.noise * rated
     q = np.round(motion.q / options.resolution) * options.resolution if options.resolution else motion.q
     log = Log(motion.t, q, measured, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q})
-    return Simulation(log, tau, source)
+    return Simulation(log, tau, source, viscous, coulomb)
 
 
 def _joints(robot: Robot) -> Sequence[tuple[int, Any]]:
