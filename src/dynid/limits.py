@@ -78,6 +78,9 @@ LIMITS: dict[str, Limit] = {
     ),
     "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
+    "waypoints": Limit(500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"),
+    "obstacles": Limit(500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"),
+    "jobs": Limit(2000, "jobs", "jobs of a batch file", "each reads its files first; a fleet of 100 arms has 1000"),
     "links": Limit(1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(

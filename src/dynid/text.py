@@ -41,6 +41,11 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text)
 
 
+def whole_number(text: str) -> int:
+    """Return the whole number that up to nine digits are, -1 for any other text: Python refuses to read thousands."""
+    return int(text) if re.fullmatch("[0-9]{1,9}", text) else -1
+
+
 def shell(*words: object) -> str:
     """Return words as a command that a person can paste into a shell."""
     from shlex import join  # here and below: help must be fast

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -77,6 +78,10 @@ def utf8_locale() -> bool:
 
 def prepare_streams() -> None:
     """Make stdout and stderr survive any text, and say ASCII where the locale does; open what was closed."""
+    for name in ("COLUMNS", "LINES"):
+        # Why: libraries that measure the terminal read them as numbers, whatever they hold.
+        if not re.fullmatch("[1-9][0-9]{0,4}", os.environ.get(name, "1"), re.ASCII):
+            del os.environ[name]
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -161,12 +166,19 @@ def usage_error(error: click.ClickException) -> DynidError:
 
 def is_users(error: OSError) -> bool:
     """Return whether an error of the system is about a file or the machine, not a mistake of dynid."""
-    return error.errno in _MACHINE or error.filename is not None
+    return error.errno in _MACHINE or error.filename is not None or _folder_is_gone(error)
+
+
+def _folder_is_gone(error: OSError) -> bool:
+    """Return whether the current folder was removed while somebody stands in it."""
+    return error.errno == errno.ENOENT and error.filename is None
 
 
 def os_error(error: OSError) -> DynidError:
     """Return an error of the system in the style of the catalogue."""
     place = str(error.filename) if error.filename is not None else "the output"
+    if _folder_is_gone(error):
+        return CannotWrite("the current folder was removed", where="the current folder", fix="cd to another one")
     return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
 
 
@@ -213,8 +225,8 @@ def _facts(told: Told) -> str:
 
     from dynid.workflows.doctor import version_lines
 
-    command = " ".join(["dynid", *told.words])
-    return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {Path.cwd()}", ""])
+    command, folder = " ".join(["dynid", *told.words]), os.environ.get("PWD", "")
+    return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {folder}", ""])
 
 
 def _crash_file(text: str) -> Path | None:

@@ -24,7 +24,7 @@ from rich.text import Text
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
-from dynid.text import visible
+from dynid.text import visible, whole_number
 
 #: Width of the first column of stage lines.
 LABEL = 11
@@ -268,8 +268,8 @@ def _console(stream: TextIO, mode: str) -> Console:
 
 
 def _columns() -> int:
-    given = os.environ.get("COLUMNS", "")
-    return int(given) if given.isdigit() and int(given) > 0 else UNLIMITED
+    given = whole_number(os.environ.get("COLUMNS", ""))
+    return given if given > 0 else UNLIMITED
 
 
 def _cell(cell: Cell) -> Text:

@@ -112,8 +112,8 @@ def ping_master(uri: str, patience: float = PATIENCE) -> str:
     """
 
     def connect() -> str:
-        place = urlsplit(uri)
         try:
+            place = urlsplit(uri)
             where = (place.hostname or "", place.port or 11311)
         except ValueError as error:
             raise OSError(str(error)) from error

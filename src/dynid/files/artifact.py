@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
 from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
+from dynid.text import whole_number
 from dynid.version import __version__
 
 
@@ -190,7 +191,7 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
         raise NotAnArtifact(f"{path} is not a dynid result, or is damaged: {error}", where=str(path)) from error
     if schema is not None and found != schema:
         kind, _, number = found.rpartition("/")
-        if kind == schema.rsplit("/", 1)[0] and number.isdigit() and int(number) > int(schema.rsplit("/", 1)[1]):
+        if kind == schema.rsplit("/", 1)[0] and whole_number(number) > int(schema.rsplit("/", 1)[1]):
             raise NewerSchema(
                 f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
                 where=str(path),

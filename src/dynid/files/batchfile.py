@@ -6,11 +6,13 @@ baseline, tolerance, split_s. ``defaults`` at the top holds the same keys for al
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dynid import limits
 from dynid.errors import WrongRobotFile
 from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
@@ -67,6 +69,7 @@ def read_batch(path: Path) -> tuple[Job, ...]:
     try:
         top = read_yaml(path).mapping(("defaults", "jobs"), required=("jobs",))
         shared = top["defaults"].mapping(_JOB) if "defaults" in top else {}
+        limits.check("jobs", len(top["jobs"].items()), path)
         jobs = tuple(_job(value, shared, path.parent) for value in top["jobs"].items())
         if not jobs:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
@@ -128,8 +131,9 @@ def _options(value: Value) -> dict[str, str]:
 
 def _unique(jobs: tuple[Job, ...], value: Value) -> None:
     folders = [folder_name(job) for job in jobs]
+    count = Counter(folders)
     for job, folder in zip(jobs, folders, strict=True):
-        if folders.count(folder) > 1:
+        if count[folder] > 1:
             what = f"{value.where}: two jobs would write to the folder '{folder}' ('{job.name}'); give each a name"
             raise WrongRobotFile(what, where=value.where)
 

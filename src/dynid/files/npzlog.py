@@ -12,6 +12,7 @@ from typing import Any
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.log import SCHEMA, Log
 from dynid.npz import HEADER, parse_json, read_npz
+from dynid.text import whole_number
 from dynid.version import __version__
 
 
@@ -60,7 +61,7 @@ def read_npz_log(path: Path) -> Log:
 def _check_schema(path: Path, header: dict[str, Any]) -> None:
     schema = str(header.get("schema", ""))
     kind, _, number = schema.rpartition("/")
-    if kind == "dynid/log" and number.isdigit() and int(number) > 1:
+    if kind == "dynid/log" and whole_number(number) > 1:
         writer = header.get("dynid", "?")
         raise NewerSchema(
             f"{path.name} was written by dynid {writer} (schema {number}); this is {__version__}; upgrade",

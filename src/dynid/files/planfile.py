@@ -75,13 +75,20 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
         options={name: value.text() for name, value in given.items()},
         places={name: value.where for name, value in given.items()},
         waypoints=_waypoints(keys, robot, unit, path) if "waypoints" in keys else None,
-        obstacles=tuple(_box(value) for value in keys["obstacles"].items()) if "obstacles" in keys else (),
+        obstacles=_boxes(keys["obstacles"], path) if "obstacles" in keys else (),
         workspace=_box(keys["workspace"]) if "workspace" in keys else None,
     )
 
 
+def _boxes(value: Value, path: Path) -> tuple[Corners, ...]:
+    boxes = value.items()
+    limits.check("obstacles", len(boxes), path)
+    return tuple(_box(box) for box in boxes)
+
+
 def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> Waypoints:
     rows = keys["waypoints"].items()
+    limits.check("waypoints", len(rows), path)
     factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
     q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
     times = np.array([value.number() for value in keys["times"].items(len(rows))]) if "times" in keys else None
@@ -109,6 +116,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     except (OSError, UnicodeDecodeError) as error:
         raise LogNotFound(f"cannot read waypoints from {path}: {error}", where=str(path)) from None
     lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    limits.check("waypoints", len(lines), path)
     cells = [[cell.strip() for cell in line.replace(";", ",").split(",")] for line in lines]
     header = cells.pop(0) if cells and any(not _is_number(cell) for cell in cells[0]) else None
     rows = _numbers(cells, path, 1 + (header is not None))

@@ -7,6 +7,7 @@ from typing import Any
 
 from dynid.errors import WrongUsage
 from dynid.options import Options, option, share
+from dynid.text import whole_number
 from dynid.trajectory.scene import Box, Scene
 
 FAMILIES = ("quintic", "spline", "fourier")
@@ -35,7 +36,7 @@ def _replay(value: Any, name: str) -> tuple[int, int] | None:  # noqa: ANN401
     if value is None or isinstance(value, tuple):
         return value
     start, _, evaluation = str(value).partition(":")
-    if not (start.isdecimal() and evaluation.isdecimal() and int(evaluation) > 0):
+    if whole_number(start) < 0 or whole_number(evaluation) < 1:
         raise WrongUsage(f"{name} '{value}' is not START:N", fix=f"copy what the search printed, such as {name} 3:412")
     return int(start), int(evaluation)
 

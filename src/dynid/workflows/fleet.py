@@ -15,7 +15,7 @@ from dynid.errors import DynidError, NotAnArtifact, WrongUsage
 from dynid.options import Options, bytes_or_none, option, share
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
-from dynid.text import chance, csv_row
+from dynid.text import chance, csv_row, whole_number
 from dynid.workflows.cluster import Task, opened
 from dynid.workflows.results import parameters_of
 from dynid.workflows.run import cores
@@ -376,7 +376,7 @@ def ordered(runs: Sequence[Run]) -> list[Run]:
 
 def _numbers_as_such(run: Run) -> list[tuple[int, str]]:
     """Return what puts run 10 behind run 9."""
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", run.time)]
+    return [(whole_number(word), word) for word in re.split(r"(\d+)", run.time)]
 
 
 # ---------------------------------------------------------------- reading

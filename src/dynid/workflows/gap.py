@@ -544,7 +544,7 @@ def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ..
 
     found: list[int] = []
     for word in (w.strip() for w in text.split(",")):
-        span = re.fullmatch(r"(\d+)(?:-(\d+))?", word)
+        span = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", word)
         if not word:
             continue
         if word in names:

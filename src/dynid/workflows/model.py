@@ -11,6 +11,7 @@ from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.text import whole_number
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
@@ -110,9 +111,10 @@ def _link_numbers(links: str | tuple[int, ...], most: int) -> tuple[int, ...]:
     found: set[int] = set()
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
-        if not first.isdigit() or (last and not last.isdigit()) or not 1 <= int(first) <= int(last or first) <= most:
+        low, high = whole_number(first), whole_number(last or first)
+        if not 1 <= low <= high <= most:
             raise WrongUsage(f"--links '{text}' does not name links of 1 to {most}", fix="such as --links 1-3,5")
-        found |= set(range(int(first), int(last or first) + 1))
+        found |= set(range(low, high + 1))
     return tuple(sorted(found))
 
 

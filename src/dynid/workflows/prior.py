@@ -10,6 +10,7 @@ from typing import Any
 from dynid.errors import LogNotFound, WrongUsage
 from dynid.options import Options, option
 from dynid.robot import Known, Prior, Robot
+from dynid.text import whole_number
 
 Range = tuple[float, float]
 Corner = tuple[float, float, float]
@@ -50,7 +51,7 @@ def _link(item: Any, name: str) -> tuple[int, Any]:  # noqa: ANN401
     if not isinstance(item, str):
         return int(item[0]), item[1]
     number, equals, rest = item.partition("=")
-    if not equals or not number.strip().isdigit() or int(number) < 1:
+    if not equals or whole_number(number.strip()) < 1:
         raise WrongUsage(f"{name} '{item}' does not begin with LINK=, the number of a link")
     return int(number), rest
 

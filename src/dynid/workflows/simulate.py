@@ -16,6 +16,7 @@ from dynid.motion import Motion
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Body, EffectSpec, Robot
+from dynid.text import whole_number
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
@@ -180,7 +181,9 @@ def _effect_torque(
     path = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
-        named = replace(spec, joints=tuple(robot.joint_name(int(j) if j.isdecimal() else j) for j in spec.joints))
+        named = replace(
+            spec, joints=tuple(robot.joint_name(j if whole_number(j) < 0 else whole_number(j)) for j in spec.joints)
+        )
         effect = checked(named, robot)
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
