@@ -181,9 +181,8 @@ def _effect_torque(
     path = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
-        named = replace(
-            spec, joints=tuple(robot.joint_name(j if whole_number(j) < 0 else whole_number(j)) for j in spec.joints)
-        )
+        numbers = ((joint, whole_number(joint)) for joint in spec.joints)
+        named = replace(spec, joints=tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers))
         effect = checked(named, robot)
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
