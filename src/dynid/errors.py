@@ -604,6 +604,7 @@ WARNINGS: dict[str, str] = {
     "W308": "Measured velocity and the change of position agree only roughly; the derived velocity is better.",
     "W311": "Samples with the same time stamp as their predecessor were dropped.",
     "W312": "The log has gaps; the motion is cut there, not bridged.",
+    "W313": "The log is short for the number of parameters; what it leaves open comes from the prior.",
     "W314": "The driver repeats old samples; new ones arrive more rarely than the rate says.",
     "W315": "A position jumped by a full turn and was unwrapped.",
     "W316": "A torque does not balance gravity at rest: the sensor was probably not zeroed.",

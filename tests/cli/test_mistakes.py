@@ -145,7 +145,7 @@ LOGS = [
             log=spoil("t", jump_back), fix=("--exclude", "10.000-14.990"), advice="--exclude 10.000-14.990"),
     Mistake("E312", 3, CHECK, r"\d+ % of the samples are missing \(9 gaps",
             log=keep(np.flatnonzero(np.arange(2000) % 200 < 180))),
-    Mistake("E313", 4, CHECK, "s of motion; about 18 parameters need about", log=keep(slice(0, 150))),
+    Mistake("E313", 4, CHECK, "s of motion; about 18 parameters need about", log=keep(slice(0, 60))),
     Mistake("E314", 4, CHECK, r"joint states arrive at 5.0 Hz", log=keep(slice(None, None, 20)), advice="rate"),
     Mistake("E317", 3, CHECK, "gravity was already removed", log=poses(gravity=0),
             fix=("joints:", "torque: {source: gravity_free}\njoints:"), advice="gravity_free"),

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from dynid.errors import NothingChanged, WrongUsage
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
-from dynid.estimation.findings import CONTRADICTION, excitation_findings, physics_findings, sensor_findings
+from dynid.estimation.findings import (
+    CONTRADICTION,
+    LARGE_CONDITION,
+    excitation_findings,
+    physics_findings,
+    sensor_findings,
+)
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
 from dynid.estimation.model_error import ModelError, squares
 from dynid.estimation.posterior import Posterior, expected_error, physical_posterior
@@ -313,6 +319,9 @@ def _in_force(stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[s
     figures = f"torque error {misfit:.2f} % against {best:.2f} % of the plain estimate"
     if misfit <= CONTRADICTION * best or misfit - best < 1e-6:
         return "physical", f"a possible arm explains the torques ({figures})"
+    # Why: few rows that many parameters were fitted to contradict nothing.
+    if plain.solution.condition_number_scaled > LARGE_CONDITION:
+        return "physical", f"the log determines no other set ({figures})"
     return "plain", f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
 
 

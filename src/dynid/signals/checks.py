@@ -79,9 +79,8 @@ def prepare(
     log = without_intervals(log, exclude)
     if log.checked:
         log = robot_columns(log, robot)
-        if identify and alone:
-            check_amount([log], robot)
-        return log
+        few = check_amount([log], robot) if identify and alone else ()
+        return with_findings(log, *(finding for finding in few if finding not in log.findings))
     named = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
     log = _usable_velocity(robot_columns(log, robot), robot)
     log = with_rising_time(log, sort_time=sort_time)
@@ -107,7 +106,7 @@ def prepare(
     findings += check_zero(log, robot)
     if identify:
         if alone:
-            check_amount([log], robot)
+            findings += check_amount([log], robot)
         findings += check_mapping(columns, robot, named, anyway=anyway) if mapped is None else mapped
     clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
     log = replace(log, checked=True, extra={**log.extra, "clipped": clipped})

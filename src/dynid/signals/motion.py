@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import JointStill, LogTooShort
+from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
 from dynid.longarrays import empty, release
 from dynid.robot import Robot
@@ -30,7 +30,9 @@ STILL_SPAN = (0.01, 0.001)
 POWER_SHARE = 0.99
 #: Swings (from one reversal to the next, summed over joints) below this share of the number of parameters are too few:
 #: each swing gives about four independent numbers (two accelerations, speed, position). One per parameter is plenty.
-SWINGS_PER_PARAMETER = 0.4
+FEW_SWINGS_PER_PARAMETER = 0.4
+#: Below this share, about one swing a joint, or with less motion [s], no prior makes an identification of it.
+SWINGS_PER_PARAMETER, LEAST_MOTION = 0.1, 1.0
 GOOD_SWINGS_PER_PARAMETER = 1.0
 #: Samples whose spectrum is taken at once; a longer log has the mean of several [samples].
 SPECTRUM = 1 << 20
@@ -132,12 +134,12 @@ def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     return counts
 
 
-def check_amount(logs: Sequence[Log], robot: Robot) -> None:
-    """Raise when there is too little motion to identify from in all logs together.
+def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
+    """Say when there is little motion to identify from in all logs together, W313.
 
     Raises:
         JointStill: some joints move, but not this one.
-        LogTooShort: too few swings for the number of parameters.
+        LogTooShort: hardly any motion.
     """
     span = np.max([np.subtract(*extremes(log.q)[::-1]) for log in logs], axis=0)
     still = span < per_joint(STILL_SPAN, robot)
@@ -154,7 +156,11 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> None:
     seconds = sum(float(np.sum(any_moves(log, robot))) / log.rate for log in logs)
     wanted = sum(BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
     count = sum(int(np.sum(swings(log, robot))) for log in logs)
-    if count < SWINGS_PER_PARAMETER * wanted:
-        enough = seconds * GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
-        about = f"about {enough:.0f} s here" if count else "a motion of every joint"
-        raise LogTooShort(f"{seconds:.1f} s of motion; about {wanted} parameters need {about}", where=logs[0].topic)
+    if count >= FEW_SWINGS_PER_PARAMETER * wanted:
+        return ()
+    enough = seconds * GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
+    about = f"about {enough:.0f} s here" if count else "a motion of every joint"
+    text = f"{seconds:.1f} s of motion; about {wanted} parameters need {about}"
+    if count < SWINGS_PER_PARAMETER * wanted or seconds < LEAST_MOTION:
+        raise LogTooShort(text, where=logs[0].topic)
+    return (Finding("W313", "warning", f"{text}; what it leaves open comes from the prior", {"seconds": seconds}),)

@@ -145,11 +145,10 @@ def observe(
 
     several = as_list(logs)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
-    if len(several) > 1:
-        check_amount(given, base.robot)
+    few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     stack, delay, applied, findings = stack_logs(checked, base, options, progress)
-    progress.findings(copies)
+    progress.findings((*few, *copies))
     return Observations(
         base=base,
         stack=stack,
@@ -157,7 +156,7 @@ def observe(
         log_sha256=tuple(log.sha256 for log in checked),
         delay=delay,
         applied_delay=applied,
-        findings=(*findings, *copies),
+        findings=(*findings, *few, *copies),
     )
 
 

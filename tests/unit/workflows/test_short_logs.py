@@ -30,9 +30,19 @@ def pieces():
     ]
 
 
-def test_one_alone_is_too_short(arm, pieces):
+def test_one_alone_is_answered_with_wide_intervals_and_a_moment_is_refused(arm, pieces):
+    """2.5 s: the prior carries what they leave open, and most true parameters lie inside their intervals."""
+    found = identify(arm, pieces[0], IdentifyOptions(holdout=None))
+    assert found.in_force == "physical"
+    assert "W313" in [finding["code"] for finding in found.header["log_findings"]]
+    friction = dict(zip(("fv1", "fv2"), twolink.VISCOUS, strict=True))
+    errors = dict(zip(found.names, found.std_error, strict=True))
+    values = dict(zip(found.names, found.theta, strict=True))
+    for name, true in friction.items():
+        assert abs(values[name] - true) < 3 * errors[name]
+    part = pieces[0]
     with pytest.raises(LogTooShort):
-        identify(arm, pieces[0])
+        identify(arm, Log(part.t[:40], part.q[:40], part.tau[:40], part.names))
 
 
 def test_together_they_are_enough_and_a_short_one_can_be_held_out(arm, pieces):
