@@ -236,7 +236,9 @@ def test_noise_that_is_not_one_positive_number_a_joint_is_refused_with_the_line(
     noisy(noise)
     done = dynid("trajectory", "arm.yaml", *QUICK)
     assert done.status == 3
-    assert "arm.yaml:43: torque.noise" in done.err
+    lines = (dynid.folder / "arm.yaml").read_text().splitlines()
+    line = next(k for k, text in enumerate(lines, start=1) if "noise" in text)
+    assert f"arm.yaml:{line}: torque.noise" in done.err
 
 
 @pytest.mark.parametrize(
