@@ -49,6 +49,9 @@ _TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]')
 def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
     path = Path(path)
+    # Why: the new file would take the place of a device or a pipe, which root may do.
+    if path.exists() and not path.is_file():
+        raise CannotWrite(f"cannot write {path}: it is no regular file", where=str(path), fix="name another file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         sweep(path.parent)
