@@ -2,8 +2,8 @@
 
 Run: python benchmarks/plans.py            the arms that benchmarks/plans.json lacks, then plans.md
      python benchmarks/plans.py ur10 ...   these arms anew
-Each arm gets what ``dynid trajectory ARM --alpha 1 --restarts 2 --preview picture`` gives, checks included; the default is five
-starts. 60 s of two cores are 120 s of processor time, which depends little on what else the machine does. Then two starts search for
+Each arm gets what ``dynid trajectory ARM --alpha 1 --restarts 1 --preview picture`` gives, checks included; the default is five
+starts. 60 s of two cores are 120 s of processor time, which depends little on what else the machine does. Then one start searches for
 the same arm without floor, with links that may pass through each other, in its whole range. Compared is the expected rms
 torque error on other motions, the same motions and noise for both.
 """
@@ -35,7 +35,7 @@ from dynid.workflows.trajectory import plan_trajectory
 HERE = Path(__file__).parent
 STORE, TABLE = HERE / "plans.json", HERE / "plans.md"
 #: No limit that a busy machine would meet, and processes for each search.
-SECONDS, PROCESSES, STARTS = 3600.0, 1, 2
+SECONDS, PROCESSES, STARTS = 3600.0, 1, 1
 #: Processor time of 60 s of two cores [s].
 BUDGET = 120.0
 #: Times the error without obstacles that a plan may have.

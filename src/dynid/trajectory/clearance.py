@@ -205,22 +205,22 @@ class Capsules:
     def contacts(self, q: Floats) -> list[Contact]:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.
 
+        Pairs of links that always overlap come one by one.
+
         Args:
             q: joint positions, (N, n) [rad or m].
         """
         points, frames = self.ends(q)
         found = []
         distance = self._pairs(points)[0]
-        # Why: links that always overlap have a clearance too, but the closest pair is that of the others.
-        watched = [self._wanted == self.scene.self_distance, self._wanted < self.scene.self_distance]
-        for kind in watched:
-            if kind.any():
-                pairs = np.flatnonzero(kind)
-                lack = distance[:, pairs] - self._wanted[pairs]
-                k, i = np.unravel_index(lack.argmin(), lack.shape)
-                pair = pairs[i]
-                wanted = float(self._wanted[pair])
-                found.append(Contact(self._pair(pair), float(distance[k, pair]), int(k), wanted))
+        usual = self._wanted < self.scene.self_distance
+        # Why: links that always overlap are watched too, but the closest pair is that of the others.
+        groups = [[k] for k in np.flatnonzero(usual)] + ([np.flatnonzero(~usual)] if not usual.all() else [])
+        for pairs in groups:
+            lack = distance[:, pairs] - self._wanted[pairs]
+            k, i = np.unravel_index(lack.argmin(), lack.shape)
+            pair = int(pairs[i])
+            found.append(Contact(self._pair(pair), float(distance[k, pair]), int(k), float(self._wanted[pair])))
         if self.scene.floor is not None and self._lifted.any():
             height = self._heights(points)
             k, i, end = np.unravel_index((height - self._above_floor).argmin(), height.shape)

@@ -12,11 +12,22 @@ import pytest
 
 import dynid
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
+from dynid.files.robotfile import load_robot
+from dynid.motion import Motion
 from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
-from dynid.trajectory.feasible import bounds
+from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.feasible import bounds, position_range
 from dynid.trajectory.plan import through_waypoints
-from dynid.trajectory.preview import Drawing, draw_trajectory, measure_trajectory, require_clear, window
+from dynid.trajectory.preview import (
+    Drawing,
+    capsule_distances,
+    draw_trajectory,
+    measure_poses,
+    measure_trajectory,
+    require_clear,
+    window,
+)
 from dynid.trajectory.scene import Box, Scene
 
 pytest.importorskip("pybullet")
@@ -149,7 +160,8 @@ def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_pat
 from dynid.files.robotfile import load_robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.scene import Scene
-from dynid.trajectory.feasible import bounds
+from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.feasible import bounds, position_range
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import window
 from pathlib import Path
@@ -164,3 +176,22 @@ with window(plan, robot, Path("arm.urdf"), Scene()):
     env = {**os.environ, "PYTHONPATH": str(Path(dynid.__file__).parents[1])}
     done = subprocess.run(words, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "open\n"), done.stderr
+
+
+@pytest.mark.parametrize("name", ["ur5e", "franka_panda"])
+def test_capsules_are_no_farther_than_the_cylinders_that_pybullet_measures(name, tmp_path):
+    """A capsule holds its cylinder, so a motion that keeps clear in the search does so for PyBullet."""
+    robot = load_robot(name)
+    write_urdf(robot, None, tmp_path / "arm.urdf")
+    lower, upper = position_range(robot)
+    q = np.random.default_rng(4).uniform(lower, upper, (40, robot.n))
+    t = np.arange(40.0)
+    still = Motion(t, q, 0 * q, 0 * q)
+    near = capsule_distances(Capsules(robot), still)
+    there = measure_poses(t, q, robot, tmp_path / "arm.urdf", Scene(), guessed=True)
+    for kind in (True, False):
+        capsules, cylinders = (
+            min(d.distance for d in found.least if d.pair.endswith("floor") is kind) for found in (near, there)
+        )
+        assert capsules < cylinders + 5e-3
+    assert {pair.replace("_", " ") for pair in there.left_out} <= set(near.left_out)
