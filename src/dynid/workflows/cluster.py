@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
 from dynid.children import variables
@@ -31,6 +32,10 @@ DEATHS = 12
 PATIENCE = 60.0
 #: How long a first connection may take [s].
 FIRST_ANSWER = 10.0
+#: How often it is seen to that the workers of this machine are all there [s].
+KEEP = 1.0
+#: A worker that is away for so long is not being started again any more [s].
+AWAY = 30
 #: What a lab installs to have more than one worker.
 PACKAGE = "pip install 'dynid[cluster]'"
 
@@ -301,36 +306,71 @@ def _local(workers: int, memory: int | None, dashboard: bool, progress: Progress
     import dask
     from distributed import Client, LocalCluster
     from distributed.security import Security
+    from distributed.system import MEMORY_LIMIT
 
     if dashboard and find_spec("bokeh") is None:
         raise PackageMissing("--dashboard needs bokeh", fix="pip install bokeh")
     with quiet_logs(), scratch_folder() as folder, dask.config.set(_settings(dashboard)):
+        most = MEMORY_LIMIT // workers if memory is None else memory
         # Why certificates: everybody on this machine could otherwise run code as its user through the open port.
         cluster = LocalCluster(
-            n_workers=workers,
+            n_workers=0,
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            memory_limit="auto" if memory is None else memory,
+            memory_limit=most,
             dashboard_address="127.0.0.1:8787" if dashboard else "127.0.0.1:0",
             scheduler_kwargs={"dashboard": dashboard},
             security=Security.temporary(),
             silence_logs=logging.CRITICAL,
             local_directory=str(folder),
         )
+        stop = Event()
+        keeper = Thread(target=_keep, args=(cluster, workers, stop), daemon=True)
+        keeper.start()
         try:
-            most = cluster.workers[0].memory_manager.memory_limit
+            _wait_for_one(cluster)
             text = f"{workers} processes on this machine, each ended beyond {most / 1e9:.1f} GB"
             pool = Cluster(lambda: Client(cluster, set_as_default=False), text, progress)
             progress.stage("workers", f"{text}{f'; {cluster.dashboard_link}' if dashboard else ''}")
             yield pool
             pool.close()
         except BaseException:
+            stop.set()
             _end_workers(cluster)
             raise
         finally:
+            stop.set()
+            keeper.join()
             with suppress(OSError, TimeoutError, RuntimeError):
                 cluster.close(timeout=2)
+
+
+def _keep(cluster: LocalCluster, workers: int, stop: Event) -> None:
+    """Start the workers, and anew those that died while they were started, which nobody else does."""
+    from distributed.core import Status
+
+    while True:
+        for name, nanny in list(cluster.workers.items()):
+            if nanny.status in (Status.failed, Status.closed):
+                cluster.workers.pop(name, None)
+        cluster.scale(workers)
+        if stop.wait(KEEP):
+            return
+
+
+def _wait_for_one(cluster: LocalCluster) -> None:
+    """Wait until a worker is there.
+
+    Raises:
+        WorkersDied: none has come.
+    """
+    end = time.monotonic() + PATIENCE
+    while not cluster.scheduler_info["workers"]:
+        if time.monotonic() > end:
+            what = f"no worker has started in {PATIENCE:g} s"
+            raise WorkersDied(what, why="without them no job is done", fix="--jobs 1")
+        time.sleep(0.05)
 
 
 def _settings(dashboard: bool) -> dict[str, Any]:
@@ -339,6 +379,7 @@ def _settings(dashboard: bool) -> dict[str, Any]:
         "distributed.worker.http.routes": [],
         "distributed.worker.profile.enabled": dashboard,
         "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.deploy.lost-worker-timeout": f"{AWAY}s",
         # Why nothing but the last: a task holds its memory itself, so a worker that waits for less would wait for ever.
         "distributed.worker.memory.target": False,
         "distributed.worker.memory.spill": False,
@@ -364,10 +405,12 @@ def _end_workers(cluster: LocalCluster) -> None:
 @contextmanager
 def quiet_logs() -> Iterator[None]:
     """Keep Dask's own log off the terminal: what matters of it is an error of a task, or a stage."""
-    log = logging.getLogger("distributed")
-    before = log.level
-    log.setLevel(logging.CRITICAL)
+    logs = [logging.getLogger(name) for name in ("distributed", "asyncio", "tornado")]
+    before = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(before)
+        for log, level in zip(logs, before, strict=True):
+            log.setLevel(level)

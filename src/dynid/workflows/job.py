@@ -35,6 +35,8 @@ from dynid.workflows.cluster import Pool, Task
 
 #: What a job leaves in its folder, so that it need not run again.
 RECORD = "job.json"
+#: The model in a job's folder, which is made first.
+MODEL = ("regressor.npz", "fullregressor.npz")
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,10 @@ def _do(job: Job, folder: Path, seed: int, force: bool, raised: Sequence[str]) -
     if before is not None:
         return before
     start = time.perf_counter()
+    if not (folder / RECORD).exists():
+        # Why: what a job that was killed has left behind would show in what this one says.
+        for left in MODEL:
+            (folder / left).unlink(missing_ok=True)
     status, message, answers, said = _commanded(commands(here, folder), seed, raised)
     write_text(folder / "run.log", said)
     done = JobResult(job, folder, status, time.perf_counter() - start, answers, message)

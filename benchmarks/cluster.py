@@ -1,0 +1,302 @@
+"""Measure `dynid run` on Dask: two workers against one, overhead, memory, what survives kills, long logs in stretches.
+
+    python benchmarks/cluster.py speed [--logs 24]       jobs of one log of 60 s of a 7-joint arm
+    python benchmarks/cluster.py overhead                tasks that do nothing
+    python benchmarks/cluster.py kills [--seed 0]        ten workers killed, then a scheduler; same bytes?
+    python benchmarks/cluster.py stretches [--samples 10000000] [--count 40]
+
+Each part prints what it found; benchmarks/cluster.md has the last numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import random
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "src"), str(ROOT / "tests")]
+
+import twolink  # noqa: E402
+from dynid.log import Log  # noqa: E402
+from dynid.model import build_model  # noqa: E402
+from dynid.model.prior import prior_vector  # noqa: E402
+from dynid.workflows.cluster import Here, Task, opened  # noqa: E402
+from dynid.workflows.robots import load_robot  # noqa: E402
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"}
+
+
+def dynid(folder, *words):
+    return subprocess.Popen(
+        [sys.executable, "-m", "dynid", *words], cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def digest(folder):
+    every = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            every.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return every.hexdigest()[:16]
+
+
+def contents(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def differing(one, other):
+    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
+
+
+class Watched:
+    """Memory of the workers of a process, looked at while a block runs [MB]."""
+
+    def __init__(self, process):
+        self._process, self._on, self.seen = psutil.Process(process.pid), True, []
+
+    def __enter__(self):
+        self._thread = threading.Thread(target=self._look)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self._on = False
+        self._thread.join()
+
+    def _look(self):
+        while self._on:
+            try:
+                every = [self._process, *self._process.children(recursive=True)]
+                self.seen.append(max(each.memory_info().rss for each in every) / 2**20)
+            except psutil.Error:
+                pass
+            time.sleep(0.2)
+
+    def thirds(self):
+        part = max(1, len(self.seen) // 3)
+        return [max(self.seen[k * part : (k + 1) * part], default=0.0) for k in range(3)]
+
+
+# ---------------------------------------------------------------- two workers against one
+def seven_joint_logs(folder, count, seconds=60.0, rate=200.0):
+    """Logs of the bundled LWR4+: five sines a joint, torques of the prior with friction and noise."""
+    robot = load_robot("kuka_lwr4plus")
+    model = build_model(robot)
+    theta = np.nan_to_num(prior_vector(model))
+    for k, parameter in enumerate(model.parameters):
+        theta[k] = {"fv": 1.0, "fc": 0.8, "Im": 0.1}.get(parameter.kind, theta[k])
+    t = np.arange(0, seconds, 1 / rate)
+    for number in range(count):
+        rng = np.random.default_rng(number)
+        q, qd, qdd = (np.zeros((len(t), robot.n)) for _ in range(3))
+        for j in range(robot.n):
+            for k in range(1, 6):
+                w, a, phase = 0.1 * 2 * np.pi * k, rng.uniform(0.3, 0.8) / k, rng.uniform(0, 2 * np.pi)
+                q[:, j] += a * np.sin(w * t + phase)
+                qd[:, j] += a * w * np.cos(w * t + phase)
+                qdd[:, j] -= a * w * w * np.sin(w * t + phase)
+        tau = model.observer().torque(theta, q, qd, qdd) + 0.05 * rng.standard_normal(q.shape)
+        Log(t=t, q=q, tau=tau, names=robot.joint_names, dh=True).save(folder / f"log{number:03d}.npz")
+
+
+def speed(given):
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        seven_joint_logs(folder, given.logs)
+        jobs = "".join(
+            f"  - {{name: job{k:03d}, robot: kuka_lwr4plus, logs: log{k:03d}.npz, options: {{anyway: true}}}}\n"
+            for k in range(given.logs)
+        )
+        (folder / "batch.yaml").write_text(f"jobs:\n{jobs}")
+        rows = {}
+        for workers in (1, 2, 2, 1):
+            shutil.rmtree(folder / "out", ignore_errors=True)
+            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers))
+            with Watched(process) as watched:
+                out, err = process.communicate()
+            wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+            processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            memory = ", ".join(f"{each:.0f}" for each in watched.thirds())
+            rows.setdefault(workers, []).append((wall, processor))
+            print(
+                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of processor, status "
+                f"{process.returncode}, largest process {memory} MB, load {os.getloadavg()[0]:.1f}, {digest(folder / 'out')}",
+                flush=True,
+            )
+            if process.returncode:
+                print(out.decode()[-2000:], err.decode()[-2000:])
+        (w1, c1), (w2, c2) = (np.sum(rows[workers], axis=0) for workers in (1, 2))
+        print(f"two workers are {w1 / w2:.2f} times as fast; processor {c2 / c1:.3f} times")
+
+
+def nothing(k):
+    return k
+
+
+def overhead(given):
+    for workers in (1, 2):
+        with opened(workers) as pool:
+            tasks = {str(k): Task(nothing, (k,)) for k in range(2000)}
+            began, used = time.perf_counter(), time.process_time()
+            assert len(list(pool.run(tasks, list(tasks)))) == len(tasks)
+            wall = time.perf_counter() - began
+            kind = "in this process" if isinstance(pool, Here) else f"{workers} workers"
+            print(
+                f"{kind}: {1e3 * wall / 2000:.2f} ms a task, {1e3 * (time.process_time() - used) / 2000:.2f} ms of processor here"
+            )
+
+
+# ---------------------------------------------------------------- kills
+def two_link_batch(folder):
+    (folder / "arm.yaml").write_text(twolink.ROBOT)
+    for k in range(16):
+        twolink.write_log(folder / f"log{k}.csv", seed=k)
+    jobs = "".join(f"  - {{name: job{k}, robot: arm.yaml, logs: log{k}.csv}}\n" for k in range(12))
+    logs = ", ".join(f"log{k}.csv" for k in range(12, 16))
+    many = f"  - {{name: many, robot: arm.yaml, logs: [{logs}], split_s: 4, options: {{cutoff: 5}}}}\n"
+    (folder / "batch.yaml").write_text(f"jobs:\n{jobs}{many}  - {{name: cut, robot: arm.yaml, logs: missing.csv}}\n")
+
+
+def last(out):
+    return (out.decode().splitlines() or ["it said nothing"])[-1]
+
+
+def workers_of(process):
+    every = psutil.Process(process.pid).children(recursive=True)
+    return [each for each in every if "spawn_main" in " ".join(each.cmdline())]
+
+
+def kills(given):
+    rng = random.Random(given.seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        two_link_batch(folder)
+        began = time.perf_counter()
+        out, _ = dynid(folder, "run", "batch.yaml", "--jobs", "2").communicate()
+        wall, wanted, whole = time.perf_counter() - began, digest(folder / "out"), contents(folder / "out")
+        print(f"undisturbed: {wall:.1f} s, {wanted}, {last(out)}", flush=True)
+        shutil.rmtree(folder / "out")
+        process, killed = dynid(folder, "run", "batch.yaml", "--jobs", "2"), 0
+        while process.poll() is None:
+            time.sleep(rng.uniform(0.3, 1.0) * max(wall, 8.0) / 10)
+            victims = [] if process.poll() is not None else workers_of(process)
+            if killed < 10 and victims:
+                rng.choice(victims).send_signal(signal.SIGKILL)
+                killed += 1
+        out, err = process.communicate()
+        if not out:
+            print(err.decode()[-4000:])
+        print(f"{killed} workers killed: {digest(folder / 'out')}, {last(out)}", flush=True)
+        if digest(folder / "out") != wanted:
+            print(differing(whole, contents(folder / "out")), err.decode()[-3000:])
+        shutil.rmtree(folder / "out")
+        scheduler(folder, wall, wanted)
+
+
+def scheduler(folder, wall, wanted):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+
+    def started():
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT, "cwd": folder}
+        words = ["--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+        top = subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words], **quiet)
+        words = [
+            address,
+            "--nthreads",
+            "1",
+            "--nworkers",
+            "2",
+            "--no-dashboard",
+            "--local-directory",
+            str(folder / "scratch"),
+        ]
+        return [top, subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", *words], **quiet)]
+
+    def ended(processes):
+        for each in processes:
+            for child in psutil.Process(each.pid).children(recursive=True):
+                child.kill()
+            each.kill()
+            each.wait()
+
+    processes = started()
+    time.sleep(4)
+    process = dynid(folder, "run", "batch.yaml", "--scheduler", address)
+    while not (folder / "out").exists() and process.poll() is None:
+        time.sleep(0.1)
+    time.sleep(0.3 * wall)
+    done = len(list((folder / "out").glob("*/job.json")))
+    ended(processes)
+    time.sleep(2)
+    processes = started()
+    out, err = process.communicate()
+    ended(processes)
+    last = out.decode().splitlines()[-1] if out else err.decode()[-800:]
+    print(f"scheduler and workers killed after {done} jobs: {digest(folder / 'out')} (wanted {wanted}), {last}")
+
+
+# ---------------------------------------------------------------- long logs in stretches
+def stretches(given):
+    with tempfile.TemporaryDirectory(dir=given.folder) as name:
+        folder = Path(name)
+        rate = 1000.0
+        (folder / "arm.yaml").write_text(twolink.ROBOT)
+        t, q, qd, qdd = twolink.motion(1, seconds=given.samples / rate, rate=rate)
+        tau = twolink.torque(q, qd, qdd) + 0.02 * np.random.default_rng(0).standard_normal(q.shape)
+        Log(t=t, q=q, tau=tau, names=("shoulder", "elbow")).save(folder / "log.npz")
+        del t, q, qd, qdd, tau
+        seconds = given.samples / rate / given.count
+        (folder / "batch.yaml").write_text(
+            f"jobs: [{{name: long, robot: arm.yaml, logs: log.npz, split_s: {seconds}, options: {{cutoff: 5}}}}]\n"
+        )
+        for workers in (1, 2):
+            shutil.rmtree(folder / "out", ignore_errors=True)
+            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers))
+            with Watched(process) as watched:
+                out, err = process.communicate()
+            wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+            processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            print(
+                f"{given.samples} samples in {given.count} stretches, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of "
+                f"processor, largest process {max(watched.seen):.0f} MB, {digest(folder / 'out')}",
+                flush=True,
+            )
+            if process.returncode:
+                print(out.decode()[-2000:], err.decode()[-2000:])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("part", choices=("speed", "overhead", "kills", "stretches"))
+    parser.add_argument("--logs", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--samples", type=int, default=10_000_000)
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--folder", default=None, help="where the long log is written")
+    given = parser.parse_args()
+    globals()[given.part](given)
+
+
+if __name__ == "__main__":
+    main()
