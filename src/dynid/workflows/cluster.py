@@ -405,7 +405,12 @@ def _end_workers(cluster: LocalCluster) -> None:
 @contextmanager
 def quiet_logs() -> Iterator[None]:
     """Keep Dask's own log off the terminal: what matters of it is an error of a task, or a stage."""
-    logs = [logging.getLogger(name) for name in ("distributed", "asyncio", "tornado")]
+    import distributed  # noqa: F401
+
+    # Why each by name: Dask gives them levels of their own.
+    families = ("distributed", "asyncio", "tornado")
+    names = [*families, *(name for name in logging.root.manager.loggerDict if name.split(".")[0] in families)]
+    logs = [logging.getLogger(name) for name in names]
     before = [log.level for log in logs]
     for log in logs:
         log.setLevel(logging.CRITICAL + 1)
