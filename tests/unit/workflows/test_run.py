@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -169,21 +170,18 @@ def test_a_worker_that_is_killed_loses_nothing_and_one_task_that_kills_all_is_na
     assert isinstance(found["killer"].error, WorkersDied)
 
 
-def started(processes):
-    return [each for each in processes if "spawn_main" in " ".join(each.cmdline())]
-
-
 def test_the_processes_end_with_the_block_and_listen_to_this_machine_only():
     import psutil
 
     with opened(2) as pool:
         assert "2 processes" in pool.text
-        deadline, every = time.monotonic() + 30, []
-        while len(started(every)) < 2 and time.monotonic() < deadline:
-            every = [psutil.Process(), *psutil.Process().children(recursive=True)]
-        open_ports = [c.laddr.ip for p in every for c in p.net_connections() if c.status == "LISTEN"]
-        workers = started(every)
-    assert set(open_ports) == {"127.0.0.1"}
+        deadline, workers, ports = time.monotonic() + 30, [], []
+        while len(workers) < 2 and time.monotonic() < deadline:
+            with suppress(psutil.NoSuchProcess):
+                every = [psutil.Process(), *psutil.Process().children(recursive=True)]
+                workers = [each for each in every if "spawn_main" in " ".join(each.cmdline())]
+                ports = [c.laddr.ip for each in every for c in each.net_connections() if c.status == "LISTEN"]
+    assert set(ports) == {"127.0.0.1"}
     assert len(workers) == 2
     _, alive = psutil.wait_procs(workers, timeout=5)
     assert alive == []
