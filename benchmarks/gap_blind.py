@@ -106,10 +106,10 @@ def logs_of(effects, size, arm, seed, extra="plain", **options):
 
 
 def known_of(base, arm, seed):
-    """Identify the arm from an earlier session without the change."""
+    """Identify the arm from an earlier session of other motion without the change; return its logs too."""
     case = hidden.Case(arm, "torque_offset", 2, 0.0, seed + 77)
     sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.model)
-    return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None))
+    return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None)), sources
 
 
 def truth_of(cases, n):
@@ -130,11 +130,11 @@ def run(set_name, k, seed=0):
     effects, size, arm, extra = draw(set_name, k, seed)
     number = 10_000 + 97 * k + zlib.crc32(set_name.encode()) % 9973 + 1_000_003 * seed
     base = model_of(arm, effects[0] if effects[0][0] in LACKING else None)
-    known = known_of(base, arm, number) if set_name == "changed" else None
+    known, earlier = known_of(base, arm, number) if set_name == "changed" else (None, ())
     logs, cases = logs_of(effects, size, arm, number, extra)
     start = time.process_time()
     sources = sources_of(logs, base.model)
-    seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False)
+    seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False, earlier=earlier)
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.search.before - 1, 0))
     joint = int(np.argmax(visible))
@@ -201,7 +201,8 @@ def outcome(row):
     if named == truth:
         if row["set"] == "outside":
             return "exact" if row["verdict"] == "unexplained" or row["visible"] < SEEN else "not seen"
-        return "exact" if named or row["verdict"] == "nothing_missing" else "exact, with doubt"
+        clear = row["verdict"] in ("nothing_missing", "nothing_changed")
+        return "exact" if named or clear else "exact, with doubt"
     return "part of it" if named else "nothing named"
 
 

@@ -11,10 +11,12 @@ from dynid.errors import PackageMissing
 from dynid.gap.formulas import Wording, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
+from dynid.gap.partial import doubt
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
 from dynid.gap.refit import (
     GROWN,
     HeldOutImprovement,
+    held_out_beside,
     held_out_improvement,
     lead_over_always,
     ratio_interval,
@@ -24,8 +26,9 @@ from dynid.gap.refit import (
 from dynid.gap.search import EffectSearch, search_effects, without
 from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
+from dynid.gap.significance import Key
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
-from dynid.gap.verdict import NOT_SMALLER, GapVerdict, judge, refusal
+from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, judge, refusal
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -159,15 +162,17 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
         simulate: whether the forward simulation is asked too.
     """
     refused: list[tuple[SelectedEffect, str]] = []
+    doubts: dict[Key, str] = {}
     while True:
         effects, regression = refit(search)
         improvement = held_out_improvement(problem, search, effects)
         said = [(one, refusal(search, effects, one, improvement)) for one in effects]
+        said = [(one, _as_part(search, effects, one, why, doubts)) for one, why in said]
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
         failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
-        failing = failing or spoiling(problem, search, effects, improvement)
+        failing = failing or companions(search, effects) or spoiling(problem, search, effects, improvement)
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
@@ -177,6 +182,20 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
         refused += failing
         for one, _ in failing:
             search = without(problem, search, one)
+
+
+def companions(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
+    """Return the weakest effect that does not reduce what the others leave of held-out rows, with the reason.
+
+    Why: beside a large effect anything is better than nothing; what is left of it has to become smaller.
+    """
+    columns = with_columns(effects)
+    for one in sorted(columns, key=lambda one: one.score) if len(columns) > 1 else ():
+        low, high = held_out_beside(search, effects, one)
+        if high >= 1.0:
+            change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
+            return [(one, f"it does not reduce what the others leave on unseen data ({change})")]
+    return []
 
 
 def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -> list[tuple[SelectedEffect, str]]:
@@ -190,6 +209,17 @@ def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -
         if lead < max(EQUAL, SURE * spread):
             found.append((one, "it explains old and new logs as well if it was there before: it is no change"))
     return found
+
+
+def _as_part(
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, why: str, doubts: dict[Key, str]
+) -> str:
+    """Return why an effect that explains too little is not named as a part either; other reasons as they are."""
+    if not why.startswith(LITTLE):
+        return why
+    if one.key not in doubts:
+        doubts[one.key] = doubt(search, effects, one)
+    return f"{why}; as a part of it: {doubts[one.key]}" if doubts[one.key] else ""
 
 
 def spoiling(

@@ -185,6 +185,21 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
     return Wording(tuple(found), tuple(proofs), tuple(clues))
 
 
+def best_formula_gain(regression: WhitenedRegression, joint: int) -> float:
+    """Return how much the best short formula explains of a joint, whether it would be told or not.
+
+    Args:
+        regression: the rows, with what explains part of them already.
+        joint: 0-based.
+    """
+    terms, _, _ = _greedy(regression, joint)
+    if not terms:
+        return 0.0
+    revolute = [one.revolute for one in regression.segments[0].motion.robot.joints]
+    columns = {joint: _columns(regression, joint, Formula(formula_text(terms), revolute, joint))}
+    return float(significance_test(regression, columns).gains.sum())
+
+
 def _formula_of(
     search: EffectSearch, joint: int, others: Sequence[SelectedEffect]
 ) -> tuple[SelectedEffect | None, str]:

@@ -46,6 +46,7 @@ class GapEffect:
         rivals: other effects and joints that explain as much, in words.
         formula: the torque of ``effect: formula``.
         rival_keys: the same rivals as identifiers and 0-based joints.
+        share: share of its joint's gap that is explained where that is a part; None where it is most, or not named.
     """
 
     effect: str
@@ -64,6 +65,16 @@ class GapEffect:
     rivals: tuple[str, ...] = ()
     formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
+    share: float | None = None
+
+    @property
+    def said(self) -> str:
+        """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
+        if self.why_not or self.formula:
+            return self.why_not or "not in the catalogue"
+        if self.share is None:
+            return "named"
+        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}; the rest is unexplained"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -83,6 +94,7 @@ class GapEffect:
             "heldout_rms_after_nm": self.rms_after,
             **({"why_not": self.why_not} if self.why_not else {}),
             **({"formula": self.formula} if self.formula else {}),
+            **({} if self.share is None else {"share_of_gap": self.share}),
         }
 
     def open(self, name: str) -> bool:
@@ -246,10 +258,14 @@ def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
 
 
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
-    from dynid.gap.verdict import joints_text, labels
+    from dynid.gap.verdict import explained_share, joints_text, labels
     from dynid.model.effects.formula import Formula
 
     names, j = robot.joint_names, one.test.joint
+    partly = None
+    if any(one is named for named in analysis.verdict.named) and one.name != "torque_delay":
+        share, needed = explained_share(analysis.search, analysis.effects, one)
+        partly = share if share < needed else None
     return GapEffect(
         effect=one.name,
         indices=one.joints,
@@ -265,6 +281,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         unit=robot.joints[j].torque_unit,
         rivals=tuple(labels(one, names)[1:]),
         formula=one.effect.text if isinstance(one.effect, Formula) else "",
+        share=partly,
         rival_keys=one.rivals,
     )
 

@@ -320,6 +320,20 @@ def held_out_improvement(
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
 
 
+def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
+    """Return the 95 % interval of the held-out error with all effects over that without one, on its joint, (2,).
+
+    Args:
+        search: the search.
+        effects: what it found.
+        one: one of these.
+    """
+    j = one.test.joint
+    rest = [other for other in effects if other is not one]
+    without, beside = (_held_residuals(search.problem, with_columns(some))[j] for some in (rest, effects))
+    return _ratio(without, beside, j)
+
+
 def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}."""
     p = problem.base.reduction.rank

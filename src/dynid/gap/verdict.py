@@ -38,6 +38,7 @@ TRACE = 0.12
 #: the model has at the null, has told them apart already.
 OUTSIDE = 1.96
 SMALL_DELAY = "it is shorter than the sampling can resolve"
+LITTLE = "it explains"
 NOT_SMALLER = "it does not reduce the error on unseen data"
 
 
@@ -115,8 +116,8 @@ def refusal(
         _undetermined(one)
         or ("it is not the same in all parts of the logs" if one.test.chow_p_value < SAME else "")
         or _beside_larger(effects, one)
-        or _little_explained(search, effects, one)
         or _not_smaller(one, improvement)
+        or _little_explained(search, effects, one)
     )
 
 
@@ -147,14 +148,21 @@ def _beside_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> st
 
 def _little_explained(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
     """Return how much of its joint's gap the effects on it explain, where that is too little, or nothing."""
+    share, needed = explained_share(search, effects, one)
+    if share >= needed:
+        return ""
+    return f"{LITTLE} {np.floor(100 * share):.0f} % of the gap of this joint; {100 * needed:.0f} % are needed"
+
+
+def explained_share(
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect
+) -> tuple[float, float]:
+    """Return the share of its joint's gap that is explained, 1 where hardly anything is left, and the needed one."""
     j, n = one.test.joint, len(search.before)
     on_joint = [f for f in effects if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
     left, excess = search.after[j] - 1, search.before[j] - 1
-    share = max(1 - left / excess, 0.0) if excess > 0 else 1.0
-    needed = SHARES[min(len(on_joint), len(SHARES)) - 1]
-    if share >= needed or left <= NEGLIGIBLE:
-        return ""
-    return f"it explains {np.floor(100 * share):.0f} % of the gap of this joint; {100 * needed:.0f} % are needed"
+    share = max(1 - left / excess, 0.0) if excess > 0 and left > NEGLIGIBLE else 1.0
+    return share, SHARES[min(max(len(on_joint), 1), len(SHARES)) - 1]
 
 
 def _not_smaller(one: SelectedEffect, improvement: HeldOutImprovement) -> str:

@@ -147,7 +147,7 @@ class Gap(GapRecord):
                 "rms after": one.rms_after,
                 "unit": one.unit,
                 "p-value": one.p_value,
-                "said": one.why_not or ("not in the catalogue" if one.formula else "named"),
+                "said": one.said,
             }
             for one in (*self.named, *self.closest, *self.formulas)
         ]

@@ -1,0 +1,78 @@
+"""Names that explain a part of a joint's gap beside errors that nothing explains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.gap import verdict
+from dynid.gap.analysis import analyse_gap, on_one_clock
+from dynid.gap.partial import change_of_size, doubt, with_cutoff
+from dynid.gap.record import record_of
+from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.verdict import LITTLE
+
+#: Ripple of the elbow [N m] with its frequency [1/rad], and rms of what repeats beside it [N m].
+RIPPLE, WAVES, REST = 0.2, 21.3, 0.12
+SOME = SelectionOptions(
+    effects=("torque_ripple", "asymmetric_viscous", "spring", "stribeck", "position_friction", "torque_offset")
+)
+
+
+def rest(t):
+    """What repeats with the motion and follows nothing: smooth, the same in every period of 10 s [N m]."""
+    rng = np.random.default_rng(5)
+    grid = np.arange(0.0, 10.2, 0.12)
+    series = np.interp(t % 10.0, grid, rng.standard_normal(len(grid)))
+    return REST * series / series.std()
+
+
+@pytest.fixture(scope="module")
+def logs(twolinks, on_joint):
+    law = lambda t, q, qd, qdd: on_joint(1, RIPPLE * np.cos(WAVES * q[:, 1]) + rest(t))  # noqa: E731
+    return on_one_clock(twolinks.logs(law))
+
+
+@pytest.fixture(scope="module")
+def seen(twolinks, logs):
+    """The search when more than any name explains is asked of a whole one, so that each is a part."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verdict, "SHARES", (0.97, 0.98, 0.99))
+        yield analyse_gap(logs, twolinks.base, None, SOME, simulate=False)
+
+
+def test_a_part_is_named_with_its_size_and_share_and_the_rest_is_told(twolinks, seen):
+    (one,) = seen.verdict.named
+    assert one.key == ("torque_ripple", (1,))
+    assert abs(one.values["a"] - RIPPLE) < 3 * one.std_errors["a"]
+    assert abs(one.values["k"] - WAVES) < 3 * one.std_errors["k"]
+    assert 1 in seen.verdict.remainder
+    (told,) = record_of(seen, twolinks.base.robot, "numbers", "", "").named
+    assert 0.5 < told.share < 0.97
+    assert told.said == f"named; explains {100 * told.share:.0f} % of the gap of elbow; the rest is unexplained"
+    assert told.facts()["share_of_gap"] == told.share
+
+
+def test_its_size_holds_at_other_cut_offs(seen):
+    problem, effects = seen.search.problem, list(seen.effects)
+    for share in (0.5, 2.0):
+        assert change_of_size(problem, effects, share) < 0.1
+        assert with_cutoff(problem, share)[0].log.filter.cutoff == share * problem.segments[0].log.filter.cutoff
+
+
+def test_what_is_not_sure_enough_is_no_part(seen):
+    (one,) = seen.effects
+    assert doubt(seen.search, seen.effects, one) == ""
+    assert doubt(seen.search, seen.effects, replace(one, z=4.9)) == (
+        "its size is 4.9 standard errors from zero; 5 are needed"
+    )
+    small = replace(one, test=replace(one.test, visible_rms=0.8))
+    assert doubt(seen.search, seen.effects, small) == "its size is 0.8 of the noise; 1 is needed"
+
+
+def test_a_stand_in_for_something_else_is_no_part(twolinks, on_joint):
+    """A wave over both angles that no effect of these has: what comes near it is beaten by others or by a formula."""
+    law = lambda t, q, qd, qdd: on_joint(1, 0.4 * np.sin(2 * q[:, 0] - 3 * q[:, 1]) * qd[:, 0] + rest(t))  # noqa: E731
+    found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
+    assert found.verdict.named == ()
+    assert all(LITTLE in why or "unseen" in why or "not" in why for _, why in found.verdict.closest)
