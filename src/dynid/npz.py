@@ -6,6 +6,7 @@ measured first: how members are packed, what type and shape they say they have, 
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import math
@@ -45,14 +46,32 @@ _ENTRY_BYTES = 1 << 10
 _TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]')
 
 
+def require_file(path: Path) -> None:
+    """Raise when there is something at a place that is no file: what is renamed to it would take its place.
+
+    Raises:
+        OSError: it is a folder, a device, a pipe or a socket, or a link to one.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is a folder" if path.is_dir() else "it is no regular file", str(path))
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Give a temporary file the name of a result, which it replaces.
+
+    Raises:
+        OSError: it cannot be renamed, or something else than a file is there.
+    """
+    require_file(path)
+    temporary.replace(path)
+
+
 @contextmanager
 def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
     path = Path(path)
-    # Why: the new file would take the place of a device or a pipe, which root may do.
-    if path.exists() and not path.is_file():
-        raise CannotWrite(f"cannot write {path}: it is no regular file", where=str(path), fix="name another file")
     try:
+        require_file(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         sweep(path.parent)
         handle, name = tempfile.mkstemp(prefix=f".{prefix()}", dir=path.parent)
@@ -68,7 +87,7 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
+        put_in_place(temporary, path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
     finally:

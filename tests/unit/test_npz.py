@@ -1,20 +1,67 @@
-"""Files are written whole, and only where files belong."""
+"""Results take the place of files only: a device, a pipe or a folder of that name stays what it is."""
 
 import os
+import stat
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dynid.errors import CannotWrite
+from dynid.files.convert import WRITERS, write_log
+from dynid.log import Log
 from dynid.npz import written_whole
 
 
-def test_a_pipe_a_device_or_a_folder_is_not_replaced_by_a_file(tmp_path):
-    """As root the new file would take the place of /dev/full, and every program that writes there would fill it."""
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link").symlink_to("/dev/null")
-    for name in ("pipe", "folder", "link"):
-        with pytest.raises(CannotWrite, match="no regular file"), written_whole(tmp_path / name) as stream:
-            stream.write(b"x")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "link", "pipe"]
-    assert (tmp_path / "pipe").is_fifo()
+def make_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def make_device(path: Path) -> None:
+    """Make a device like /dev/full that belongs to the test alone."""
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 7))
+    except PermissionError:
+        pytest.skip("only root makes devices")
+
+
+def make_link(path: Path) -> None:
+    os.mkfifo(path.with_name("other"))
+    path.symlink_to("other")
+
+
+special = pytest.mark.parametrize("make", [make_pipe, make_device, make_link, Path.mkdir])
+
+
+@special
+def test_what_is_no_file_is_not_replaced(make, tmp_path):
+    path = tmp_path / "result.npz"
+    make(path)
+    before = os.lstat(path)
+    with pytest.raises(CannotWrite, match=r"no regular file|a folder"), written_whole(path) as stream:
+        stream.write(b"x")
+    assert os.lstat(path).st_ino == before.st_ino
+    assert stat.S_IFMT(os.lstat(path).st_mode) == stat.S_IFMT(before.st_mode)
+    assert not list(tmp_path.glob(".dynid*"))
+
+
+@special
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_no_converted_log_replaces_what_is_no_file(make, suffix, tmp_path):
+    path = tmp_path / f"log{suffix}"
+    make(path)
+    before = os.lstat(path)
+    t = np.arange(50) / 100
+    with pytest.raises(CannotWrite):
+        write_log(Log(t, np.sin(t)[:, None], np.cos(t)[:, None], ("joint",)), path)
+    assert os.lstat(path).st_ino == before.st_ino
+
+
+def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "link").symlink_to("b")
+    for name in ("a", "link", "new"):
+        with written_whole(tmp_path / name) as stream:
+            stream.write(b"new")
+        assert (tmp_path / name).read_bytes() == b"new"

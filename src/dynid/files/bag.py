@@ -19,6 +19,7 @@ from dynid.files.bag_records import MAGIC, BrokenBag, Connection, Messages, read
 from dynid.files.cdr import MULTI_ARRAY, multi_array_ros1
 from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
 from dynid.log import Log
+from dynid.npz import put_in_place
 from dynid.scratch import scratch_folder
 
 #: First bytes of a ROS bag of any version.
@@ -148,7 +149,7 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
                     header = Header(i, Time(*divmod(stamp, 10**9)), "")
                     message = State(header, list(log.names), q[i], qd[i], tau[i])
                     writer.write(channel, stamp, bytes(store.serialize_ros1(message, State.__msgtype__)))
-            temporary.replace(path)
+            put_in_place(temporary, path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
 

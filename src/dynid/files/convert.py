@@ -11,6 +11,7 @@ import numpy as np
 from dynid.errors import CannotWrite, WrongUsage
 from dynid.files.bag import message_stamps, write_bag
 from dynid.log import Log
+from dynid.npz import put_in_place
 from dynid.scratch import scratch_folder
 from dynid.text import column
 
@@ -68,7 +69,7 @@ def _csv(log: Log, path: Path) -> None:
             stream.write(delimiter.join(map(column, columns)) + "\n")
             for row in zip(*(values.tolist() for values in columns.values()), strict=True):
                 stream.write(delimiter.join(map(repr, row)) + "\n")
-        temporary.replace(path)
+        put_in_place(temporary, path)
 
 
 def _parquet(log: Log, path: Path) -> None:
@@ -77,7 +78,7 @@ def _parquet(log: Log, path: Path) -> None:
     pyarrow, parquet = pyarrow_of()
     with scratch_folder(path.parent) as folder:
         parquet.write_table(pyarrow.table(_columns(log)), folder / path.name)
-        (folder / path.name).replace(path)
+        put_in_place(folder / path.name, path)
 
 
 def _ros2(log: Log, path: Path) -> None:
@@ -102,7 +103,7 @@ def _ros2(log: Log, path: Path) -> None:
                 message = State(Header(Time(*divmod(stamp, 10**9)), ""), _names(log), q[i], qd[i], tau[i])
                 writer.write(channel, stamp, bytes(store.serialize_cdr(message, State.__msgtype__)))
         (part,) = (folder / "bag").glob(f"*{path.suffix}")
-        part.replace(path)
+        put_in_place(part, path)
 
 
 WRITERS: dict[str, Callable[[Log, Path], object]] = {

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import CannotWrite
+from dynid.npz import put_in_place
 from dynid.scratch import scratch_folder
 from dynid.version import __version__
 
@@ -94,7 +95,7 @@ def write_replay(
                         message = State(header, list(names), *(x[i] for x in columns))
                         writer.add_message(channels[topic], stamp, bytes(store.serialize_cdr(message, STATE)), stamp)
                 writer.finish()
-            part.replace(path)
+            put_in_place(part, path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
     return path

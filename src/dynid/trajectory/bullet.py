@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import CannotWrite
 from dynid.trajectory.drawing import animation, still
 
 Floats = NDArray[np.float64]
@@ -306,4 +307,8 @@ def _axis_errors(found: Floats, expected: Floats) -> Floats:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]))
+    try:
+        run(Path(sys.argv[1]))
+    except CannotWrite as error:
+        # Why: the parent tells by the error of the system that it is the machine.
+        raise error.__cause__ or error from None

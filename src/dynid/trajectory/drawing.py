@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.npz import written_whole
+
 if TYPE_CHECKING:
     from PIL import Image
 
@@ -63,12 +65,12 @@ def animation(path: Path, pictures: list[Picture], traces: Traces, title: str) -
     # Why: where time was short some pictures are missing, and the others are shown longer.
     length = np.diff([time for time, _ in pictures], append=pictures[-1][0] * (1 + 1 / len(pictures)))
     shown = np.maximum(SHOWN * length / max(length.sum(), 1e-9), LEAST).astype(int).tolist()
-    with path.open("wb") as stream:
+    with written_whole(path) as stream:
         frames[0].save(stream, "GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0)
 
 
 def _save(sheet: Image.Image, path: Path) -> None:
-    with path.open("wb") as stream:
+    with written_whole(path) as stream:
         sheet.save(stream, "PNG", optimize=True)
 
 
