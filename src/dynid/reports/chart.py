@@ -182,15 +182,24 @@ def reach(curves: Sequence[Floats]) -> tuple[float, float]:
     return float(low - room), float(high + room)
 
 
+#: Fewest ticks of an axis: one tells no scale.
+FEWEST = 3
+
+
 def ticks(low: float, high: float, most: float) -> list[float]:
-    """Return round numbers between two, at most about so many."""
+    """Return round numbers between two, at most about so many, but three where there would be fewer."""
     rough = (high - low) / max(most, 1.0)
     if not math.isfinite(rough) or rough <= 0.0:
         return [low]
     size = 10.0 ** math.floor(math.log10(rough))
-    step = next(size * k for k in (1, 2, 5, 10) if size * k >= 0.999 * rough)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [k * step for k in range(first, last + 1)]
+    wanted = next(k for k in (1, 2, 5, 10) if size * k >= 0.999 * rough)
+    found: list[float] = []
+    for step in (size * k for k in (10, 5, 2, 1, 0.5, 0.2) if k <= wanted):
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        found = [k * step for k in range(first, last + 1)]
+        if len(found) >= FEWEST:
+            break
+    return found
 
 
 def number(value: float) -> str:

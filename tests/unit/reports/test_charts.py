@@ -153,3 +153,8 @@ def test_names_are_text(motion, robot):
     svg = torque_chart(motion, hostile, 0, "<b>")
     assert [e.tag for e in ElementTree.fromstring(svg).iter() if e.tag == f"{SVG}b"] == []
     assert "<U+202E>" in "".join(e.text or "" for e in ElementTree.fromstring(svg).iter(f"{SVG}text"))
+
+
+def test_an_axis_has_three_ticks_at_least():
+    """From -28 to 27 with room for two labels, 0 alone would tell no scale."""
+    assert ticks(-28, 27, 2.5) == [-20, 0, 20]
