@@ -55,7 +55,7 @@ class Gains:
 
     Attributes:
         gain: (n,) [N m per A]; only their ratios, with geometric mean 1, when ``relative``.
-        std_error: (n,); zero for those that were known.
+        std_error: (n,); of those that were known what was said about them.
         relative: whether nothing told their common size.
     """
 
@@ -93,13 +93,14 @@ class _GainProblem:
         return J
 
 
-def find_gains(stack: Stack, known: Floats, load: Load | None = None) -> Gains:
+def find_gains(stack: Stack, known: Floats, load: Load | None = None, scale_error: float = 0.0) -> Gains:
     """Find the unknown gains, all positive.
 
     Args:
         stack: rows whose torques are currents [A].
         known: gains that are known, NaN where not, (n,) [N m per A].
         load: a second log with a load of known mass.
+        scale_error: standard deviation of the known gains as a share, common to all: the others follow their size.
 
     Raises:
         RankDeficient: the logs do not tell the gains.
@@ -119,6 +120,8 @@ def find_gains(stack: Stack, known: Floats, load: Load | None = None) -> Gains:
     if relative:
         size = float(np.exp(np.mean(np.log(gain))))
         gain, error = gain / size, error / size
+    if len(unknown) < len(known):
+        error = np.hypot(error, scale_error * gain)
     return Gains(gain, error, relative)
 
 

@@ -71,11 +71,12 @@ def find_drive_gains(
     load = None
     if loaded is not None:
         load = known_load(base, stack_base(conditioned[len(plain) :], base, progress), load_mass)
-    return find_gains(stack, known, load)
+    return find_gains(stack, known, load, robot.torque.scale_error)
 
 
 def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     """Write a copy of the robot file with the gains, and return its path and the robot in it."""
+    import numpy as np
     import yaml
 
     from dynid.files.artifact import write_text
@@ -84,7 +85,9 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
 
     document = yaml.safe_load(text_of(robot, with_prior=False))
     torque: dict[str, Any] = {"source": "motor_current", "gain": [float(f"{value:.9g}") for value in found.gain]}
-    document["torque"] = {**torque, "relative": True} if found.relative else torque
+    # Why: what a load weighs with these gains is as uncertain as they are.
+    share = min(0.99, float(np.sqrt(np.mean((found.std_error / found.gain) ** 2))))
+    document["torque"] = torque | ({"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")})
     path = folder / f"{robot.slug}.yaml"
     what = "ratios of the gains; their size is unknown" if found.relative else "gains"
     head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."

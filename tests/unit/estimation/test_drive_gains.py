@@ -60,6 +60,17 @@ def test_one_known_gain_tells_the_others(empty):
     assert find_gains(empty, known).gain == pytest.approx(GAINS, rel=0.05)
 
 
+def test_gains_found_from_a_known_one_are_as_uncertain_as_that(empty):
+    known = np.full(7, np.nan)
+    known[2] = GAINS[2]
+    sure, unsure = find_gains(empty, known), find_gains(empty, known, scale_error=0.05)
+    assert unsure.gain == pytest.approx(sure.gain)
+    assert unsure.std_error[2] == pytest.approx(0.05 * GAINS[2])
+    assert unsure.std_error**2 == pytest.approx(sure.std_error**2 + (0.05 * sure.gain) ** 2)
+    relative = find_gains(empty, np.full(7, np.nan), scale_error=0.05)
+    assert relative.std_error == pytest.approx(find_gains(empty, np.full(7, np.nan)).std_error)
+
+
 def test_without_any_size_the_ratios_are_found(empty):
     found = find_gains(empty, np.full(7, np.nan))
     assert found.relative
