@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 CHUNK = 512
 #: Singular value of the column-normalised matrix, relative to the largest, below which a direction is not excited.
 RANK_TOLERANCE = 1e-8
+#: Length of a column, relative to the longest, that is nothing but rounding.
+ROUNDING = 1e-15
 #: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
 #: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
 UNSEEN, LARGEST_INFLATION = 2.0, 60.0
@@ -100,7 +102,8 @@ def solve(R: Floats) -> Solution:
     """
     A, b = R[:-1, :-1], R[:-1, -1]
     length = np.linalg.norm(A, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
+    # Why not those of rounding: brought to unit length, what is left of a joint that stands still would look like motion.
+    length = np.where(length > ROUNDING * length.max(initial=0.0), length, 1.0)
     U, sigma, Vt = np.linalg.svd(A / length)
     cutoff = RANK_TOLERANCE * sigma[0]
     rank = int(np.sum(sigma > cutoff))
