@@ -102,7 +102,7 @@ def solve(R: Floats) -> Solution:
     """
     A, b = R[:-1, :-1], R[:-1, -1]
     length = np.linalg.norm(A, axis=0)
-    # Why not those of rounding: brought to unit length, what is left of a joint that stands still would look like motion.
+    # Why not those of rounding: at unit length, what is left of a joint that stands still would look like motion.
     length = np.where(length > ROUNDING * length.max(initial=0.0), length, 1.0)
     U, sigma, Vt = np.linalg.svd(A / length)
     cutoff = RANK_TOLERANCE * sigma[0]
