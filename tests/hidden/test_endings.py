@@ -80,7 +80,7 @@ def test_contacts_that_do_not_repeat_are_called_so():
 
 def test_what_changed_since_the_model_was_identified_is_a_payload():
     base = gap_blind.model_of(ARM)
-    known = gap_blind.known_of(base, ARM, 27)
+    known, _ = gap_blind.known_of(base, ARM, 27)
     _, _, seen, _ = look([("payload", 1)], 2.0, 27, known=known)
     assert named(seen) == {("payload", ())}
     assert seen.verdict.named[0].values["m"] == pytest.approx(0.4, rel=0.1)
