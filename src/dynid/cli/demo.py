@@ -10,10 +10,10 @@ import click
 
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
+from dynid.text import shell
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
-from dynid.text import shell
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
@@ -64,7 +64,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     inside = "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval".format(**counted)
     terminal.fact("truth", inside)
     terminal.fact("figures", "  ".join(str(p) for p in validated["wrote"] if p.suffix == ".png"))
-    last = "your log:  dynid identify my_arm.yaml my_log.bag"
+    last = f"your log:  {shell('dynid', 'identify', robot if robot not in ARMS else 'my_arm.yaml', 'my_log.bag')}"
     terminal.fact("next", f"your robot:  dynid check my_arm.yaml;  {last}" if robot in ARMS else last)
     terminal.emit_json(
         {"schema": "dynid/demo/1", "robot": robot, "identify": identified, "validate": validated, "truth": counted}

@@ -76,7 +76,9 @@ def _said(edit: Edit, robot: Robot) -> str:
         return f"gravity along {'-' if sum(edit.value) < 0 else '+'}{'xyz'[int(np.argmax(np.abs(edit.value)))]}"
     if edit.kind == "order":
         moved = [robot.joint_names[k] for k, source in enumerate(edit.value) if source != k]
-        return f"the columns of {', '.join(moved)} in another order"
+        if len(moved) == 2:
+            return f"the columns of {' and '.join(moved)} exchanged"
+        return f"the columns in the order {', '.join(robot.log_names[int(k)] for k in edit.value)}"
     name = robot.joint_names[int(edit.value[0])]
     if edit.kind == "offset":
         return f"{name} offset by {90 * edit.value[1]:+.0f} deg"

@@ -43,6 +43,8 @@ UNLIKELY = {
     "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
     "positions": 0.08, "signs": 0.08, "torque": 0.08, "position": 0.1,
 }  # fmt: skip
+#: The same for each column beyond two that another order moves.
+MOVED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +109,7 @@ class _Search:
         self.single = tuple(edits_of(judge, names))
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
+        self.depth = 0
         self.price = max(CLEAR, FREE / judge.motion.independent)
         self.least_error = np.full(judge.robot.n, np.inf)
         self.given = self.fit(())
@@ -143,7 +146,7 @@ class _Search:
         return self._rank(hypothesis, self.noise)
 
     def _rank(self, hypothesis: Hypothesis, noise: Floats) -> float:
-        unlikely = CLEAR * sum(UNLIKELY[edit.kind] for edit in hypothesis.edits)
+        unlikely = CLEAR * sum(map(_unlikely, hypothesis.edits))
         return hypothesis.misfit(noise) + unlikely + self.price * len(hypothesis.edits)
 
     def ranked(self) -> list[Hypothesis]:
@@ -153,15 +156,16 @@ class _Search:
     def promising(self) -> list[tuple[Edit, ...]]:
         """Return edits that may become the best with one more, the most promising first.
 
-        Two mistakes can hide each other: where no edit helps, many are taken further by what they leave at the least.
+        Two mistakes can hide each other: where little is explained, many are taken further by what they leave at least.
         """
-        lost = self.ranked()[0] is self.given
+        lost = self.given.misfit(noise_of(self.judge.robot, self.given.floor)) > POOR and self.depth == 1
         values = [*(self.bounds if lost else self.found).values()]
         places = sorted(values, key=self.promise)[: LOST if lost else BEAM]
         return [each.edits for each in places if self.promise(each) < self.promise(places[0]) + NEAR]
 
     def widen(self, starts: Iterable[tuple[Edit, ...]]) -> None:
         """Add one edit to each start, and fit those that can be among the best."""
+        self.depth += 1
         tried = {more for start in starts for edit in self.single if (more := _with(start, edit)) is not None}
         for edits in sorted(tried - set(self.found), key=self.bound):
             places = sorted(map(self.promise, self.found.values()))[:BEAM]
@@ -285,6 +289,12 @@ def _alike(judge: Judge) -> list[int]:
             outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
             cost[j] += 3.0 * outside
     return [int(k) for k in linear_sum_assignment(cost)[1]]
+
+
+def _unlikely(edit: Edit) -> float:
+    """Return how much less likely a mistake is than the likeliest one, in units of ``CLEAR``."""
+    moved = sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
+    return UNLIKELY[edit.kind] + MOVED * max(0, moved - 2)
 
 
 def _with(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
