@@ -22,6 +22,8 @@ from dynid.scratch import prefix
 
 #: Arrays up to this size stay in memory [bytes].
 IN_MEMORY = 12 << 20
+#: Size of the files of a store [bytes].
+STORE = 64 << 20
 #: Rows of a piece.
 PIECE = 1 << 16
 _MAPPED: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
@@ -108,6 +110,24 @@ def taken(array: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
         found[start : start + PIECE] = array[rows[start : start + PIECE]]
         release()
     return found
+
+
+class Store:
+    """Arrays that are kept together in files, for many of a middling size."""
+
+    def __init__(self) -> None:
+        self._file = np.zeros(0, np.uint8)
+        self._used = 0
+
+    def put(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Return an array as it is kept."""
+        if self._used + array.nbytes > len(self._file):
+            self._file, self._used = empty((max(STORE, array.nbytes),), np.uint8), 0
+        kept = self._file[self._used : self._used + array.nbytes].view(array.dtype).reshape(array.shape)
+        kept[...] = array
+        # Unit: bytes; every array begins at a multiple of what a processor reads at once.
+        self._used += -(-array.nbytes // 64) * 64
+        return kept
 
 
 def release() -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
+from dynid.longarrays import release
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect, Floats, Joints, Shape
 
@@ -77,8 +78,11 @@ def whitened_columns(
             parts.append(np.zeros((len(shapes), count, len(rows), len(segment))))
             continue
         raw = effect.tried(segment.motion, joints, shapes)
-        signals = np.concatenate([x.reshape(-1, len(segment.motion)) for x in raw])
-        parts.append(segment.filtered(signals).reshape(len(shapes), len(raw[0]), len(rows), -1))
+        shape, flat = (len(shapes), len(raw[0]), len(rows), -1), [x.reshape(-1, len(segment.motion)) for x in raw]
+        # Why shape by shape where they are long: a filter takes five times the memory of what it is given.
+        together = regression.store is None
+        kept = segment.filtered(np.concatenate(flat)) if together else np.concatenate(list(map(segment.filtered, flat)))
+        parts.append(kept.reshape(shape))
     return {joint: regression.whiten(joint, [part[:, :, r] for part in parts]) for r, joint in enumerate(rows)}
 
 
@@ -88,6 +92,9 @@ def candidate_of(
     """Return a candidate with shapes that have the same number of columns."""
     columns = whitened_columns(regression, effect, joints, shapes)
     gram = sum(np.einsum("gkm,glm->gkl", C, C) for C in columns.values())
+    if regression.store is not None:
+        columns = {joint: regression.store.put(each) for joint, each in columns.items()}
+        release()
     return EffectCandidate(effect, joints, shapes, columns, np.asarray(gram))
 
 
@@ -103,6 +110,8 @@ def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints
 def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) -> CandidateScore:
     """Return how much the best of a candidate's shapes explains."""
     G, b = _projected(regression, candidate)
+    if regression.store is not None:
+        release()
     gains, ranks, shares = _gains(G, b, candidate.gram, regression.absorbed, candidate.effect.positive)
     best = int(np.argmax(gains))
     samples = max(sum(len(regression.fit.e[j]) for j in candidate.columns), 2)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
+from dynid.longarrays import Store
 from dynid.model.effects.interface import Floats
 
 Ints = NDArray[np.int64]
@@ -27,6 +28,8 @@ ABSORBED = 1e-5
 #: The same of possible links: the data hold these a thousand times as tightly as their prior does, so what they take up
 #: nearly wholly is still told from an odd arm.
 ABSORBED_BY_ARM = 1e-8
+#: Rows up to which the columns of all candidates stay in memory: those of so many take a quarter of a gigabyte.
+FEW_ROWS = 1 << 13
 #: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9
 
@@ -92,6 +95,11 @@ class WhitenedRegression:
     prior: Floats | None = None
     effects: tuple[EffectColumns, ...] = ()
     odd: bool = False
+
+    @cached_property
+    def store(self) -> Store | None:
+        """Where columns of candidates are kept; None where the rows are few, and memory does."""
+        return Store() if sum(len(s) for s in self.segments) > FEW_ROWS else None
 
     @property
     def absorbed(self) -> float:

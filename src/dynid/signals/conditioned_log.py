@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError, Finding
 from dynid.log import Log
+from dynid.longarrays import release
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.prior import prior_vector
@@ -27,6 +28,9 @@ from dynid.signals.delay import segment_without_delay, without_delay
 from dynid.signals.filters import decimate, despiked
 
 Floats = NDArray[np.float64]
+
+#: Parts that are kept of each interval of a long log: long ones, so that a motion that repeats in it is still found.
+STRETCHES = 4
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,34 @@ def condition_logs(
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
     return found
+
+
+def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:
+    """Return logs of which only some stretches are left, spread evenly over each, where they are longer together.
+
+    Args:
+        logs: conditioned logs.
+        seconds: how long they may be together; a log of them keeps its share in ``STRETCHES`` parts.
+
+    Returns:
+        The logs, and in how many parts they are; 0 where they are whole.
+    """
+    long = [sum(len(s) for s in log.segments) / log.filter.rate * log.filter.first_step for log in logs]
+    if sum(long) <= seconds:
+        return list(logs), 0
+    found, parts = [], 0
+    for log in logs:
+        kept: list[Segment] = []
+        for segment in log.segments:
+            length = round(len(segment) * seconds / sum(long) / STRETCHES)
+            for start in np.linspace(0, len(segment) - length, STRETCHES).astype(int).tolist():
+                # Why a copy: what is left shall not keep the whole log in memory.
+                part = {name: value[start : start + length].copy() for name, value in vars(segment).items()}
+                kept.append(Segment(**part))
+        found.append(replace(log, segments=kept))
+        parts += len(kept)
+        release()
+    return found, parts
 
 
 def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from dynid.gap.significance import Key
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
+    from dynid.signals.conditioned_log import ConditionedLog
 
 #: What the verdicts mean.
 VERDICTS = {
@@ -44,6 +45,9 @@ MODES = {"refit": "numbers", "frozen": "changed"}
 ODD = 1.15
 #: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
 EXTRAPOLATES = 1.5
+#: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
+#: of eight minutes take half a gigabyte.
+LONGEST = 480.0
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
 
@@ -462,8 +466,8 @@ class _Search:
         from dynid.gap.record import record_of
 
         options = signals_of(self.result, self.options, question)
-        conditioned = condition_logs(logs, self.base.model, options, self.progress)
-        before = condition_logs(earlier, self.base.model, options, self.progress) if earlier else []
+        conditioned = self._conditioned(logs, options)
+        before = self._conditioned(earlier, options) if earlier else []
         self.progress.stage("search")
         kept = kept_model(self.result) if question == "changed" else None
         arm = question == "arm"
@@ -483,6 +487,18 @@ class _Search:
             before=tuple(earlier),
             signals=options,
         )
+
+    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
+        """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
+        from dynid.signals.conditioned_log import stretches
+
+        whole = condition_logs(logs, self.base.model, options, self.progress)
+        found, parts = stretches(whole, LONGEST)
+        if parts:
+            self.progress.stage(
+                "stretches", f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
+            )
+        return found
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""

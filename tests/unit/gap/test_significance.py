@@ -46,6 +46,19 @@ def test_the_gain_is_the_drop_of_the_sum_of_squares(regression, name, joints):
         assert score.gain == pytest.approx(left(regression) - left(regression, columns), rel=1e-5, abs=1e-5)
 
 
+def test_columns_that_are_kept_in_a_file_are_judged_alike(regression, monkeypatch):
+    monkeypatch.setattr("dynid.longarrays.IN_MEMORY", 1000)
+    for name in ("torque_offset", "stribeck"):
+        for many in (True, False):
+            monkeypatch.setattr("dynid.gap.whitened_regression.FEW_ROWS", 0 if many else 1 << 13)
+            (candidate,) = candidates_at(replace(regression), CATALOGUE[name], (1,))
+            score = score_candidate(replace(regression), candidate)
+            if many:
+                kept, first = candidate, score
+        np.testing.assert_allclose(kept.columns[1], candidate.columns[1], rtol=1e-9, atol=1e-12)
+        assert (first.gain, first.index) == (pytest.approx(score.gain, rel=1e-9), score.index)
+
+
 def test_each_shape_is_judged_and_the_best_is_taken(regression):
     (candidate,) = candidates_at(regression, CATALOGUE["stribeck"], (0,))
     candidate = candidate_of(regression, candidate.effect, (0,), candidate.shapes[::8])

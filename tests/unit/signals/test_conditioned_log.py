@@ -11,7 +11,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters
-from dynid.signals.conditioned_log import condition_log, condition_logs, known_torque
+from dynid.signals.conditioned_log import condition_log, condition_logs, known_torque, stretches
 
 RATE = 200.0
 
@@ -70,3 +70,19 @@ def test_a_fault_says_which_log_it_was_found_in(model):
     with pytest.raises(LogTooShort) as caught:
         condition_logs([log(model), short], model)
     assert "short.bag" in str(caught.value.where)
+
+
+def test_stretches_of_long_logs_are_spread_evenly_and_short_logs_stay_whole(model):
+    logs = condition_logs([log(model, seconds=12.0), log(model, seconds=24.0)], model)
+    assert stretches(logs, 60.0) == (logs, 0)
+    found, parts = stretches(logs, 18.0)
+    assert parts == 8
+    for one, whole in zip(found, logs, strict=True):
+        (segment,) = whole.segments
+        assert sum(len(part) for part in one.segments) == pytest.approx(0.5 * len(segment), rel=0.02)
+        starts = [part.t[0] for part in one.segments]
+        assert (starts[0], one.segments[-1].t[-1]) == (segment.t[0], segment.t[-1])
+        np.testing.assert_allclose(np.diff(starts), np.diff(starts).mean(), atol=0.1)
+        first = np.searchsorted(segment.t, starts[1])
+        np.testing.assert_array_equal(one.segments[1].q, segment.q[first : first + len(one.segments[1])])
+        np.testing.assert_array_equal(one.segments[1].elapsed, segment.elapsed[first : first + len(one.segments[1])])
