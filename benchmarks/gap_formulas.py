@@ -149,7 +149,7 @@ def run(name, k, seed):
         "formulas": [[f.joints[0], f.effect.text, f.values, f.std_errors] for f in seen.wording.formulas],
         "clues": [[c.joint, c.signal, c.share, c.repeats, c.near] for c in seen.wording.clues],
     }  # fmt: skip
-    if name == "law" and row["formulas"]:
+    if name == "law" and (row["formulas"] or row["named"]):
         row["closed"] = closed(seen, case, base)
     return row
 
@@ -180,8 +180,9 @@ def table(rows):
         seen = [r for r in some if r["verdict"] != "nothing_missing"]
         told = [r for r in some if r["formulas"]]
         right = [r for r in told if r["formulas"][0][0] == r["joint"]]
-        good = sum(r.get("closed", 0) >= 0.8 for r in some)
-        last = f"{len(right)} | {good}" if name == "law" else "- | -"
+        good = [r for r in some if r.get("closed", 0) >= 0.8]
+        by_name = [r for r in good if not r["formulas"]]
+        last = f"{len(right)} | {len(good) - len(by_name)} | {len(by_name)}" if name == "law" else "- | - | -"
         lines.append(f"| {name} | {len(some)} | {len(seen)} | {len(told)} | {last} |")
     seconds = np.array([r["seconds"] for r in rows])
     lines += ["", f"Processor time a case: median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s.", ""]
