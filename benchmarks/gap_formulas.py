@@ -170,8 +170,8 @@ def closed(seen, case, base):
 
 def table(rows):
     lines = [
-        "| set | cases | seen | formula | on the hidden joint | closes 80 % of what the truth closes |",
-        "|---" * 6 + "|",
+        "| set | cases | seen | formula | on the hidden joint | closes 80 % of what the truth closes | a name does |",
+        "|---" * 7 + "|",
     ]
     for name in SETS:
         some = [r for r in rows if r["set"] == name]
