@@ -12,7 +12,7 @@ from dynid.gap.formulas import Wording, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
-from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
+from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem, problem_of_arm
 from dynid.gap.refit import (
     GROWN,
     HeldOutImprovement,
@@ -86,6 +86,7 @@ def analyse_gap(
     simulate: bool = True,
     earlier: Sequence[ConditionedLog] = (),
     arm: bool = False,
+    possible: bool = False,
 ) -> GapAnalysis:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
@@ -98,10 +99,13 @@ def analyse_gap(
         simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
         arm: whether to find what only an odd arm would absorb too.
+        possible: whether the physically possible set is in force, and judges what is named.
     """
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
     problem = problem_of_arm(logs, base) if arm else make_problem(logs, base, kept, earlier)
+    if possible and kept is None and not arm:
+        problem = judged_by_possible(problem)
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
     found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)

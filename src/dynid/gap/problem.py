@@ -97,6 +97,8 @@ class GapProblem:
             where it cancels, and when the baseline is refitted.
         matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
             compared with the model alone.
+        in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
+            where the plain estimate is in force.
         arm: the prior of possible links, where it is asked what only an odd arm would absorb.
         held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, (k, p + 1).
         change: which joints have changed since the earlier logs, that are among the rows; None where there are none.
@@ -114,6 +116,7 @@ class GapProblem:
     unexplained: Floats | None = None
     matched: float = 0.0
     change: ChangeTest | None = None
+    in_force: NoiseModel | None = None
     arm: PossibleArm | None = None
     held_by: Floats | None = None
 
@@ -195,6 +198,23 @@ def make_problem(
     noise = measure_noise(segments, residuals, repeats, train)
     found = GapProblem(base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched)
     return with_noise(found, noise, residuals)
+
+
+def judged_by_possible(problem: GapProblem) -> GapProblem:
+    """Return a problem whose held-out rows are judged by the best possible arm beside the effects.
+
+    A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
+    with.
+    """
+    residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
+    level = _rms(problem.segments, residuals, problem.train)
+    return replace(problem, in_force=with_misfit(problem.noise, problem.segments, residuals, level))
+
+
+def near_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
+    """Return a regression held near the best possible arm beside its effects."""
+    rows = prior_rows(regression, possible_arm(regression, problem.base))
+    return replace(regression, prior=_wide(rows, regression.size))
 
 
 def problem_of_arm(logs: Sequence[ConditionedLog], base: BaseModel) -> GapProblem:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.physical_constraints import pseudo_inertia
-from dynid.gap.problem import GapProblem
+from dynid.gap.noise import NoiseModel
+from dynid.gap.problem import GapProblem, near_possible
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
@@ -313,8 +314,8 @@ def held_out_improvement(
         effects: what it found.
     """
     # Why the same noise: it weighs the joints, and another weight is another fit.
-    before = _held_residuals(replace(first, noise=search.problem.noise), [])
-    after = _held_residuals(search.problem, with_columns(effects))
+    before = _held_residuals(replace(first, noise=search.problem.noise), [], first.in_force)
+    after = _held_residuals(search.problem, with_columns(effects), first.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
@@ -330,16 +331,29 @@ def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one
     """
     j = one.test.joint
     rest = [other for other in effects if other is not one]
-    without, beside = (_held_residuals(search.problem, with_columns(some))[j] for some in (rest, effects))
+    without, beside = (
+        _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j] for some in (rest, effects)
+    )
     return _ratio(without, beside, j)
 
 
-def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[tuple[Floats, NDArray[np.int64]]]:
-    """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}."""
+def _held_residuals(
+    problem: GapProblem, selected: Sequence[SelectedEffect], in_force: NoiseModel | None
+) -> list[tuple[Floats, NDArray[np.int64]]]:
+    """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}.
+
+    Args:
+        problem: the problem.
+        selected: effects that are fitted with the model.
+        in_force: noise of the rows beside the best possible arm; None to fit the model without bounds.
+    """
     p = problem.base.reduction.rank
+    problem = problem if in_force is None else replace(problem, noise=in_force)
     regression = with_selected(problem.regression(nuisance=False), selected)
     if selected:
         regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
+    if in_force is not None:
+        regression = near_possible(problem, regression)
     theta = regression.fit.theta[:p]
     held = cut(problem.segments, problem.held)
     torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]

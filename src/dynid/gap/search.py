@@ -100,6 +100,7 @@ def search_effects(
             delay_test = delay_test or late
             shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
             problem = problem_of_arm(shifted, base) if first.arm else make_problem(shifted, base, kept, earlier)
+            problem = replace(problem, in_force=first.in_force)
             continue
         floor = problem.noise.floor
         problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)

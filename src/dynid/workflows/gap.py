@@ -472,7 +472,10 @@ class _Search:
         kept = kept_model(self.result) if question == "changed" else None
         arm = question == "arm"
         wanted = replace(self.wanted, also=also)
-        analysis = analyse_gap(conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm)
+        possible = self.result.in_force == "physical"
+        analysis = analyse_gap(
+            conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm, possible=possible
+        )
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
             then = relative_error(before, self.base, self.result.theta) if before else 0.0

@@ -6,6 +6,7 @@ import pytest
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.formulas import held_out_effect
+from dynid.gap.problem import judged_by_possible
 from dynid.gap.refit import held_out_improvement, refit
 from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
@@ -120,3 +121,13 @@ def test_an_effect_is_drawn_over_what_it_follows_on_unseen_data(twolinks, on_joi
     assert np.std(curve.torque - true) < 0.05 * np.std(true)
     assert np.std(curve.data - true) < 2 * search.problem.noise.floor[0]
     assert np.std(curve.left) < 0.7 * np.std(curve.residual)
+
+
+def test_held_out_rows_are_judged_by_the_best_possible_arm_where_that_is_in_force(offset):
+    """With the offset the arm is possible, and both judges say the same; without it, links of no arm hide part of it."""
+    effects, _ = refit(offset)
+    plain = held_out_improvement(offset.problem, offset, effects)
+    judged = held_out_improvement(judged_by_possible(offset.problem), offset, effects)
+    np.testing.assert_allclose(judged.after, plain.after, rtol=0.03)
+    assert judged.before[1] > plain.before[1]
+    assert judged.ratio[1, 1] < 0.9
