@@ -206,7 +206,9 @@ def one(arm, name, joint, sign, data, cache):
 def look(logs, base, found, earlier=None):
     sources = [source_of(log, base.model) for log in logs]
     kept = None if found is None else kept_model(found)
-    return analyse_gap(sources, base, kept, SelectionOptions(), possible=True, simulate=False, earlier=[earlier] if earlier else ())
+    return analyse_gap(
+        sources, base, kept, SelectionOptions(), possible=True, simulate=False, earlier=[earlier] if earlier else ()
+    )
 
 
 def as_they_are(data):

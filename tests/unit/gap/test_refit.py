@@ -124,7 +124,7 @@ def test_an_effect_is_drawn_over_what_it_follows_on_unseen_data(twolinks, on_joi
 
 
 def test_held_out_rows_are_judged_by_the_best_possible_arm_where_that_is_in_force(offset):
-    """With the offset the arm is possible, and both judges say the same; without it, links of no arm hide part of it."""
+    """With the offset the arm is possible, and both judges agree; without it, links of no arm hide part of it."""
     effects, _ = refit(offset)
     plain = held_out_improvement(offset.problem, offset, effects)
     judged = held_out_improvement(judged_by_possible(offset.problem), offset, effects)
