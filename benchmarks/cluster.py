@@ -125,25 +125,30 @@ def speed(given):
         )
         (folder / "batch.yaml").write_text(f"jobs:\n{jobs}")
         rows = {}
-        for workers in (1, 2, 2, 1):
+        for workers in (2, 1) * given.rounds:
             shutil.rmtree(folder / "out", ignore_errors=True)
             before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-            process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers))
+            process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers), "--json-lines")
             with Watched(process) as watched:
-                out, err = process.communicate()
+                ends = [time.perf_counter() for line in process.stdout if b'"event": "job"' in line]
+                err = process.stderr.read()
+                process.wait()
             wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
             processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             memory = ", ".join(f"{each:.0f}" for each in watched.thirds())
-            rows.setdefault(workers, []).append((wall, processor))
+            # Why from the first end of each worker on: processes start once, whether there are 16 logs or 500.
+            rate = (len(ends) - workers) / (ends[-1] - ends[workers - 1])
+            rows.setdefault(workers, []).append((rate, processor))
             print(
-                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of processor, status "
-                f"{process.returncode}, largest process {memory} MB, load {os.getloadavg()[0]:.1f}, {digest(folder / 'out')}",
+                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {rate:.3f} jobs/s once started, {processor:.1f} s of "
+                f"processor, status {process.returncode}, largest process in thirds {memory} MB, "
+                f"load {os.getloadavg()[0]:.1f}, {digest(folder / 'out')}",
                 flush=True,
             )
             if process.returncode:
-                print(out.decode()[-2000:], err.decode()[-2000:])
-        (w1, c1), (w2, c2) = (np.sum(rows[workers], axis=0) for workers in (1, 2))
-        print(f"two workers are {w1 / w2:.2f} times as fast; processor {c2 / c1:.3f} times")
+                print(err.decode()[-2000:])
+        (r1, c1), (r2, c2) = (np.mean(rows[workers], axis=0) for workers in (1, 2))
+        print(f"two workers are {r2 / r1:.2f} times as fast; processor {c2 / c1:.3f} times")
 
 
 def nothing(k):
@@ -290,6 +295,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=("speed", "overhead", "kills", "stretches"))
     parser.add_argument("--logs", type=int, default=24)
+    parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--samples", type=int, default=10_000_000)
     parser.add_argument("--count", type=int, default=40)

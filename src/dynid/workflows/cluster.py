@@ -385,6 +385,10 @@ def _settings(dashboard: bool) -> dict[str, Any]:
         "distributed.worker.memory.spill": False,
         "distributed.worker.memory.pause": False,
         "distributed.worker.memory.terminate": 0.95,
+        # Why slower than usual: processes that only wait would take a tenth of a core.
+        "distributed.worker.memory.monitor-interval": "500ms",
+        "distributed.admin.tick.interval": "500ms",
+        "distributed.admin.system-monitor.interval": "5s",
         "distributed.nanny.pre-spawn-environ": {
             "MALLOC_TRIM_THRESHOLD_": 65536,
             **{f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL")},
