@@ -64,6 +64,17 @@ def differing(one, other):
     return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
 
 
+def processor_of(process):
+    """Return what a process and its children have taken so far [s]."""
+    total = 0.0
+    for each in [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]:
+        try:
+            total += sum(each.cpu_times()[:2])
+        except psutil.Error:
+            pass
+    return total
+
+
 class Watched:
     """Memory of the workers of a process, looked at while a block runs [MB]."""
 
@@ -130,25 +141,27 @@ def speed(given):
             before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
             process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers), "--json-lines")
             with Watched(process) as watched:
-                ends = [time.perf_counter() for line in process.stdout if b'"event": "job"' in line]
+                ends = [processor_of(process) for line in process.stdout if b'"event": "job"' in line]
                 err = process.stderr.read()
                 process.wait()
             wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
             processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             memory = ", ".join(f"{each:.0f}" for each in watched.thirds())
-            # Why from the first end of each worker on: processes start once, whether there are 16 logs or 500.
-            rate = (len(ends) - workers) / (ends[-1] - ends[workers - 1])
-            rows.setdefault(workers, []).append((rate, processor))
+            # Why from the fourth end on: processes start once, whether there are 16 logs or 500.
+            each = (ends[-1] - ends[3]) / (len(ends) - 4)
+            rows.setdefault(workers, []).append((wall, each))
             print(
-                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {rate:.3f} jobs/s once started, {processor:.1f} s of "
-                f"processor, status {process.returncode}, largest process in thirds {memory} MB, "
+                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of processor, {each:.2f} s a job "
+                f"once started, status {process.returncode}, largest process in thirds {memory} MB, "
                 f"load {os.getloadavg()[0]:.1f}, {digest(folder / 'out')}",
                 flush=True,
             )
             if process.returncode:
                 print(err.decode()[-2000:])
-        (r1, c1), (r2, c2) = (np.mean(rows[workers], axis=0) for workers in (1, 2))
-        print(f"two workers are {r2 / r1:.2f} times as fast; processor {c2 / c1:.3f} times")
+        (w1, c1), (w2, c2) = (np.mean(rows[workers], axis=0) for workers in (1, 2))
+        print(
+            f"wall {w1 / w2:.2f}; processor a job {c2 / c1:.3f} times: two idle cores would be {2 * c1 / c2:.2f} times as fast"
+        )
 
 
 def nothing(k):

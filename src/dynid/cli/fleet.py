@@ -19,7 +19,7 @@ SHOWN = 20
 @dynid_command(
     "fleet",
     examples=(
-        "dynid fleet out/*/*                         folders ARM/DAY, such as out/arm12/2026-03-01",
+        "dynid fleet out/*/*                         folders ARM/DAY or DAY/ARM, such as out/2026-03-01/arm12",
         "dynid fleet runs.csv                        a list with the columns result, arm, time",
         "dynid fleet out/*/* --fail-if-changed       for a job of every night",
     ),

@@ -85,7 +85,8 @@ class Bar:
                 self._bar.update(
                     task, completed=done, total=total or None, description=visible(f"{self._name}  {text}")
                 )
-            elif not self._lively and not self._said and time.monotonic() - self._began > PATIENCE:
+            # Why not with --json: what a program reads would depend on how busy the machine is.
+            elif self._slow() and not self._terminal.common.json:
                 self._terminal.stage(self._name, text or "...")
                 self._said = True
 
@@ -97,6 +98,9 @@ class Bar:
     def pause(self) -> None:
         """Take the bar away until the next stage begins, so that a question can be asked."""
         self._end_stage()
+
+    def _slow(self) -> bool:
+        return not self._lively and not self._said and time.monotonic() - self._began > PATIENCE
 
     def _show(self) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

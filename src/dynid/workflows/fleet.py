@@ -31,6 +31,9 @@ AT_ONCE, MANY = 100, 400
 #: Columns of a list of results.
 COLUMNS = ("result", "arm", "time")
 SECONDS = 86400.0
+#: What this command writes, which ``out/*/*`` names as well.
+WRITTEN = ("fleet.csv", "fleet.html")
+_DATE = re.compile(r"\d{4}-?\d\d-?\d\d(?!\d)")
 
 
 @dataclass(frozen=True)
@@ -256,7 +259,7 @@ class Fleet:
             for each in self.types
         ]
         page = fleet_page(self.verdict(), pages, self.runs, self.unread)
-        wrote = [folder / "fleet.csv", folder / "fleet.html"]
+        wrote = [folder / name for name in WRITTEN]
         for path, text in zip(wrote, (self.csv(), page), strict=True):
             write_text(path, text)
         return wrote
@@ -270,7 +273,8 @@ def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, pr
     """Find which arms have changed, and which are unlike their twins.
 
     Args:
-        results: results as ``ARM/TIME`` folders or their parameters.npz, or CSV lists with ``result,arm,time``.
+        results: results as ``ARM/TIME`` or ``DATE/ARM`` folders or their parameters.npz, or CSV lists with
+            ``result,arm,time``.
         options: what counts as a change, and where results are read.
         progress: told how far the work is.
 
@@ -280,7 +284,7 @@ def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, pr
     """
     from dynid.estimation.fleet import look_at
 
-    runs = ordered([run for path in results for run in runs_of(path)])
+    runs = ordered([run for path in results if path.name not in WRITTEN for run in runs_of(path)])
     rows, unread = read_rows(runs, options, progress)
     if not rows:
         why = f": {unread[0][1]}" if unread else ""
@@ -311,7 +315,10 @@ def runs_of(path: Path) -> list[Run]:
     words = [word for word in folder.absolute().parts if word != folder.anchor]
     if len(words) < 2:
         raise WrongUsage(f"{path} does not say of which arm it is, and when", fix="ARM/TIME folders, or a CSV list")
-    return [Run(file, words[-2], words[-1], _day(words[-1]))]
+    arm, time = words[-2:]
+    if _DATE.match(arm) and not _DATE.match(time):
+        arm, time = time, arm
+    return [Run(file, arm, time, _day(time))]
 
 
 def _listed(path: Path) -> list[Run]:
@@ -333,7 +340,7 @@ def _listed(path: Path) -> list[Run]:
 
 def _day(text: str) -> float:
     """Return a time as a number of days; NaN where only its place among the others is known."""
-    if re.fullmatch(r"\d{4}-?\d\d-?\d\d.*", text):
+    if _DATE.match(text):
         for form in (text, text.replace("_", "T", 1)):
             try:
                 at = datetime.fromisoformat(form)

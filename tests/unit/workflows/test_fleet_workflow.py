@@ -37,6 +37,14 @@ def test_arm_and_day_come_from_the_folders_in_any_order(runs):
     assert every[1].day - every[0].day == 1.0
 
 
+def test_a_folder_of_each_night_with_an_arm_in_each_is_understood_and_its_own_output_is_not_read(runs):
+    (left,), (right,) = runs_of(Path("out/2026-03-08/arm12")), runs_of(Path("out/arm12/2026-03-08"))
+    assert (left.arm, left.time, left.day) == (right.arm, right.time, right.day) == ("arm12", "2026-03-08", right.day)
+    paths = sorted(runs.glob("*/*"))
+    wrote = fleet(paths).save(runs / "fleet")
+    assert fleet([*paths, *wrote]).facts() == fleet(paths).facts()
+
+
 def test_times_that_are_names_are_put_in_order_with_their_numbers():
     runs = [run for k in (10, 9, 1) for run in runs_of(Path(f"arm/run{k}/parameters.npz"))]
     assert [(run.time, run.day) for run in ordered(runs)] == [("run1", 0.0), ("run9", 1.0), ("run10", 2.0)]
