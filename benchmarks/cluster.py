@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +69,8 @@ def processor_of(process):
     """Return what a process and its children have taken so far [s]."""
     total = 0.0
     for each in [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]:
-        try:
+        with suppress(psutil.Error):
             total += sum(each.cpu_times()[:2])
-        except psutil.Error:
-            pass
     return total
 
 

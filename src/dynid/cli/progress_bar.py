@@ -30,6 +30,10 @@ class Speaker(Protocol):
     def quiet(self) -> bool:
         """Whether nothing but warnings and errors is wanted."""
 
+    @property
+    def unwatched(self) -> bool:
+        """Whether a program waits for the answer, and nobody for its progress."""
+
     def stage(self, name: str, text: str) -> None:
         """Say what a stage found."""
 
@@ -86,7 +90,7 @@ class Bar:
                     task, completed=done, total=total or None, description=visible(f"{self._name}  {text}")
                 )
             # Why not with --json: what a program reads would depend on how busy the machine is.
-            elif self._slow() and not self._terminal.common.json:
+            elif self._slow() and not self._terminal.unwatched:
                 self._terminal.stage(self._name, text or "...")
                 self._said = True
 

@@ -111,6 +111,11 @@ class Terminal:
         """Whether nothing but the answer, warnings and errors is wanted."""
         return self.common.quiet
 
+    @property
+    def unwatched(self) -> bool:
+        """Whether a program waits for the answer, and nobody for its progress."""
+        return self.common.json
+
     # ------------------------------------------------------------ stderr
     def say(self, text: str, style: str = "", indent: int | None = None) -> None:
         """Say a line on stderr; with an indent it is folded at words where the terminal ends."""
