@@ -27,6 +27,8 @@ _LAYOUT = {
 }
 #: Positions beyond two turns in each direction are no angles in radians that an arm would be asked for.
 TURNS = 4 * np.pi
+#: Least time between two waypoints [s]: what no arm can follow, splines cannot tell from no time.
+SHORTEST = 1e-3
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 #: Options that PLAN.yaml may set, all as numbers or words of the command line.
@@ -152,10 +154,11 @@ def _checked(waypoints: Waypoints, where: str) -> Waypoints:
     if len(waypoints.q) < 2:
         raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where, **_LAYOUT)
     if waypoints.times is not None:
-        falling = np.flatnonzero(np.diff(waypoints.times) <= 0)
+        falling = np.flatnonzero(np.diff(waypoints.times) < SHORTEST)
         if len(falling):
             row = int(falling[0]) + 1
-            raise TimeNotIncreasing(f"the time of waypoint {row + 1} is not after that of waypoint {row}", where=where)
+            what = f"the time of waypoint {row + 1} is not {SHORTEST:g} s after that of waypoint {row}"
+            raise TimeNotIncreasing(what, where=where)
     return waypoints
 
 

@@ -20,6 +20,8 @@ from dynid import limits
 from dynid.errors import DynidError, NotANumber, NotYaml, TooLarge, UnknownKey, WrongRobotFile
 from dynid.units import ANGLE
 
+#: Sizes of numbers other than 0, in whatever unit: powers of smaller or larger ones are no numbers any more.
+SMALLEST, LARGEST = 1e-30, 1e30
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?")
@@ -167,6 +169,13 @@ class Value:
     def _checked(self, value: float, raw: str) -> float:
         if not math.isfinite(value):
             raise NotANumber(f"{self.where}: {self.path} = '{raw}' is not finite", where=self.where)
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise NotANumber(
+                f"{self.where}: {self.path} = '{raw[:40]}' is nothing that can be measured",
+                where=self.where,
+                why=f"numbers other than 0 lie between {SMALLEST:g} and {LARGEST:g}",
+                fix="write 0, or correct the number",
+            )
         return value
 
 

@@ -261,7 +261,7 @@ def _shared(terms: Terms) -> Floats:
     for _ in range(3):
         G = sum(gram / s**2 for gram, s in zip(grams, rms, strict=True))
         side = sum(side / s**2 for side, s in zip(sides, rms, strict=True))
-        theta = np.linalg.solve(G / ALIKE + ridge, side / ALIKE)
+        theta = np.linalg.lstsq(G / ALIKE + ridge, side / ALIKE, rcond=None)[0]
         quads = np.array([float(theta @ gram @ theta - 2 * theta @ s) for gram, s in zip(grams, sides, strict=True)])
         rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
         rms = np.maximum(rms, MODELLED * np.sqrt(energy))

@@ -12,7 +12,7 @@ from dynid.log import Log
 from dynid.longarrays import empty
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import any_moves, runs, speeds
+from dynid.signals.motion import STILL_SPAN, any_moves, per_joint, runs, speeds
 from dynid.signals.pieces import changed, extremes, spans
 from dynid.signals.stamps import same_rows, with_findings
 
@@ -220,7 +220,7 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
     """Raise when torques are no torques of this arm.
 
     Raises:
-        WrongMessageType: the effort is zero in every sample.
+        WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample.
         TorqueScale: far beyond the rating.
     """
     low, highest = extremes(log.tau)
@@ -230,6 +230,14 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             "effort is 0 in every sample of every joint",
             where=log.topic,
             fix="make the driver publish the joint torques",
+        )
+    moves = np.subtract(*extremes(log.q)[::-1]) > per_joint(STILL_SPAN, robot)
+    silent = [joint.name for joint, is_silent in zip(robot.joints, moves & (largest == 0), strict=True) if is_silent]
+    if silent:
+        raise WrongMessageType(
+            f"effort is 0 in every sample of {', '.join(silent)}, which moves",
+            where=log.topic,
+            fix="make the driver publish the torques of all joints",
         )
     if in_amperes(log, robot) and log.tau_unit == "A":
         return

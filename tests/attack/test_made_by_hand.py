@@ -1,0 +1,116 @@
+"""Broken inputs that somebody thought of: each once went wrong, and is answered with the message beside it."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from forked import contents, faults, run
+from inputs import BATCH, PLAN, ROBOT, URDF, motion
+
+LOG = motion(3)
+RING = "".join(
+    f"<link name='{a}'/><joint name='to_{a}' type='revolute'><parent link='{b}'/><child link='{a}'/></joint>"
+    for a, b in ("ab", "ba")
+)
+
+
+def sparse(path: Path) -> None:
+    """A file of 1 GB that takes no room."""
+    with path.open("wb") as stream:
+        stream.truncate(1 << 30)
+
+
+def silent(path: Path) -> None:
+    """A log in which one joint moves and says that it needs no torque."""
+    tau = LOG.tau.copy()
+    tau[:, 1] = 0
+    replace(LOG, tau=tau).save(path)
+
+
+def poses(count: int) -> str:
+    return "\n".join(f"{k % 3 * 0.1},{k % 5 * 0.1}" for k in range(count))
+
+
+#: What is wrong: file, content or what makes it, command, status, part of the message.
+CASES = {
+    "a million columns": ("log.csv", "t," + ",".join(f"q_{k}" for k in range(10**6)), "check log.csv --robot arm.yaml", 3, "one line of a text log"),
+    "a line of 1 GB": ("log.csv", sparse, "check log.csv --robot arm.yaml", 3, "one line of a text log"),
+    "a megabyte of aliases": ("arm.yaml", ROBOT + "effects: [&w {effect: x}, " + "*w, " * 300_000 + "]", "check arm.yaml", 3, "bytes for a YAML"),
+    "aliases that double forty times": ("arm.yaml", ROBOT + "x0: &x0 [a, a]\n" + "".join(f"x{k}: &x{k} [*x{k - 1}, *x{k - 1}]\n" for k in range(1, 40)), "check arm.yaml", 3, "unknown key 'x0'"),
+    "a number of 5000 digits": ("arm.yaml", ROBOT.replace("0.4", "9" * 5000, 1), "check arm.yaml", 3, "not finite"),
+    "a length of 1e-300 m": ("arm.yaml", ROBOT.replace("a: 0.4", "a: 1.0e-300"), "model arm.yaml --out out", 3, "nothing that can be measured"),
+    "UTF-16": ("arm.yaml", ROBOT.encode("utf-16"), "check arm.yaml", 3, "not a text file"),
+    "90 000 waypoints": ("way.csv", poses(90_000), "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "90 000 waypoints"),
+    "waypoints 1e-12 s apart": ("plan.yaml", PLAN.replace("[0, 2, 4]", "[0, 1.0e-12, 4]"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "0.001 s after"),
+    "a motion of 1e302 s": ("plan.yaml", PLAN.replace("alpha: 0.3", "alpha: 1.0e-29"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "samples of a log"),
+    "5000 jobs": ("batch.yaml", "defaults: {robot: arm.yaml}\njobs:\n" + "".join(f"- {{name: j{k}, logs: [x]}}\n" for k in range(5000)), "run batch.yaml --out out", 3, "5 000 jobs"),
+    "a log called --force": ("batch.yaml", BATCH.replace("log.csv", "--force"), "run batch.yaml --out out", 3, "no such file"),
+    "a joint that needs no torque": ("log.npz", silent, "identify arm.yaml log.npz --out out", 3, "effort is 0 in every sample of elbow"),
+    "a ring of links": ("arm.urdf", URDF.replace("</robot>", RING + "</robot>"), "import arm.urdf --tip a --out out/a.yaml", 3, "hangs on itself"),
+    "300 000 elements inside each other": ("arm.urdf", "<a>" * 300_000, "import arm.urdf --out out/a.yaml", 3, "not XML"),
+    "entities that multiply": ("arm.urdf", "<!DOCTYPE r [<!ENTITY a 'lol'>" + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefghi", "bcdefghij", strict=True)) + "]><robot>&j;</robot>", "import arm.urdf --out out/a.yaml", 3, "not XML"),
+    "a pipe": ("log.npz", os.mkfifo, "identify arm.yaml log.npz --out out", 3, "no regular file"),
+    "an output that is a pipe": ("pipe.csv", os.mkfifo, "convert log.npz --to pipe.csv", 6, "no regular file"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_broken_input_is_answered_with_its_message(case, originals, tmp_path):
+    name, content, command, status, message = CASES[case]
+    folder = tmp_path / "work"
+    shutil.copytree(originals, folder)
+    path = folder / name
+    path.unlink(missing_ok=True)
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    before = contents(folder)
+    ended = run([*command.split(), "--no-input", "--force"], folder)
+    assert faults(ended, folder, before) == []
+    assert ended.status == status, ended
+    assert message in ended.err + ended.out
+
+
+def no_folder() -> None:
+    os.chdir(gone := tempfile.mkdtemp())
+    Path(gone).rmdir()
+
+
+#: Environments: what is changed, command, statuses.
+ENVIRONMENTS = {
+    "the folder is gone": (no_folder, "doctor", {6}),
+    "no home": (lambda: os.environ.pop("HOME"), "model arm.yaml --out out", {0}),
+    "a home that is full": (lambda: os.environ.update(HOME="/dev/full"), "model arm.yaml --out out --rebuild", {0}),
+    "no folder for temporary files": (lambda: os.environ.update(TMPDIR="/nowhere"), "convert log.npz --to out/x.mcap", {0, 6}),
+    "an address that is none": (lambda: os.environ.update(ROS_MASTER_URI="http://[::bad"), "doctor", {0}),
+    "a locale that nobody has": (lambda: os.environ.update(LC_ALL="xx_YY.bogus"), "check arm.yaml", {0}),
+    "an option that is no text": (lambda: os.environ.update(DYNID_OUT="\udcff", DYNID_LIMIT="samples=1"), "check log.csv --robot arm.yaml", {2, 3}),
+    "twelve open files": (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (12, 12)), "identify arm.yaml log.npz --out out", {0, 6}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ENVIRONMENTS)
+def test_a_strange_environment_is_no_crash(case, originals, tmp_path):
+    prepare, command, statuses = ENVIRONMENTS[case]
+    shutil.copytree(originals, tmp_path / "work")
+    ended = run(
+        [*command.split(), *([] if command == "doctor" else ["--no-input", "--force"])],
+        tmp_path / "work",
+        prepare=prepare,
+    )
+    assert ended.status in statuses, ended
+    assert "internal error" not in ended.err
+
+
+@pytest.mark.parametrize("columns", ["²", "9" * 5000, "-5", "0", "x"])
+def test_a_width_of_the_terminal_that_is_no_number_is_passed_over(columns, originals, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    shutil.copytree(originals, tmp_path / "work")
+    assert run(["compare", "out/parameters.npz"], tmp_path / "work").status == 0
