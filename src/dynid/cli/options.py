@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.settings import load_settings
+from dynid.errors import WrongUsage
 from dynid.limits import raised, read_limits
 
 if TYPE_CHECKING:
@@ -93,6 +94,12 @@ def _checked_limits(ctx: click.Context, param: click.Parameter, value: tuple[str
 def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Read the configuration files, whose values become this command's defaults."""
     settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command), COMMON_NAMES)
+    for option in ctx.command.params:
+        name = option.name or ""
+        if isinstance(settings.values.get(name), list) and not option.multiple and option.nargs == 1:
+            raise WrongUsage(
+                f"{settings.places[name]}: {name} takes one value, not a list", where=settings.places[name]
+            )
     ctx.default_map = settings.values
     ctx.meta["dynid.places"] = settings.places
     return value

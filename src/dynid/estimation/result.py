@@ -52,6 +52,8 @@ Floats = NDArray[np.float64]
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
 
+#: Size of a parameter beyond which a file was changed by somebody.
+LARGEST = 1e30
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: Attributes that are stored as arrays, and those that are stored as they are.
@@ -564,6 +566,8 @@ def _check(found: Identification) -> None:
     }.items():
         if np.any(np.isnan(values)) or (name != "covariance" and not np.all(np.isfinite(values))):
             raise ValueError(f"'{name}' holds values that are no numbers")
+        if name != "covariance" and np.any(np.abs(values) > LARGEST):
+            raise ValueError(f"'{name}' holds values that no body has")
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:

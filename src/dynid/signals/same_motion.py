@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
+
 Floats = NDArray[np.float64]
 
 #: Rate at which positions are compared [Hz].
@@ -31,6 +33,7 @@ def sampled(t: Floats, q: Floats, rate: float = RATE) -> Floats:
         q: positions, (N, n) [rad or m].
         rate: [Hz].
     """
+    limits.check("samples", (t[-1] - t[0]) * rate, "a log")
     grid = np.arange(t[0], t[-1], 1.0 / rate)
     return np.column_stack([np.interp(grid, t, column) for column in q.T])
 
