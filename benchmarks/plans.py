@@ -25,8 +25,7 @@ from dynid.files.robotfile import known_robots, load_robot
 from dynid.robot import Robot
 from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
-from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.planning import basis_of, plan_problem, planning_context
+from dynid.trajectory.planning import plan_problem, planning_context, proposals
 from dynid.trajectory.predict import predict
 from dynid.trajectory.preview import Drawing
 from dynid.workflows.model import base_model
@@ -54,9 +53,10 @@ def unhindered(robot: Robot, options: PlanOptions) -> float:
     base = base_model(robot)
     context = planning_context(base, options)
     problem = replace(plan_problem(context), penalties=(), limits=context.limits)
-    basis = basis_of(options)
-    for one in optimise(problem, options).candidates:
-        trajectory = Trajectory(basis, one.coefficients, options.alpha)
+    found = optimise(problem, options)
+    # Why: torque limits hold for both; where a penalty was not quite obeyed the motion is drawn in a little.
+    for one in proposals(context, found):
+        trajectory = one.trajectory
         if not context.check(trajectory).violations:
             motion = trajectory.sampled(options.rate)
             return predict(base.model, base.reduction.base, motion, context.noise, context.other).torque_error

@@ -188,8 +188,11 @@ class World:
             least[i] = [self._distance(pair) for pair in (*links, *things)]
         usual = (least[:, : len(links)] <= job["near"]).mean(axis=0) >= USUAL
         deepest = np.minimum(least.min(axis=0) - DEEPER, job["self"])
+        # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
+        built = usual | (least[:, : len(links)].min(axis=0) > DEEPER)
         watched = [
-            replace(pair, wanted=float(deepest[i]), usual=True) if usual[i] else pair for i, pair in enumerate(links)
+            replace(pair, wanted=float(deepest[i]), usual=bool(usual[i])) if built[i] else pair
+            for i, pair in enumerate(links)
         ]
         # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
         fixed = np.all(least[:, len(links) :] <= 0, axis=0).tolist()

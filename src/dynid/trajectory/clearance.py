@@ -21,7 +21,7 @@ from dynid.trajectory.segments import nearest_of_segments, segment_to_box
 Floats = NDArray[np.float64]
 
 #: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
-POSES = 300
+POSES = 2000
 #: Links that are near in more than this share of random poses meet in a joint, whose limits keep them apart.
 USUAL = 0.2
 #: Such links are watched too: they come no deeper into each other than in all but this share of random poses ...
@@ -30,6 +30,8 @@ DEEP = 0.05
 ROUNDING = 1e-3
 #: An arm that is built lower than the wanted distance need only stay this much below what its best pose reaches [m].
 BUILT = 1e-3
+#: A capsule is longer than its cylinder at both ends: capsules may come to this share of the wanted distance.
+NEARER = 0.75
 #: The search keeps this much more than the wanted distance, because a penalty is never quite obeyed [m].
 SPARE = 0.01
 #: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
@@ -88,9 +90,13 @@ class Capsules:
         points = self.ends(self._random_poses())[0]
         distance = self._pairs(points)[0]
         near = (distance < self.scene.self_distance).mean(axis=0) >= USUAL
-        usual = np.quantile(distance, DEEP, axis=0) - ROUNDING if near.size else np.zeros(0)
+        usual, least = np.quantile(distance, DEEP, axis=0) - ROUNDING, distance.min(axis=0) - ROUNDING
+        # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
+        wanted = np.where(near, usual, np.where(least > 0, least, np.inf))
         #: Distance that each pair of links is wanted to keep [m].
-        self._wanted = np.where(near, np.minimum(usual, self.scene.self_distance), self.scene.self_distance)
+        self._wanted = np.minimum(wanted, NEARER * self.scene.self_distance)
+        #: Whether a pair is near in usual poses.
+        self._usual = near
         #: Pairs of links that are near in usual poses as capsules of the guessed thickness.
         self.left_out = tuple(self._pair(k) for k in np.flatnonzero(near).tolist())
         floor = -np.inf if self.scene.floor is None else self.scene.floor
@@ -157,7 +163,7 @@ class Capsules:
                 moment[:, i] += np.cross(where[:, k], by[:, k])
 
         distance, here, there = self._pairs(points)
-        total, slope = _charge(distance, self._wanted + SPARE * (self._wanted == scene.self_distance))
+        total, slope = _charge(distance, np.where(self._usual, self._wanted, self._wanted + SPARE))
         apart = here - there
         way = slope[..., None] * apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
         push(self._first, here, way)
@@ -213,7 +219,7 @@ class Capsules:
         points, frames = self.ends(q)
         found = []
         distance = self._pairs(points)[0]
-        usual = self._wanted < self.scene.self_distance
+        usual = self._usual
         # Why: links that always overlap are watched too, but the closest pair is that of the others.
         groups = [[k] for k in np.flatnonzero(usual)] + ([np.flatnonzero(~usual)] if not usual.all() else [])
         for pairs in groups:
