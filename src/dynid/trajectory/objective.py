@@ -7,7 +7,7 @@ the motion that joins them (docs/explanation/paper-map.md, Eq. 14).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -45,6 +45,7 @@ class PlanProblem:
         torque: prior values of ``columns``, for the torque limits, (p,); None to leave torques out.
         penalties: obstacles.
         samples: samples along the path.
+        narrow: limits of every other start, from the second on; those of the first when None.
     """
 
     model: Model
@@ -58,6 +59,11 @@ class PlanProblem:
     torque: Floats | None = None
     penalties: Sequence[Penalty] = ()
     samples: int = 200
+    narrow: Bounds | None = None
+
+    def of_start(self, start: int) -> PlanProblem:
+        """Return the problem as a start of the search sees it."""
+        return self if self.narrow is None or start % 2 == 0 else replace(self, limits=self.narrow)
 
 
 def information(problem: PlanProblem, W: Floats) -> Floats:

@@ -143,10 +143,10 @@ def optimise(
             ended = "interrupt"
     if search.replay is not None:
         _require_met(search.replay, best)
-    shaping = Shaping(problem.basis, problem.limits, np.zeros(1))
-    found = [
-        MotionCandidate(met.value, shaping.coefficients(met.x), start, met.evaluation) for start, met in best.items()
-    ]
+    found = []
+    for start, met in best.items():
+        shaping = Shaping(problem.basis, problem.of_start(start).limits, np.zeros(1))
+        found.append(MotionCandidate(met.value, shaping.coefficients(met.x), start, met.evaluation))
     return SearchOutcome(tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended)
 
 
@@ -226,15 +226,16 @@ def _work(problem: PlanProblem, search: PlanOptions, first: int, step: int, repo
     """Search from the starts of every ``step``-th lane and report the best so far of each."""
     children.end_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    objective = ExcitationObjective(problem)
     if search.replay is not None:
         start, last = search.replay
+        objective = ExcitationObjective(problem.of_start(start))
         reports.put((start, descend(objective, start_variables(objective, search.seed, start), last=last)))
         return
     best = np.full(LANES, np.inf)
     for start in range(search.restarts):
         lane = start % LANES
         if lane % step == first:
+            objective = ExcitationObjective(problem.of_start(start))
             x = start_variables(objective, search.seed, start)
             best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, reports)).value)
             reports.put((start, None))

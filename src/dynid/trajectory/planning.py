@@ -61,6 +61,8 @@ ROOMY, ROOMY_POSES, NARROW = 0.5, 200, 0.4
 MIDDLES, SIXTH = 100, np.pi / 3
 #: Time for what comes after the search: this share of the whole, and this much at most [s].
 REST_SHARE, REST = 0.4, 14.0
+#: Values of each joint that must be passable, in which share of poses, and the poses in all of them.
+SLICES, PASSED, SLICED_POSES = 36, 0.04, 4000
 #: Random motions among which one is taken without a search.
 RANDOM_STARTS = 20
 
@@ -151,11 +153,17 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
         penalties=(context.capsules,),
         samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
+        narrow=roomy_limits(context, passable=True),
     )
 
 
-def roomy_limits(context: PlanningContext) -> Bounds:
-    """Return the limits for the search, narrowed to where the arm is often clear.
+def roomy_limits(context: PlanningContext, *, passable: bool = False) -> Bounds:
+    """Return the limits for a start of the search, narrowed to where the arm is often clear.
+
+    Args:
+        context: the arm and what is wanted.
+        passable: whether to narrow further, until every value of a joint can be passed; such a range is safe, and a
+            wider one may hold a better motion that never reaches its ends.
 
     Every motion of the search reaches a limit of each joint. An arm whose joints all turn twice would sweep through
     itself and the floor all the time; so the range of the joint that helps most is narrowed until half the poses are
@@ -166,8 +174,10 @@ def roomy_limits(context: PlanningContext) -> Bounds:
     unit = rng.uniform(-1, 1, (ROOMY_POSES, len(limits.lower)))
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
     share = float(capsules.keeps_clear(middle + unit * half).mean())
-    if share >= ROOMY and half.max() <= np.pi:
+    if share >= ROOMY and half.max() <= np.pi and not passable:
         return limits
+    if share >= ROOMY and half.max() <= np.pi:
+        return _around(limits, middle, _passable(capsules, middle, half))
     half = np.minimum(half, np.pi)
     around = unit * np.minimum(half, SIXTH)
     middles = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (MIDDLES, len(half)))
@@ -180,7 +190,29 @@ def roomy_limits(context: PlanningContext) -> Bounds:
             tried.append((float(capsules.keeps_clear(middle + unit * less).mean()), j))
         share, j = max(tried)
         half[j] *= 0.8
+    return _around(limits, middle, _passable(capsules, middle, half) if passable else half)
+
+
+def _around(limits: Bounds, middle: Floats, half: Floats) -> Bounds:
     return replace(limits, lower=np.maximum(middle - half, limits.lower), upper=np.minimum(middle + half, limits.upper))
+
+
+def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
+    """Return half ranges, (n,), in which no joint has to pass a value at which the arm is hardly ever clear.
+
+    A motion that reaches both ends of a joint's range passes all values between: through an elbow folded onto itself.
+    """
+    unit = np.random.default_rng(1).uniform(-1, 1, (SLICED_POSES, len(half)))
+    slices = np.minimum(((unit + 1) / 2 * SLICES).astype(int), SLICES - 1)
+    half = half.copy()
+    while half.max() > NARROW:
+        clear = capsules.keeps_clear(middle + unit * half)
+        least = np.array([min(clear[at == k].mean() for k in range(SLICES)) for at in slices.T])
+        worst = int(np.argmin(np.where(half > NARROW, least, np.inf)))
+        if least[worst] >= PASSED:
+            break
+        half[worst] *= 0.8
+    return half
 
 
 @dataclass(frozen=True)
