@@ -1,0 +1,169 @@
+"""Check, identify, validate and search ROS 1 bags of minutes and hours at 1 kHz; print processor time and peak memory.
+
+    python benchmarks/long_logs.py [--seconds 60 600 3600]
+
+The arm is the bundled KUKA LWR4+ with positions, velocities and torques of seven joints (305 bytes a message). The motion
+is a sum of sines with torques of random bodies and noise: it is here for its length, not for accuracy. The bags are
+written chunk by chunk with their index, as a recorder writes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "src")]
+from arms import random_bodies  # noqa: E402
+
+from dynid.files.robotfile import load_robot  # noqa: E402
+from dynid.model import build_model  # noqa: E402
+
+ROBOT, RATE, START = "kuka_lwr4plus", 1000.0, 1_460_000_000 * 10**9
+#: Messages of a chunk, and samples that are made at once.
+CHUNK, BLOCK = 2000, 50_000
+
+
+# ---------------------------------------------------------------- the motion
+class Motion:
+    """Sums of five sines a joint, torques of random bodies, and noise of encoders and torque sensors."""
+
+    def __init__(self, robot):
+        random = np.random.default_rng(1)
+        model = build_model(robot)
+        rigid = np.concatenate([np.append(body.parameters(), 0.1) for body in random_bodies(random, robot.n)])
+        self.gamma = np.concatenate([rigid, random.uniform(0.2, 1.0, model.size - len(rigid))])
+        self.observer, self.noise = model.observer(), np.random.default_rng(2)
+        self.waves = np.random.default_rng(0).uniform([0.05, 0.0, 0.4], [0.8, 2 * np.pi, 1.0], (robot.n, 5, 3))
+
+    def at(self, t):
+        """Return measured positions, velocities and torques, (N, n) each."""
+        w, phase, a = (2 * np.pi * self.waves[..., 0], self.waves[..., 1], self.waves[..., 2])
+        a = a * np.minimum(0.25, 0.5 / w)
+        angle = t[:, None, None] * w + phase
+        q, qd, qdd = ((f(angle) * s).sum(axis=2) for f, s in ((np.sin, a), (np.cos, a * w), (np.sin, -a * w**2)))
+        tau = self.observer.torque(self.gamma, q, qd, qdd)
+        return tuple(x + size * self.noise.standard_normal(q.shape) for x, size in ((q, 2e-6), (qd, 1e-3), (tau, 0.05)))
+
+
+# ---------------------------------------------------------------- the bag
+def fields(**values):
+    return b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in values.items())
+
+
+def record(header, data):
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def number(value, size="I"):
+    return struct.pack(f"<{size}", value)
+
+
+def message(names):
+    """Return a JointState with zeros for its numbers, and where its three arrays begin."""
+    content = bytes(16) + number(len(names)) + b"".join(number(len(name)) + name.encode() for name in names)
+    places = []
+    for _ in range(3):
+        content += number(len(names))
+        places.append(len(content))
+        content += bytes(8 * len(names))
+    return content, places
+
+
+def write_bag(path, robot, seconds):
+    motion, names = Motion(robot), robot.log_names
+    definition, md5 = get_typestore(Stores.ROS1_NOETIC).generate_msgdef("sensor_msgs/msg/JointState", ros_version=1)
+    topic = robot.driver.topic.encode()
+    facts = fields(
+        topic=topic, type=b"sensor_msgs/JointState", md5sum=md5.encode(), message_definition=definition.encode()
+    )
+    connection = record(fields(op=b"\x07", conn=number(0), topic=topic), facts)
+    content, places = message(names)
+    header = fields(op=b"\x02", conn=number(0), time=bytes(8))
+    alike = record(header, content)
+    time, body, infos = alike.index(b"time=") + 5, 8 + len(header), []
+
+    def bag_header(place):
+        said = fields(op=b"\x03", index_pos=number(place, "Q"), conn_count=number(1), chunk_count=number(len(infos)))
+        return record(said, b" " * (4096 - 8 - len(said)))
+
+    with path.open("wb") as stream:
+        stream.write(b"#ROSBAG V2.0\n" + bag_header(0))
+        for first in range(0, round(seconds * RATE), BLOCK):
+            index = np.arange(first, min(first + BLOCK, round(seconds * RATE)))
+            numbers, ns = motion.at(index / RATE), START + np.round(index * 1e9 / RATE).astype(np.int64)
+            stamps = np.column_stack(np.divmod(ns, 10**9)).astype("<u4")
+            for at in range(0, len(index), CHUNK):
+                part = slice(at, at + CHUNK)
+                some = stamps[part]
+                table = np.tile(np.frombuffer(alike, np.uint8), (len(some), 1))
+                table[:, time : time + 8] = table[:, body + 4 : body + 12] = some.view(np.uint8)
+                for place, x in zip(places, numbers, strict=True):
+                    table[:, body + place : body + place + 8 * len(names)] = np.ascontiguousarray(x[part]).view(
+                        np.uint8
+                    )
+                data, place = (b"" if infos else connection) + table.tobytes(), stream.tell()
+                stream.write(record(fields(op=b"\x05", compression=b"none", size=number(len(data))), data))
+                offsets = (len(data) - table.size + np.arange(len(some)) * len(alike)).astype("<u4")
+                entries = np.column_stack([some, offsets]).astype("<u4").tobytes()
+                stream.write(
+                    record(fields(op=b"\x04", ver=number(1), conn=number(0), count=number(len(some))), entries)
+                )
+                infos.append((place, some[0].tobytes(), some[-1].tobytes(), len(some)))
+        end = stream.tell()
+        stream.write(connection)
+        for place, begin, last, count in infos:
+            said = fields(
+                op=b"\x06",
+                ver=number(1),
+                chunk_pos=number(place, "Q"),
+                start_time=begin,
+                end_time=last,
+                count=number(1),
+            )
+            stream.write(record(said, number(0) + number(count)))
+        stream.seek(13)
+        stream.write(bag_header(end))
+
+
+# ---------------------------------------------------------------- the commands
+def measured(folder, *words):
+    """Run dynid; return processor time [s] and peak memory [MB]."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    child = subprocess.Popen([sys.executable, "-m", "dynid", *words], cwd=folder, env=environment, **quiet)
+    _, status, usage = os.wait4(child.pid, 0)
+    if status:
+        raise SystemExit(f"dynid {' '.join(words)} failed")
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seconds", type=int, nargs="+", default=[60, 600, 3600])
+    robot = load_robot(ROBOT)
+    print("| bag at 1 kHz | check | identify | validate | gap |\n| --- | --- | --- | --- | --- |")
+    for seconds in parser.parse_args().seconds:
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder) / "log.bag"
+            write_bag(bag, robot, seconds)
+            runs = (
+                ("check", ROBOT, "log.bag"),
+                ("identify", ROBOT, "log.bag", "-o", "out"),
+                ("validate", "out/parameters.npz", "log.bag", "--allow-training-data"),
+                ("gap", "out/parameters.npz", "log.bag", "--no-apply"),
+            )
+            cells = [f"{took:.1f} s, {memory:.0f} MB" for took, memory in (measured(folder, *words) for words in runs)]
+            print(f"| {seconds} s, {bag.stat().st_size / 1e6:.0f} MB | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
