@@ -12,7 +12,7 @@ from dynid.gap.formulas import Wording, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
-from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem, problem_of_arm
+from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
 from dynid.gap.refit import (
     GROWN,
     HeldOutImprovement,
@@ -23,7 +23,7 @@ from dynid.gap.refit import (
     refit,
     with_columns,
 )
-from dynid.gap.search import EffectSearch, search_effects, without
+from dynid.gap.search import EffectSearch, judged_search, search_effects, without
 from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.significance import Key
@@ -104,9 +104,9 @@ def analyse_gap(
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
     problem = problem_of_arm(logs, base) if arm else make_problem(logs, base, kept, earlier)
-    if possible and kept is None and not arm:
-        problem = judged_by_possible(problem)
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
+    if possible and kept is None and not arm:
+        search = judged_search(search)
     found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())

@@ -200,13 +200,16 @@ def make_problem(
     return with_noise(found, noise, residuals)
 
 
-def judged_by_possible(problem: GapProblem) -> GapProblem:
+def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapProblem:
     """Return a problem whose held-out rows are judged by the best possible arm beside the effects.
 
     A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
     with.
+
+    Args:
+        problem: the problem.
+        residuals: what is left beside what was found, one (M, n) per segment: so uncertain are the rows.
     """
-    residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
     level = _rms(problem.segments, residuals, problem.train)
     return replace(problem, in_force=with_misfit(problem.noise, problem.segments, residuals, level))
 

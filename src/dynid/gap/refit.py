@@ -314,8 +314,8 @@ def held_out_improvement(
         effects: what it found.
     """
     # Why the same noise: it weighs the joints, and another weight is another fit.
-    before = _held_residuals(replace(first, noise=search.problem.noise), [], first.in_force)
-    after = _held_residuals(search.problem, with_columns(effects), first.in_force)
+    before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
+    after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)

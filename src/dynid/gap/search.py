@@ -13,6 +13,7 @@ from dynid.gap.problem import (
     GapProblem,
     KeptModel,
     held_near_possible,
+    judged_by_possible,
     make_problem,
     nuisance_columns,
     problem_of_arm,
@@ -100,7 +101,6 @@ def search_effects(
             delay_test = delay_test or late
             shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
             problem = problem_of_arm(shifted, base) if first.arm else make_problem(shifted, base, kept, earlier)
-            problem = replace(problem, in_force=first.in_force)
             continue
         floor = problem.noise.floor
         problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)
@@ -142,7 +142,12 @@ def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) ->
     """
     selected = [one for one in search.selected if one.key != dropped.key]
     if dropped.name == "torque_delay":
-        search = replace(search, problem=replace(first, noise=search.problem.noise), delay=0.0, delay_test=None)
+        search = replace(
+            search,
+            problem=replace(first, noise=search.problem.noise, in_force=search.problem.in_force),
+            delay=0.0,
+            delay_test=None,
+        )
     bare = search.problem.regression()
     problem = held_near_possible(search.problem, with_selected(bare, selected))
     after, between = chi_squares(with_selected(problem.regression(), selected))
@@ -160,7 +165,23 @@ def with_noise_beside(
     """
     if problem.arm is not None or (not problem.matched and not (problem.noise.repeats and selected)):
         return problem
+    residuals = residuals_beside(problem, regression, selected)
+    return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)
+
+
+def residuals_beside(
+    problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+) -> list[Floats]:
+    """Return what the model and the effects of a regression leave of all rows, one (M, n) per segment [N m or N]."""
     residuals = torque_residuals(regression, problem.segments, [nuisance_columns(s) for s in problem.segments])
     for k, s in enumerate(regression.segments):
         residuals[k] -= torque_in_rows(s, selected, regression.amplitudes).T
-    return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)
+    return residuals
+
+
+def judged_search(search: EffectSearch) -> EffectSearch:
+    """Return a search whose held-out rows are judged by the best possible arm."""
+    problem = search.problem
+    regression = with_selected(problem.regression(), search.selected)
+    residuals = residuals_beside(problem, regression, search.selected)
+    return replace(search, problem=judged_by_possible(problem, residuals))

@@ -6,9 +6,8 @@ import pytest
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.formulas import held_out_effect
-from dynid.gap.problem import judged_by_possible
 from dynid.gap.refit import held_out_improvement, refit
-from dynid.gap.search import search_effects
+from dynid.gap.search import judged_search, search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 
 OFFSET = 0.12
@@ -127,7 +126,7 @@ def test_held_out_rows_are_judged_by_the_best_possible_arm_where_that_is_in_forc
     """With the offset the arm is possible, and both judges agree; without it, links of no arm hide part of it."""
     effects, _ = refit(offset)
     plain = held_out_improvement(offset.problem, offset, effects)
-    judged = held_out_improvement(judged_by_possible(offset.problem), offset, effects)
+    judged = held_out_improvement(offset.problem, judged_search(offset), effects)
     np.testing.assert_allclose(judged.after, plain.after, rtol=0.03)
     assert judged.before[1] > plain.before[1]
     assert judged.ratio[1, 1] < 0.9
