@@ -389,8 +389,8 @@ def _settings(dashboard: bool) -> dict[str, Any]:
         "distributed.worker.memory.monitor-interval": "500ms",
         "distributed.admin.tick.interval": "500ms",
         "distributed.admin.system-monitor.interval": "5s",
+        # Why without Dask's limit for giving memory back to the system: arrays then cost a third more processor.
         "distributed.nanny.pre-spawn-environ": {
-            "MALLOC_TRIM_THRESHOLD_": 65536,
             **{f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL")},
             "PYTHONSAFEPATH": variables()["PYTHONSAFEPATH"],
         },
