@@ -1,7 +1,7 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time, the exact ones alone, and run up to three times, because a busy machine may not let them
-# make attack  5000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
+# make attack  10000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 10 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors

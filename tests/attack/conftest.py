@@ -11,7 +11,7 @@ from forked import load, run
 
 def inputs_wanted(usual: int) -> int:
     """Return how many inputs of a kind are tried: a few with ``make test``, all with ``make attack``."""
-    return max(1, round(usual * float(os.environ.get("ATTACK_SHARE", "0.03"))))
+    return max(1, round(usual * float(os.environ.get("ATTACK_SHARE", "0.015"))))
 
 
 def first_seed() -> int:

@@ -70,9 +70,13 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
                 np.all(np.isfinite(part)) for part in (segment.t, segment.q, segment.qd, segment.qdd, segment.tau)
             ):
                 raise ValueError("it holds values that are no numbers")
+            if not np.all(np.diff(segment.t) > 0):
+                raise ValueError("its times do not rise")
         logs = []
         for k, s in enumerate(h["sources"]):
             chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
+            if not (chosen.rate > 0 and chosen.cutoff > 0 and chosen.first_step > 0 and chosen.second_step > 0):
+                raise ValueError("its filter has no rate")
             logs.append(
                 ConditionedLog(
                     [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
