@@ -106,7 +106,7 @@ def analyse_gap(
     problem = problem_of_arm(logs, base) if arm else make_problem(logs, base, kept, earlier)
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
     if possible and kept is None and not arm:
-        search = judged_search(search)
+        search = replace(search, problem=judged_search(replace(search, selected=[])).problem)
     found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())

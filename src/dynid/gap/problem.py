@@ -208,7 +208,7 @@ def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapP
 
     Args:
         problem: the problem.
-        residuals: what is left beside what was found, one (M, n) per segment: so uncertain are the rows.
+        residuals: what the model leaves, one (M, n) per segment: so uncertain are the rows.
     """
     level = _rms(problem.segments, residuals, problem.train)
     return replace(problem, in_force=with_misfit(problem.noise, problem.segments, residuals, level))
