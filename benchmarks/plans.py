@@ -110,6 +110,7 @@ def table(rows: dict[str, dict[str, object]]) -> str:
     """Return the page of all arms."""
     slow = [name for name, row in rows.items() if row["processor"] > BUDGET]  # type: ignore[operator]
     held = [n for n, r in rows.items() if "error" in r and r["error"] <= WANTED * r["unhindered"]]  # type: ignore[operator]
+    missing = ", ".join(name for name in known_robots() if name not in rows)
     intro = (__doc__ or "").split("\n\n")[0]
     return "\n".join(
         [
@@ -119,6 +120,7 @@ def table(rows: dict[str, dict[str, object]]) -> str:
             "",
             f"{len(held)} of {len(rows)} within {WANTED:g} times the error without obstacles; "
             f"more than {BUDGET:g} s of processor: {', '.join(slow) or 'none'}. "
+            f"Two starts instead of the default five. {f'Not measured yet: {missing}. ' if missing else ''}"
             f"{platform.machine()}, Python {platform.python_version()}.",
             "",
             HEADER,
