@@ -450,7 +450,7 @@ DRIVER = (
     Key("joint_names", per_joint(TEXT), "names of the joints", "Names of the log's columns in chain order."),
     Key("sign", SIMULATOR[0].kind, "1", "Direction of each joint: q_dh = sign * q_log + offset, "
         "tau_dh = sign * tau_log."),
-    Key("torque_sign", SIMULATOR[0].kind, "1", "-1 where the log's torque is reversed against its position, such as "
+    Key("torque_sign", SIMULATOR[0].kind, "1", "Direction of the torque against that of the position, -1 such as for "
         "torques that the arm feels instead of those it makes: tau_dh = sign * torque_sign * tau_log."),
     Key("offset", SIMULATOR[1].kind, "0", "Offset of each joint: q_dh = sign * q_log + offset.", _JOINT_UNIT),
     Key("units", Kind("mapping", _units, UNITS), "rad, rad/s, Nm", "Units of the log's columns; those that a log "

@@ -85,8 +85,10 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
 
 def same_rows(x: Floats) -> NDArray[np.bool_]:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
+    # Why the empty one: a log of one sample has none before it.
     return np.concatenate([
-        np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1) for part in spans(len(x) - 1)
+        np.zeros(0, dtype=bool),
+        *(np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1) for part in spans(len(x) - 1)),
     ])  # fmt: skip
 
 
