@@ -157,9 +157,9 @@ def test_search_that_the_time_ended_says_how_to_make_its_plan_again_and_that_mak
 
 
 def test_person_is_asked_and_no_plans_another_motion(dynid):
-    done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "y\n"])
+    done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "seed 3\n", "y\n"])
     assert done.status == 0, done.err
-    assert "planning another motion, seed 1" in done.err
+    assert "alpha 0.2, seed 3" in done.err
     assert "reviewed: accepted unseen" in done.err
 
 
