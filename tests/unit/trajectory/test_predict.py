@@ -74,15 +74,16 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
         part[:, 4:] = 0.0  # the earlier log, long and good, left the wrist still
     known = 1000 * information_of(lwr.model, columns, moved, noise)[1]
     basis, limit = Quintic.even(5.0, 3), bounds(lwr.robot, 0.1)
-    both = []
-    for knowledge in (known, None):
-        problem = PlanProblem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
-        objective = ExcitationObjective(problem)
-        met = descend(objective, start_variables(objective, 0, 0), last=120)
-        plan = Trajectory(basis, objective.shaping.coefficients(met.x))
-        both.append(predict(lwr.model, columns, plan.sampled(100), noise, other, known))
-    aware, unaware = both
-    assert aware.torque_error < 0.95 * unaware.torque_error
+    # Why four starts: a single descent ends in one of many valleys, and which depends on rounding.
+    aware, unaware = [], []
+    for start in range(4):
+        for knowledge, errors in ((known, aware), (None, unaware)):
+            problem = PlanProblem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
+            objective = ExcitationObjective(problem)
+            met = descend(objective, start_variables(objective, start, 0), last=120)
+            plan = Trajectory(basis, objective.shaping.coefficients(met.x))
+            errors.append(predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error)
+    assert np.mean(aware) < 0.95 * np.mean(unaware)
 
 
 def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
