@@ -19,7 +19,7 @@ from dynid.sim.plant import read_plant
 KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"
 TRUTH = {KINOVA: "kinova_gen2_truth.yaml", LWR: "lwr4plus_truth.yaml"}
 #: Two searched motions, each with another seed: one to identify from, one to predict.
-PLAN = ("--duration", "10", "--segments", "6", "--seconds", "2", "--restarts", "1", "--alpha", "1")
+PLAN = ("--duration", "10", "--segments", "6", "--seconds", "20", "--restarts", "1", "--alpha", "1")
 
 
 def done(child):
