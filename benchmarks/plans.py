@@ -2,7 +2,7 @@
 
 Run: python benchmarks/plans.py            the arms that benchmarks/plans.json lacks, then plans.md
      python benchmarks/plans.py ur10 ...   these arms anew
-Each arm gets what ``dynid trajectory ARM --alpha 1 --restarts 2 --preview picture`` gives, checks included; the default is five
+Each arm gets what ``dynid trajectory ARM --alpha 1 --preview picture`` gives, checks included; it makes five
 starts. 60 s of two cores are 120 s of processor time, which depends little on what else the machine does. Then one start searches for
 the same arm without floor, with links that may pass through each other, in its whole range. Compared is the expected rms
 torque error on other motions, the same motions and noise for both.
@@ -34,7 +34,7 @@ from dynid.workflows.trajectory import plan_trajectory
 HERE = Path(__file__).parent
 STORE, TABLE = HERE / "plans.json", HERE / "plans.md"
 #: No limit that a busy machine would meet, and processes for each search.
-SECONDS, PROCESSES, STARTS = 3600.0, 1, 2
+SECONDS, PROCESSES, STARTS = 3600.0, 1, 5
 #: Processor time of 60 s of two cores [s].
 BUDGET = 120.0
 #: Times the error without obstacles that a plan may have.
@@ -120,7 +120,7 @@ def table(rows: dict[str, dict[str, object]]) -> str:
             "",
             f"{len(held)} of {len(rows)} within {WANTED:g} times the error without obstacles; "
             f"more than {BUDGET:g} s of processor: {', '.join(slow) or 'none'}. "
-            f"Two starts instead of the default five. {f'Not measured yet: {missing}. ' if missing else ''}"
+            f"{f'Not measured yet: {missing}. ' if missing else ''}"
             f"{platform.machine()}, Python {platform.python_version()}.",
             "",
             HEADER,

@@ -280,6 +280,14 @@ def _bodies(
             if body is not None:
                 total += moved(body, to_dh @ pose).parameters()
         bodies.append(body_of(total))
+    near = [possible_body(body) if body.mass else body for body in bodies]
+    if moved_to := [str(i) for i, (a, b) in enumerate(zip(bodies, near, strict=True), start=1) if a != b]:
+        text = (
+            f"no body has the inertia that the URDF gives link {', '.join(moved_to)} (a principal moment exceeds "
+            "the sum of the other two): the prior takes the nearest that one has"
+        )
+        findings.append(Finding("W210", "warning", text, {"links": moved_to}))
+    bodies = near
     empty = [str(i) for i, body in enumerate(bodies, start=1) if not body.mass]
     if empty:
         text = (
@@ -287,6 +295,26 @@ def _bodies(
         )
         findings.append(Finding("W210", "warning", text, {"links": empty}))
     return tuple(bodies), findings
+
+
+#: Least second moment of a body along an axis, as a share of the largest: a plate is not infinitely thin.
+THINNEST = 1e-3
+
+
+def possible_body(body: Body) -> Body:
+    """Return a body with the same mass and centre whose inertia a body can have: itself where it can.
+
+    The inertia is that of a distribution of mass with second moments S = tr(I) / 2 - I about the centre of mass, none
+    of which is negative; those that are become small.
+    """
+    xx, xy, xz, yy, yz, zz = body.inertia_com
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    values, axes = np.linalg.eigh(np.trace(inertia) / 2 * np.eye(3) - inertia)
+    if values[0] > 0.0 or values[-1] <= 0.0:
+        return body
+    second = axes * np.maximum(values, THINNEST * values[-1]) @ axes.T
+    xx, xy, xz, yy, yz, zz = (np.trace(second) * np.eye(3) - second)[np.triu_indices(3)].tolist()
+    return replace(body, inertia_com=(xx, xy, xz, yy, yz, zz))
 
 
 def _largest_miss(urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats, tip_pose: Floats) -> float:

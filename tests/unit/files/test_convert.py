@@ -78,3 +78,11 @@ def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
     robot = parse_robot(text, tmp_path / "x.yaml")
     assert robot.log_names == log.names
     assert robot.driver.topic == TOPIC
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_stamps_that_begin_at_zero_are_stamps(suffix, log, tmp_path):
+    """A simulated log begins there; W304 would send its reader to look for a fault of the driver."""
+    found = read_log(write_log(replace(log, topic=TOPIC), tmp_path / f"new{suffix}"), robot=lwr())
+    assert found.extra["clock"] == "header"
+    assert [finding.code for finding in found.findings] == []

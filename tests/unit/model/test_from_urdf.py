@@ -11,11 +11,12 @@ import pytest
 from dynid.errors import DynidError, TooLarge, WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
-from dynid.model.from_urdf import import_arm
+from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model
+from dynid.robot import Body
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
 ARMS = {
@@ -268,3 +269,12 @@ def test_an_unknown_link_is_answered_with_the_nearest(tmp_path):
     path.write_text(iiwa_urdf())
     with pytest.raises(WrongUrdf, match="no link 'l77'; did you mean 'l7'"):
         imported(path, tip="l77")
+
+
+def test_an_inertia_of_no_body_becomes_the_nearest_that_one_has():
+    """5 exceeds 1 + 2: second moments (-1, 3, 2) become (0.003, 3, 2), whose moments of inertia are 5, 2.003, 3.003."""
+    wrong = Body(2.0, (0.1, 0.0, 0.0), (5.0, 0.0, 0.0, 1.0, 0.0, 2.0))
+    near = possible_body(wrong)
+    assert (near.mass, near.com) == (wrong.mass, wrong.com)
+    np.testing.assert_allclose(near.inertia_com, (5.0, 0.0, 0.0, 2.003, 0.0, 3.003), atol=1e-12)
+    assert possible_body(near) == near
