@@ -167,7 +167,9 @@ def table(rng: np.random.Generator, original: str) -> bytes:
     lines = original.strip().split("\n")
     head, rows = lines[0].split(","), [line.split(",") for line in lines[1 : int(rng.choice([3, 30, 300, 1201]))]]
     for _ in range(rng.integers(0, 3)):
-        kind, column = rng.integers(0, 12), int(rng.integers(0, len(head)))
+        kind, column = rng.integers(0, 12), int(rng.integers(0, max(len(head), 1)))
+        if not head:
+            break
         if kind == 0:
             head[column] = WORDS[rng.integers(len(WORDS))].replace("\n", " ")
         elif kind == 1:
@@ -342,7 +344,7 @@ def parquet(rng: np.random.Generator, original: bytes) -> bytes:
             lambda x: pa.array([True] * len(x)), lambda x: pa.array(np.full(len(x), 1e308)), lambda x: pa.array(np.zeros(len(x), "f2")),
             lambda x: pa.array([None if k % 3 else 1.0 for k in range(len(x))]), lambda x: pa.array(np.arange(len(x)), pa.duration("s")),
             lambda x: pa.nulls(len(x)), lambda x: pa.array(["a"] * len(x)).dictionary_encode(), lambda x: pa.array([10**17] * len(x), pa.decimal128(38, 2)),
-            lambda x: pa.array(np.arange(len(x)), pa.date32()) if len(x) < 3000 else pa.nulls(len(x)),
+            lambda x: pa.array(np.arange(len(x), dtype="i4"), pa.date32()) if len(x) < 3000 else pa.nulls(len(x)),
         ]  # fmt: skip
         if rng.random() < 0.3:
             columns[WORDS[rng.integers(len(WORDS))].encode("utf-8", "replace").decode()] = columns.pop(name)

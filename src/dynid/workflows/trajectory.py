@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, PlanTeachesLittle
+from dynid.errors import Finding, NotAnArtifact, PlanTeachesLittle
 from dynid.files.planfile import Waypoints
 from dynid.files.trajectoryfile import Review, StoredTrajectory
 from dynid.motion import Motion
@@ -502,7 +502,11 @@ def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
 
     if isinstance(stored, Plan):
         return stored.trajectory
-    return Trajectory(basis_from(dict(stored.basis)), stored.coefficients, stored.alpha)
+    basis, shape = basis_from(dict(stored.basis)), stored.coefficients.shape
+    if shape != (basis.size, len(stored.joints)):
+        what = f"its coefficients {shape} are not those of its motion, {(basis.size, len(stored.joints))}"
+        raise NotAnArtifact(f"{stored.source or 'the trajectory'}: {what}", where=str(stored.source or ""))
+    return Trajectory(basis, stored.coefficients, stored.alpha)
 
 
 def _clearance(
