@@ -14,9 +14,6 @@ from dynid.table import Table
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
     from dynid.model.base_model import BaseModel
@@ -234,6 +231,7 @@ def identified_arm(
     import numpy as np
 
     from dynid.errors import NotAnArtifact
+    from dynid.estimation.least_squares import relative_error
     from dynid.exporters import FORMATS, IdentifiedArm, Provenance, full_model
     from dynid.version import __version__
 
@@ -245,7 +243,7 @@ def identified_arm(
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
     version = str(result.header.get("dynid", __version__))
-    made = Provenance(version, result.method, which, fit_percent(result.factors, theta), result.log_sha256)
+    made = Provenance(version, result.method, which, relative_error(result.factors, theta), result.log_sha256)
     # Why only the set in force: the residual model is what that set leaves.
     error = result.model_error if which == result.in_force else None
     return IdentifiedArm(
@@ -258,19 +256,6 @@ def identified_arm(
         model_error=error,
         residual_model=options.residual_model,
     )
-
-
-def fit_percent(factors: NDArray[np.float64], theta: NDArray[np.float64]) -> float:
-    """Return 100 |tau - W theta| / |tau| of parameters on the fitted rows [%].
-
-    Args:
-        factors: triangular factor of [W tau] of each joint, (n, p + 1, p + 1).
-        theta: base parameters, (p,).
-    """
-    from numpy.linalg import norm
-
-    left = factors[:, :, :-1] @ theta - factors[:, :, -1]
-    return 100 * float(norm(left)) / max(float(norm(factors[:, :, -1])), 1e-300)
 
 
 #: Formats that are programs with a mass matrix.
@@ -300,13 +285,20 @@ def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions)
         return _definite(arm, [name for name in names if name in LANGUAGES], options)
     links = ", ".join(str(link) for link in impossible)
     what = f"no body has the parameters of link {links}: mass or inertia not positive, or triangle inequality broken"
+    why = f"simulators refuse such a {'/'.join(holding)} file or replace its inertias silently"
+    fix = "export --set physical, or c, python, matlab or yaml, or add --allow-infeasible"
+    return _wanted(options, NotPhysical(what, why=why, fix=fix), {"links": list(impossible)})
+
+
+def _wanted(options: ExportOptions, refusal: NotPhysical, evidence: dict[str, Any]) -> tuple[Finding, ...]:
+    """Return the warning W409 in place of a refusal, where what cannot exist is wanted all the same.
+
+    Raises:
+        NotPhysical: it is not.
+    """
     if not options.allow_infeasible:
-        raise NotPhysical(
-            what,
-            why=f"simulators refuse such a {'/'.join(holding)} file or replace its inertias silently",
-            fix="export --set physical, or c, python, matlab or yaml, or add --allow-infeasible",
-        )
-    return (Finding("W409", "warning", what, {"links": list(impossible)}),)
+        raise refusal
+    return (Finding("W409", "warning", refusal.what, evidence),)
 
 
 def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions) -> tuple[Finding, ...]:
@@ -324,13 +316,9 @@ def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
     if not alarm.raised:
         return ()
     what = f"the mass matrix is not positive definite in {round(POSES * alarm.share)} of {POSES} random poses"
-    if not options.allow_infeasible:
-        raise NotPhysical(
-            what,
-            why=f"{'/'.join(formats)} would compute accelerations of the wrong sign",
-            fix="export --set physical, or add --allow-infeasible",
-        )
-    return (Finding("W409", "warning", what, {"share": alarm.share}),)
+    why = f"{'/'.join(formats)} would compute accelerations of the wrong sign"
+    fix = "export --set physical, or add --allow-infeasible"
+    return _wanted(options, NotPhysical(what, why=why, fix=fix), {"share": alarm.share})
 
 
 def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:
