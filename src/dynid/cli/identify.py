@@ -313,8 +313,6 @@ def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
 
 
 # ---------------------------------------------------------------- printing
-#: How far the further part of a long line is moved in.
-FOLDED = 2
 #: Labels of judgements where they are not their names.
 JUDGED = {"fit": "verdict", "unseen motion": "another"}
 IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
@@ -408,7 +406,7 @@ def show_next(common: Common, result: Identification) -> None:
     from dynid.reports.evidence import Evidence
     from dynid.reports.sections.next_steps import steps
 
-    for step in steps(Evidence(result, None, (), None, None))[:2]:
+    for step in steps(Evidence(result))[:2]:
         common.terminal.next(step.command, step.why)
 
 
@@ -437,8 +435,8 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
     held_text = f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""
-    terminal.answer(total + held_text, indent=FOLDED)
-    judged = lights(Evidence(found, None, (), None, None))
+    terminal.sentence(total + held_text)
+    judged = lights(Evidence(found))
     for light in judged:
         terminal.fact(JUDGED.get(light.name, light.name), f"{light.state}: {light.text}")
     terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")

@@ -30,8 +30,8 @@ from dynid.text import visible, whole_number
 LABEL = 11
 #: Labels of lines that are copied from the terminal, and so never folded.
 COPYABLE = ("wrote", "next", "")
-#: How far the further lines of a warning are moved in.
-FINDING_INDENT = 2
+#: How far the further lines of a warning or a sentence are moved in.
+FOLDED_INDENT = 2
 #: Spaces between the columns of a table: two, or one where the terminal is narrow.
 GAPS = (2, 1)
 #: Width of tables that go to a file or a pipe: nothing is folded there.
@@ -158,7 +158,7 @@ class Terminal:
         self._copied(line)
         head = line.partition(" ")[0]
         style = "yellow" if finding.level == "warning" else "cyan"
-        first, *more = folded(line, self.err, FINDING_INDENT)
+        first, *more = folded(line, self.err, FOLDED_INDENT)
         self.err.print(Text.assemble((head, style), first[len(head) :]), soft_wrap=True)
         for part in more:
             self.err.print(Text(part), soft_wrap=True)
@@ -191,6 +191,10 @@ class Terminal:
 
         if not self.common.json:
             self.out.print(Markdown(markdown) if is_terminal(self.out.file) else Text(markdown), soft_wrap=False)
+
+    def sentence(self, text: str) -> None:
+        """Print a long line of the answer, folded where the terminal ends; nothing with --json."""
+        self.answer(text, indent=FOLDED_INDENT)
 
     def fact(self, name: str, text: str) -> None:
         """Print a line of the answer: a short label and a sentence; nothing with --json."""

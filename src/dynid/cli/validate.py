@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from dynid.workflows.validate import Validation
 
 
-#: How far the further part of a long line is moved in.
-FOLDED = 2
-
-
 @dynid_command(
     "validate",
     examples=(
@@ -108,4 +104,4 @@ def show(common: Common, found: Validation) -> None:
     total = f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}"
     for line in (total, found.worth(), found.expectation()):
         if line:
-            common.terminal.answer(line, indent=FOLDED)
+            common.terminal.sentence(line)

@@ -51,10 +51,10 @@ class Evidence:
     """
 
     result: Identification
-    motion: EstimatedMotion | None
-    unseen: tuple[Unseen, ...]
-    singular_values: Floats | None
-    gap: GapRecord | None
+    motion: EstimatedMotion | None = None
+    unseen: tuple[Unseen, ...] = ()
+    singular_values: Floats | None = None
+    gap: GapRecord | None = None
 
     @property
     def robot(self) -> Robot:
@@ -66,8 +66,8 @@ def gather(result: Identification) -> Evidence:
     """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
     if not result.path.name:
         if result.stack is None:
-            return Evidence(result, None, (), None, None)
-        return Evidence(result, _fitted_motion(result.stack, result.theta), (), _spectrum(result.stack.whole[0]), None)
+            return Evidence(result)
+        return Evidence(result, _fitted_motion(result.stack, result.theta), (), _spectrum(result.stack.whole[0]))
     folder = result.path.parent
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
     return Evidence(

@@ -43,20 +43,13 @@ def fleet_page(
         runs: number of results.
         unread: results that could not be read, and why.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
+    from dynid.reports.page import templates
 
-    from dynid.reports.page import _shown
-
-    environment = Environment(
-        loader=PackageLoader("dynid.reports"), autoescape=True, undefined=StrictUndefined, finalize=_shown,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.filters["drawing"] = Markup
-    style = environment.get_template("style.css").render()
     kinds = [_kind(*each) for each in types]
-    return environment.get_template("fleet.html").render(
-        verdict=verdict, kinds=kinds, runs=runs, unread=list(unread)[:ROWS], style=Markup(style)
+    return (
+        templates()
+        .get_template("fleet.html")
+        .render(verdict=verdict, kinds=kinds, runs=runs, unread=list(unread)[:ROWS])
     )
 
 

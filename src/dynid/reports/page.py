@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.reports.evidence import Evidence
 from dynid.reports.sections import SECTIONS
 from dynid.reports.sections.verdict import lights, sentences
 from dynid.text import markdown, printable
 
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
 
 def page(evidence: Evidence) -> str:
-    """Return the page of what was gathered; every text is escaped, drawings are dynid's own."""
+    """Return the page of what was gathered."""
+    from markupsafe import Markup
+
+    environment = templates()
+    parts = []
+    for number, section in enumerate(SECTIONS, start=1):
+        body = environment.get_template(f"{section.anchor}.html").render(section.context(evidence))
+        parts.append({"number": number, "title": section.title, "anchor": section.anchor, "body": Markup(body)})
+    return environment.get_template("page.html").render(robot=evidence.robot.name, parts=parts)
+
+
+def templates() -> Environment:
+    """Return the templates of pages: every text is escaped, drawings are dynid's own, the style sheet is at hand."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -24,12 +39,8 @@ def page(evidence: Evidence) -> str:
         lstrip_blocks=True,
     )
     environment.filters["drawing"] = Markup
-    parts = []
-    for number, section in enumerate(SECTIONS, start=1):
-        body = environment.get_template(f"{section.anchor}.html").render(section.context(evidence))
-        parts.append({"number": number, "title": section.title, "anchor": section.anchor, "body": Markup(body)})
-    style = environment.get_template("style.css").render()
-    return environment.get_template("page.html").render(robot=evidence.robot.name, parts=parts, style=Markup(style))
+    environment.globals["style"] = Markup(environment.get_template("style.css").render())
+    return environment
 
 
 def _shown(value: Any) -> Any:  # noqa: ANN401
