@@ -16,9 +16,10 @@ import numpy as np
 from dynid.gap.formula_library import Factor, cost_of, forms, library_of
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.problem import GapProblem
+from dynid.gap.refit import GROWN, fitted_with, ratio_interval
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
-from dynid.gap.selected_effects import SelectedEffect, effect_torque, with_selected
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
 from dynid.gap.verdict import unrepeatable
@@ -43,8 +44,8 @@ DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 CHANCE = 0.01
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
-#: Upper end of the 95 % interval of the held-out error, after over before; and growth of another's that is too much.
-SMALLER, GROWN = 0.97, 1.02
+#: Upper end of the 95 % interval of the held-out error, after over before.
+SMALLER = 0.97
 #: Chance below which a formula differs between parts of the logs.
 CONSTANT = 1e-3
 #: Parts of a signal's range that tell whether the residual follows it, and the share of its power from which it does.
@@ -495,29 +496,23 @@ def _held_out(
         selected: effects that are fitted with the model to the training rows.
         shown: the last of them, where its torque is wanted.
     """
-    p = problem.base.reduction.rank
-    regression = with_selected(problem.regression(nuisance=False), selected)
-    if selected:
-        regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
-    theta, beta = regression.fit.theta[:p], regression.amplitudes
+    regression = fitted_with(problem, selected)
+    theta, beta = regression.fit.theta[: problem.base.reduction.rank], regression.amplitudes
     held = cut(problem.segments, problem.held)
     e, torques = [], []
     for s, row in zip(held, regression.segments, strict=True):
-        e.append(s.tau - s.W @ theta - row.filtered(effect_torque(row.motion, selected, beta)).T)
+        e.append(s.tau - s.W @ theta - torque_in_rows(row, selected, beta).T)
         if shown is not None:
             own = beta[len(beta) - len(shown.effect.amplitudes(shown.shape)) :]
-            torques.append(row.filtered(effect_torque(row.motion, [shown], own)).T)
+            torques.append(torque_in_rows(row, [shown], own).T)
     return held, np.concatenate(e), np.concatenate(torques) if torques else np.zeros((0, 0))
 
 
 def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
     """Return the 95 % interval of the ratio of rms values over drawn blocks, and the ratio."""
-    count = before.shape[1]
-    if count < 3 or after.shape != before.shape:
+    if before.shape[1] < 3 or after.shape != before.shape:
         return 0.0, float("inf"), 1.0
-    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), 400)
-    ratios = np.sqrt((drawn @ after[0]) / np.maximum(drawn @ before[0], 1e-30))
-    low, high = np.quantile(ratios, [0.025, 0.975])
+    low, high = ratio_interval(before[0], after[0], 0)
     return float(low), float(high), float(np.sqrt(after[0].sum() / max(before[0].sum(), 1e-30)))
 
 

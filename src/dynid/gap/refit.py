@@ -337,6 +337,18 @@ def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one
     return _ratio(without, beside, j)
 
 
+def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
+    """Fit model and effects together to the training rows, without what is not judged.
+
+    Effects that follow the model's torque follow that of the fit.
+    """
+    regression = with_selected(problem.regression(nuisance=False), selected)
+    if not selected:
+        return regression
+    theta = regression.fit.theta[: problem.base.reduction.rank]
+    return with_selected(problem.regression(theta, nuisance=False), selected)
+
+
 def _held_residuals(
     problem: GapProblem, selected: Sequence[SelectedEffect], in_force: NoiseModel | None
 ) -> list[tuple[Floats, NDArray[np.int64]]]:
@@ -347,14 +359,11 @@ def _held_residuals(
         selected: effects that are fitted with the model.
         in_force: noise of the rows beside the best possible arm; None to fit the model without bounds.
     """
-    p = problem.base.reduction.rank
     problem = problem if in_force is None else replace(problem, noise=in_force)
-    regression = with_selected(problem.regression(nuisance=False), selected)
-    if selected:
-        regression = with_selected(problem.regression(regression.fit.theta[:p], nuisance=False), selected)
+    regression = fitted_with(problem, selected)
     if in_force is not None:
         regression = near_possible(problem, regression)
-    theta = regression.fit.theta[:p]
+    theta = regression.fit.theta[: problem.base.reduction.rank]
     held = cut(problem.segments, problem.held)
     torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]
     times = jackknife_blocks(held)
