@@ -450,7 +450,13 @@ class _Search:
         return [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
 
     def ask(
-        self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str, also: tuple[Key, ...] = ()
+        self,
+        question: str,
+        logs: Sequence[Log],
+        earlier: Sequence[Log],
+        why: str,
+        also: tuple[Key, ...] = (),
+        conditioned: list[ConditionedLog] | None = None,
     ) -> Gap:
         """Ask one question of checked logs.
 
@@ -460,14 +466,15 @@ class _Search:
             earlier: those that the model was identified from, to find what has changed since.
             why: why this is asked, in words.
             also: effects that are tried whatever is asked.
+            conditioned: the recordings as ``conditioned`` returns them for this question, where they are at hand.
         """
         from dynid.gap.analysis import analyse_gap, relative_error
         from dynid.gap.problem import kept_model
         from dynid.gap.record import record_of
 
         options = signals_of(self.result, self.options, question)
-        conditioned = self._conditioned(logs, options)
-        before = self._conditioned(earlier, options) if earlier else []
+        conditioned = conditioned or self.conditioned(logs, options)
+        before = self.conditioned(earlier, options) if earlier else []
         self.progress.stage("search")
         kept = kept_model(self.result) if question == "changed" else None
         arm = question == "arm"
@@ -491,7 +498,7 @@ class _Search:
             signals=options,
         )
 
-    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
+    def conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
         from dynid.signals.conditioned_log import stretches
 
@@ -507,7 +514,9 @@ class _Search:
         """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
         from dynid.gap.possible_arm import misfit_ratio
 
-        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?")
+        # Why once: both questions filter the same logs alike.
+        conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
+        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?", conditioned=conditioned)
         result = self.result
         ratio = misfit_ratio(result.reduction.K, result.physical, result.plain, result.factors)
         if ratio < ODD:
@@ -515,7 +524,7 @@ class _Search:
         named = tuple((one.effect, one.indices) for one in found.named)
         more = f"possible links miss {ratio:.2g} times as much as any numbers: what would only odd links absorb?"
         why = f"{found.asked} {more}"
-        odd = self.ask("arm", logs, (), why, named)
+        odd = self.ask("arm", logs, (), why, named, conditioned)
         # Why other joints: what numbers cannot absorb on a joint needs no odd links.
         taken = {where[:1] for _, where in named}
         new = [one for one in odd.named if one.indices[:1] not in taken]
