@@ -83,14 +83,16 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
         for path in paths:
             terminal.wrote(path)
     warnings = sum(checked.warnings for checked in found)
-    terminal.fact("verdict", "usable" + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""))
+    usable = all(finding.code != "W330" for checked in found for finding in checked.findings)
+    verdict = "usable" if usable else "usable once `driver: columns:` names the columns"
+    terminal.fact("verdict", verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""))
     terminal.emit_json(
         {
             "schema": "dynid/check/1",
             "checked": [{**one.answer(), "wrote": list(paths)} for one, paths in zip(found, wrote, strict=True)],
             "findings": [asdict(finding) for checked in found for finding in checked.findings],
             "warnings": warnings,
-            "usable": True,
+            "usable": usable,
             "wrote": [path for paths in wrote for path in paths],
         }
     )

@@ -55,7 +55,8 @@ class Inspected:
         topics: of a bag, by name.
         columns: of a table, in their order.
         joints: joint states that could be read.
-        patterns: columns for ``driver: columns:``, {} where the usual names are used.
+        patterns: columns for ``driver: columns:``, {} where the usual names are used; where the names do not tell,
+            words in capitals stand for what a person has to fill in.
         findings: what was noticed.
     """
 
@@ -69,7 +70,7 @@ class Inspected:
     def snippet(self) -> str:
         """Return the part of a robot file that reads this recording, "" where nothing can be told."""
         if not self.joints:
-            return ""
+            return f"driver:\n  kind: generic\n  {tablelog.snippet(self.patterns)}" if self.patterns else ""
         chosen = max(self.joints, key=lambda each: len(each.log))
         lines = ["driver:", "  kind: generic"]
         if chosen.topic:
@@ -127,5 +128,7 @@ def _table(path: Path, rate: float | None) -> Inspected:
     try:
         log = tablelog.read_table(path, names, patterns, rate)
     except LogLayout:
-        return Inspected(path, {}, columns, (), patterns, ())
+        text = f"{path.name}: which of {len(columns)} columns are positions and torques cannot be told from their names"
+        unknown = Finding("W330", "warning", text, {"columns": list(columns)})
+        return Inspected(path, {}, columns, (), tablelog.template(columns), (unknown,))
     return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)

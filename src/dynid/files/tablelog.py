@@ -175,6 +175,12 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
     return ({"time": time} if time else {}) | found if {"position", "effort"} <= set(found) else {}
 
 
+def template(names: Sequence[str]) -> dict[str, str]:
+    """Return patterns to fill in where the names of the columns do not tell what they hold."""
+    time = next((name for name in names if _is_time(name)), "TIME")
+    return {"time": time, "position": "POSITION_{i}", "effort": "TORQUE_{i}"}
+
+
 def snippet(patterns: Mapping[str, str]) -> str:
     """Return patterns as they stand in a robot file."""
     order = ("time", "position", "velocity", "effort", "reference")
@@ -246,7 +252,7 @@ def _missing(path: Path, names: Sequence[str], tried: Sequence[str], joints: Seq
     have = {pattern.split("{")[0] for pattern in tried}
     some = [name for name in names if any(name.startswith(start) for start in have if start)]
     lost = next((wanted for joint in joints if (wanted := tried[0].replace("{name}", joint)) not in names), tried[0])
-    fix = f"under `driver:` in the robot file: {snippet(guess)}" if guess else ""
+    fix = f"under `driver:` in the robot file: {snippet(guess or template(names))}"
     if key == "effort" and some and joints:
         text = f"{path.name}:1: joint '{lost.removeprefix('tau_')}' has q_{lost.removeprefix('tau_')} but no {lost}"
         return LogLayout(text, where=f"{path}:1", fix=fix)

@@ -91,7 +91,8 @@ class Value:
             if key in found:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
-                raise UnknownKey(f"{line}: unknown key '{key}'{closest(key, known)}", where=line)
+                fix = f"rename or remove it; {self.path or 'the file'} may have: {', '.join(known)}"
+                raise UnknownKey(f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix)
             found[key] = Value(value_node, self.file, f"{self.path}.{key}" if self.path else key)
         for key in required:
             if key not in found:

@@ -115,7 +115,7 @@ def check_robot(robot: Robot) -> Checked:
     kinds = [f"{count} {kind}" for count, kind in ((revolute, "revolute"), (robot.n - revolute, "prismatic")) if count]
     gravity = ", ".join(f"{value:g}" for value in robot.gravity)
     lines = [
-        ("robot", f"{robot.name}, {' and '.join(kinds)} joints, {robot.convention} DH"),
+        ("robot", f"{robot.name}, {' and '.join(kinds)} joint{'s' if robot.n > 1 else ''}, {robot.convention} DH"),
         ("tool", f"at q = 0: x {x:.3f}  y {y:.3f}  z {z:.3f} m   (compare with a ruler)"),
         ("gravity", f"{gravity} m/s^2 in frame 0"),
         ("links", f"identified: {', '.join(str(number) for number in robot.identified_links)}"),

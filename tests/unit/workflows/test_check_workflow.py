@@ -43,6 +43,14 @@ def test_a_log_without_a_robot_is_described(tmp_path):
     assert "driver:" in found.facts["snippet"]
 
 
+def test_columns_whose_names_say_nothing_are_asked_for(tmp_path):
+    rows = "\n".join(f"{k / 100},{k / 1000},{k % 7}" for k in range(100))
+    (tmp_path / "drive.csv").write_text(f"t,qm,vir\n{rows}\n")
+    (found,) = check([tmp_path / "drive.csv"])
+    assert [finding.code for finding in found.findings] == ["W330"]
+    assert 'columns: {time: "t", position: "POSITION_{i}", effort: "TORQUE_{i}"}' in found.facts["snippet"]
+
+
 def test_a_damaged_result_is_named(tmp_path):
     (tmp_path / "parameters.npz").write_bytes(b"PK nothing")
     assert kind_of(str(tmp_path / "parameters.npz")) == "result"
