@@ -5,12 +5,13 @@ import pty
 import select
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-TOY = Path(__file__).parent / "cli" / "toy.py"
+from forkserver import ROOT, TOY, Command, server
+
 #: A command that has not ended by then hangs [s].
 LIMIT = 90
 
@@ -44,7 +45,17 @@ class Runner:
         ]
 
     def __call__(self, *args, stdin=subprocess.DEVNULL, **env):
-        """Run with stdin not a terminal; extra keywords are variables of the environment."""
+        """Run with stdin not a terminal, in a fork; extra keywords are variables of the environment."""
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, Path(os.devnull).open() as nothing:
+            given = nothing if stdin is subprocess.DEVNULL else stdin
+            streams = [each if isinstance(each, int) else each.fileno() for each in (given, out, err)]
+            status = Command(server(), args, self.folder, {**self.env, **env}, streams).wait(LIMIT)
+            out.seek(0)
+            err.seek(0)
+            return Ended(status, out.read().decode(), err.read().decode())
+
+    def fresh(self, *args, stdin=subprocess.DEVNULL, **env):
+        """Run the same in a new interpreter, where its start matters."""
         done = subprocess.run(
             self.words(args), cwd=self.folder, env={**self.env, **env}, stdin=stdin, capture_output=True, timeout=LIMIT
         )
@@ -53,13 +64,11 @@ class Runner:
     def start(self, *args, **options):
         return subprocess.Popen(self.words(args), cwd=self.folder, env=self.env, **options)
 
-    def typing(self, *args, keys=(), out=subprocess.PIPE, **env):
-        """Run on a pseudo-terminal; each key sequence is typed when the program waits for one."""
+    def typing(self, *args, keys=(), **env):
+        """Run on a pseudo-terminal, in a fork; each key sequence is typed when the program waits for one."""
         master, slave = pty.openpty()
-        process = subprocess.Popen(
-            self.words(args), cwd=self.folder, env={**self.env, **env}, stdin=slave, stderr=slave, stdout=out,
-            start_new_session=True,
-        )  # fmt: skip
+        out = tempfile.TemporaryFile()  # noqa: SIM115
+        process = Command(server(), args, self.folder, {**self.env, **env}, [slave, out.fileno(), slave])
         os.close(slave)
         shown, keys, end = b"", list(keys), time.monotonic() + LIMIT
         while time.monotonic() < end:
@@ -74,9 +83,10 @@ class Runner:
                 shown += block
             elif keys and shown.rstrip(b" ").endswith((b"]", b":", b"again", b"rebuild")):
                 os.write(master, keys.pop(0).encode())
-            elif process.poll() is not None:
+            elif process.ended():
                 break
-        status = process.wait(timeout=5)
+        status = process.wait(5)
         os.close(master)
-        answer = process.stdout.read().decode() if process.stdout else ""
-        return Ended(status, answer, shown.decode())
+        with out:
+            out.seek(0)
+            return Ended(status, out.read().decode(), shown.decode())

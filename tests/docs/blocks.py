@@ -47,12 +47,12 @@ def commands(text):
     return found
 
 
-def folder_for(path):
+def folder_for(path, dynid="-m dynid"):
     """Make a folder as a reader has it in a clone of the project, with ``dynid`` on the path."""
     for name in ("robots", "trajectories"):
         (path / name).symlink_to(ROOT / name)
     (path / "bin").mkdir()
-    for name, words in (("dynid", "-m dynid"), ("python3", "")):
+    for name, words in (("dynid", dynid), ("python3", "")):
         program = path / "bin" / name
         program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
         program.chmod(0o755)

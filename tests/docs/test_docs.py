@@ -5,6 +5,7 @@ import re
 import pytest
 from blocks import ROOT, alike, commands, folder_for, pages, run
 
+import forkserver
 from dynid.cli.main import available
 from dynid.errors import codes
 
@@ -20,7 +21,7 @@ def name(page):
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=name)
 def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path):
-    folder = folder_for(tmp_path)
+    folder = folder_for(tmp_path, forkserver.program())
     for command in commands(page.read_text()):
         status, output = run(command.line, folder)
         assert "Traceback" not in output

@@ -1,7 +1,9 @@
 """What is imported is declared, bounded and explained."""
 
 import ast
+import pkgutil
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -59,3 +61,20 @@ def test_every_package_has_its_place_on_the_page_of_dependencies(package):
 @pytest.mark.parametrize("package", ["numpy", "pyyaml", "matplotlib", "click", "rosbags", "jinja2", "sympy", "scipy"])
 def test_a_package_whose_next_major_version_may_break_is_bounded(package):
     assert re.fullmatch(r">=[0-9.]+,<[0-9.]+", declared()[package])
+
+
+#: Imports each module as the first of dynid; the other packages stay.
+FIRST = """
+import importlib, sys
+for name in sys.argv[1:]:
+    for known in [each for each in sys.modules if each.partition(".")[0] == "dynid"]:
+        del sys.modules[known]
+    importlib.import_module(name)
+"""
+
+
+def test_every_module_can_be_imported_first():
+    """In a new interpreter: the commands of the tests run where everything was imported before."""
+    names = [each.name for each in pkgutil.walk_packages(dynid.__path__, "dynid.") if each.name != "dynid.__main__"]
+    done = subprocess.run([sys.executable, "-c", FIRST, *names], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -404,6 +404,7 @@ def plan_trajectory(
         once_more,
         planning_context,
         proposals,
+        require_clear_motion,
         require_safe,
         search_motions,
         search_time,
@@ -435,7 +436,7 @@ def plan_trajectory(
         candidates,
         lambda motion: (
             once_more(lambda: require_safe(context, motion)),
-            _clearance(context, motion, urdf, drawing, progress, given=given),
+            require_clear_motion(context, motion, urdf, _shown(drawing, context, motion), progress, given=given),
         ),
         np.inf if given or options.replay else until,
         progress,
@@ -509,21 +510,12 @@ def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
     return Trajectory(basis, stored.coefficients, stored.alpha)
 
 
-def _clearance(
-    context: PlanningContext,
-    trajectory: Trajectory,
-    urdf: Path | None,
-    drawing: Drawing,
-    progress: Progress = SILENT,
-    *,
-    given: bool = True,
-) -> Clearance:
+def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -> Drawing:
+    """Return what to draw of a motion, with its title and how it is sketched."""
     from dynid.reports.motion_drawing import draw_motion
-    from dynid.trajectory.planning import require_clear_motion
 
-    name = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
-    wanted = replace(drawing, title=name, sketch=draw_motion)
-    return require_clear_motion(context, trajectory, urdf, wanted, progress, given=given)
+    title = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
+    return replace(drawing, title=title, sketch=draw_motion)
 
 
 def _search_record(options: PlanOptions, chosen: Proposal, found: SearchOutcome | None) -> SearchRecord | None:
@@ -636,14 +628,16 @@ def review_trajectory(
         Collision: something comes too near (E502).
     """
     from dynid.trajectory.limits import require_within_limits
-    from dynid.trajectory.planning import planning_context
+    from dynid.trajectory.planning import planning_context, require_clear_motion
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
     context = planning_context(base or base_model(robot, progress=progress), options)
     trajectory = trajectory_of(stored)
     require_within_limits(context.check(trajectory), options.margin)
-    return Reviewed(robot, options, stored, _clearance(context, trajectory, urdf, drawing or Drawing(), progress), urdf)
+    shown = _shown(drawing or Drawing(), context, trajectory)
+    clearance = require_clear_motion(context, trajectory, urdf, shown, progress, given=True)
+    return Reviewed(robot, options, stored, clearance, urdf)
 
 
 def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -> dict[str, str]:

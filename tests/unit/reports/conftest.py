@@ -1,4 +1,4 @@
-"""A small run with names that would be elements, for the tests of the report."""
+"""A small run with names that would be elements, and a motion of noise, for the tests of the report."""
 
 from dataclasses import replace
 
@@ -18,10 +18,24 @@ from dynid.reports.evidence import Evidence, Unseen, relative_percent
 NASTY = '<b>x & "y"</b>'
 
 
-def motion(n, residual):
+def waves(n, residual):
     t = np.linspace(0, 10, 400)
     wave = np.sin(t[:, None] * np.arange(1, n + 1))
     return EstimatedMotion(t, *(wave,) * 6, wave + residual, wave, np.ones(wave.shape, dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("scara")
+
+
+@pytest.fixture(scope="module")
+def motion(robot):
+    """Different numbers for every quantity and joint; a gap of 2 s at 5 s."""
+    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(7, 10, 0.01)])
+    rng = np.random.default_rng(0)
+    arrays = [rng.normal(size=(len(t), robot.n)) for _ in range(8)]
+    return EstimatedMotion(t, *arrays, np.ones((len(t), robot.n), dtype=bool))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +65,7 @@ def evidence(tmp_path_factory):
     )
     error = np.where(np.arange(p) == 0, np.inf, 0.01)
     rng = np.random.default_rng(0)
-    seen, unseen = (motion(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
+    seen, unseen = (waves(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
     found = Identification(
         robot=robot, reduction=reduction, method="wls", why="because", theta=theta, plain=theta,
         covariance=0.0001 * np.eye(p), plain_covariance=0.0001 * np.eye(p),

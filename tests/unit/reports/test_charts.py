@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.files.robotfile import load_robot
 from dynid.reports.chart import PARTS, Curve, Panel, chart, outline, ticks
 from dynid.reports.charts import (
     coverage_chart,
@@ -23,20 +22,6 @@ from dynid.reports.charts import (
 )
 
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return load_robot("scara")
-
-
-@pytest.fixture(scope="module")
-def motion(robot):
-    """Different numbers for every quantity and joint; a gap of 2 s at 5 s."""
-    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(7, 10, 0.01)])
-    rng = np.random.default_rng(0)
-    arrays = [rng.normal(size=(len(t), robot.n)) for _ in range(8)]
-    return EstimatedMotion(t, *arrays, np.ones((len(t), robot.n), dtype=bool))
 
 
 def paths(svg, color):

@@ -6,23 +6,8 @@ import numpy as np
 import pytest
 
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.files.robotfile import load_robot
 from dynid.reports.chart import PARTS
 from dynid.reports.figures import QUANTITIES, motion_figure, torque_figure, write_figure, write_motion_figures
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return load_robot("scara")
-
-
-@pytest.fixture(scope="module")
-def motion(robot):
-    """Different numbers for every quantity and joint; a gap of 2 s at 5 s."""
-    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(7, 10, 0.01)])
-    rng = np.random.default_rng(0)
-    arrays = [rng.normal(size=(len(t), robot.n)) for _ in range(8)]
-    return EstimatedMotion(t, *arrays, np.ones((len(t), robot.n), dtype=bool))
 
 
 def curves(axis):
