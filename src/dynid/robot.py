@@ -175,7 +175,8 @@ class DriverSpec:
         map: signs and offsets, in SI units.
         units: unit of ``position``, ``velocity`` and ``effort`` in the log.
         effort_topic: topic of the torques where they are published apart, None where they come with the positions.
-        columns: patterns of column names in tables, by ``time``, ``position``, ``velocity``, ``effort``, ``reference``.
+        columns: patterns of column names in tables, by ``time``, ``name``, ``position``, ``velocity``, ``effort``,
+            ``reference``.
     """
 
     kind: str

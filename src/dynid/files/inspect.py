@@ -11,6 +11,7 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
 from dynid.files import bag, rosbag2, tablelog
 from dynid.files.cdr import MULTI_ARRAY
+from dynid.files.columnwords import in_amperes, members, suggested, usual_joints
 from dynid.files.npzlog import read_npz_log
 from dynid.files.textlog import read_folder
 from dynid.log import Log
@@ -43,7 +44,7 @@ class Joints:
         return {
             "position": "deg" if span > MOST_RADIANS else "rad",
             "effort": "mNm" if most > MOST_TORQUE else self.log.tau_unit or "Nm",
-        }
+        } | {key: unit for key, unit in self.log.units.items() if key != "velocity"}
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,14 @@ class Inspected:
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
         if chosen.topic and not np.isfinite(chosen.log.tau).any() and arrays:
             lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
-        if chosen.log.names and not self.patterns:
+        if chosen.log.names and (not self.patterns or "name" in self.patterns or "{name}" in self.patterns["position"]):
             names = ", ".join(map(yaml_word, chosen.log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         if self.patterns:
             lines.append(f"  {tablelog.snippet(self.patterns)}")
         units = chosen.units
+        if self.patterns and "effort" not in chosen.log.units and in_amperes(self.patterns["effort"]):
+            units["effort"] = "A"
         velocity = chosen.log.qd is not None and bool(np.isfinite(chosen.log.qd).any())
         shown = units | {"velocity": f"{units['position']}/s"} if velocity else units
         order = ("position", "velocity", "effort")
@@ -119,15 +122,15 @@ def _table(path: Path, rate: float | None) -> Inspected:
     columns = tablelog.column_names(path)
     patterns: dict[str, str] = {}
     names: list[str] = []
-    if not any(name.startswith("q_") for name in columns):
-        patterns = tablelog.suggested(columns)
-        n = max((len(tablelog.matched(patterns["position"], columns, [""] * k)) for k in range(1, 33)), default=0) if (
-            patterns
-        ) else 0  # fmt: skip
-        names = [f"joint_{k + 1}" for k in range(n)]
+    if not usual_joints(columns) and (patterns := suggested(columns)):
+        position = patterns["position"]
+        n = max(len(tablelog.matched(position, columns, [""] * k)) for k in range(1, 33))
+        names = members(position, columns) if "{name}" in position else [f"joint_{k + 1}" for k in range(n)]
     try:
         log = tablelog.read_table(path, names, patterns, rate)
     except LogLayout:
+        if usual_joints(columns) or patterns:
+            raise
         text = f"{path.name}: which of {len(columns)} columns are positions and torques cannot be told from their names"
         unknown = Finding("W330", "warning", text, {"columns": list(columns)})
         return Inspected(path, {}, columns, (), tablelog.template(columns), (unknown,))

@@ -433,6 +433,13 @@ SIMULATOR = (
 COLUMNS = (
     Key("time", TEXT, "`t`, `time`, ...", "Name of the column of time stamps."),
     Key(
+        "name",
+        TEXT,
+        "none",
+        "Pattern of columns that hold the names of the joints, such as those of `rostopic echo -p`; "
+        "their order is then that of the others.",
+    ),
+    Key(
         "position",
         TEXT,
         "`q_{name}`",

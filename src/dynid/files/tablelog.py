@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing
-from dynid.files.textlog import BLOCK, TIME_NAMES, lines_of, positive_rate
+from dynid.files.columnwords import stamps_of, suggested, unit_of, usual_joints
+from dynid.files.dialect import Dialect, dialect_of
+from dynid.files.textlog import BLOCK, lines_of, positive_rate
 from dynid.log import Log
+from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
 
@@ -42,34 +45,8 @@ TOLD = 20
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns).
 _UNIT = re.compile(r"(?:^|[_\s\[(./])(ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$", re.IGNORECASE)
-#: Words of column names and what they stand for, for a suggestion.
-_WORDS = {
-    "reference": r"ref|target|cmd|command|des|desired|goal|set",
-    "velocity": r"qd|dq|vel|velocity|speed|qp",
-    "effort": r"tau|torque|trq|effort|moment|load|i|cur|current|iq|ampere",
-    "position": r"q|pos|position|angle|theta|joint|j",
-}
-#: Lines at the start of a text from which its dialect is told.
-_SNIFFED = 200
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """How a text table is written.
-
-    Attributes:
-        delimiter: between cells; None for white space.
-        comma: whether numbers have decimal commas.
-        names: words of the header, () where there is none.
-        header: number of the header line; 0 where there is none.
-        width: cells of a row.
-    """
-
-    delimiter: str | None
-    comma: bool
-    names: tuple[str, ...]
-    header: int
-    width: int
+#: Columns of an index that pandas has written without a name.
+_INDEX = ("__index_level_0__", "")
 
 
 def column_names(path: Path) -> tuple[str, ...]:
@@ -79,7 +56,7 @@ def column_names(path: Path) -> tuple[str, ...]:
         LogNotFound: it cannot be read.
         LogLayout: it has no header.
     """
-    names = tuple(_schema(path).names) if path.suffix == ".parquet" else _dialect(path).names
+    names = tuple(_schema(path).names) if path.suffix == ".parquet" else dialect_of(path).names
     limits.check("columns", len(names), path)
     limits.check("name_length", max(map(len, names), default=0), path)
     if not names:
@@ -95,7 +72,7 @@ def read_table(
     Args:
         path: .csv, .tsv or .parquet file.
         joints: names of the joints in chain order, () when they are to be taken from the columns ``q_<name>``.
-        patterns: names of the columns by ``time``, ``position``, ``velocity``, ``effort``, ``reference``.
+        patterns: names of the columns by ``time``, ``name``, ``position``, ``velocity``, ``effort``, ``reference``.
         rate: samples per second where there is no time [Hz].
 
     Raises:
@@ -106,16 +83,37 @@ def read_table(
     names = column_names(path)
     layout = _layout(path, names, joints, dict(patterns or {}), rate)
     wanted = [name for columns in layout.columns.values() for name in columns]
-    chosen = [layout.time, *wanted] if layout.time else wanted
-    values = dict(zip(chosen, read_columns(path, chosen).T, strict=True))
-    t = values[layout.time] if layout.time else np.arange(len(values[wanted[0]])) / positive_rate(rate)
-    t, findings = in_seconds(t, layout.time or "", path.name) if layout.time else (t, ())
-    arrays = {key: np.column_stack([values[name] for name in columns]) for key, columns in layout.columns.items()}
+    values = read_columns(path, [*layout.time, *wanted])
+    values, findings = _with_joints(values, len(layout.time), path.name)
+    t, said = _time(values[:, : len(layout.time)], layout, path.name, rate)
+    edges = np.cumsum([len(layout.time), *map(len, layout.columns.values())])
+    arrays = {key: values[:, a:b] for key, a, b in zip(layout.columns, edges[:-1], edges[1:], strict=True)}
     return Log(
         t, arrays["position"], arrays["effort"], layout.joints, arrays.get("velocity"),
-        source=path, tau_unit="A" if layout.current else "", findings=findings,
+        source=path, tau_unit="A" if layout.current else "", units=layout.units, findings=(*findings, *said),
         extra={"q_ref": arrays["reference"]} if "reference" in arrays else {},
     )  # fmt: skip
+
+
+def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[Finding, ...]]:
+    """Return the rows that have any joint value: a table of several topics has a row for each message of any (W331)."""
+    empty = np.asarray(np.isnan(values[:, first:]).all(axis=1))
+    if not empty.any() or empty.all():
+        return values, ()
+    text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no number of any joint and are left out"
+    return values[~empty], (Finding("W331", "info", text, {"rows": int(empty.sum())}),)
+
+
+def _time(stamps: Floats, layout: _Layout, where: str, rate: float | None) -> tuple[Floats, tuple[Finding, ...]]:
+    """Return the time of some rows, (N,) [s], and what was noticed."""
+    if not layout.time:
+        return np.arange(len(stamps)) / positive_rate(rate), ()
+    if len(layout.time) == 2:
+        # Why subtracted first: seconds since 1970 and nanoseconds do not fit into one number.
+        return (stamps[:, 0] - stamps[0, 0]) + stamps[:, 1] * SECONDS["ns"], ()
+    if layout.date:
+        return stamps[:, 0], ()
+    return in_seconds(stamps[:, 0], layout.time[0], where)
 
 
 def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding, ...]]:
@@ -154,36 +152,15 @@ def _unit_of(t: Floats, step: float) -> str:
     return told if len(t) >= TOLD else "s"
 
 
-def suggested(names: Sequence[str]) -> dict[str, str]:
-    """Return patterns for ``driver: columns:`` that would find columns of these names; {} where none can be told."""
-    families: dict[str, set[int]] = {}
-    for name in names:
-        for number in re.finditer(r"\d+", name):
-            pattern = f"{name[: number.start()]}{{i}}{name[number.end() :]}"
-            families.setdefault(pattern, set()).add(int(number.group()))
-    most = max((len(numbers) for numbers in families.values()), default=0)
-    found: dict[str, str] = {}
-    for key, words in _WORDS.items():
-        for pattern, numbers in families.items():
-            plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", pattern.replace("{i}", "0")).lower()
-            told = re.search(rf"(^|[^a-z])({words})s?([^a-z]|$)", plain)
-            if told and len(numbers) == most > 1 and pattern not in found.values() and key not in found:
-                found[key] = pattern
-    time = next((name for name in names if _is_time(name)), None)
-    if time is None:
-        time = next((name for name in names if re.search(r"time|stamp", name.lower())), None)
-    return ({"time": time} if time else {}) | found if {"position", "effort"} <= set(found) else {}
-
-
 def template(names: Sequence[str]) -> dict[str, str]:
     """Return patterns to fill in where the names of the columns do not tell what they hold."""
-    time = next((name for name in names if _is_time(name)), "TIME")
+    time = next(iter(stamps_of(names)), "TIME")
     return {"time": time, "position": "POSITION_{i}", "effort": "TORQUE_{i}"}
 
 
 def snippet(patterns: Mapping[str, str]) -> str:
     """Return patterns as they stand in a robot file."""
-    order = ("time", "position", "velocity", "effort", "reference")
+    order = ("time", "name", "position", "velocity", "effort", "reference")
     inside = ", ".join(f"{key}: {json.dumps(patterns[key])}" for key in order if key in patterns)
     return f"columns: {{{inside}}}"
 
@@ -195,24 +172,28 @@ class _Layout:
 
     Attributes:
         joints: names of the joints.
-        time: column of the stamps, None where the rate is given.
+        time: column of the stamps, or those of seconds and nanoseconds, () where the rate is given.
+        date: whether stamps are dates.
         columns: for each quantity, one column a joint.
         current: whether the efforts are currents in A by their name.
+        units: what the header says of ``position``, ``velocity`` and ``effort``.
     """
 
     joints: tuple[str, ...]
-    time: str | None
+    time: tuple[str, ...]
+    date: bool
     columns: dict[str, list[str]]
     current: bool
+    units: dict[str, str]
 
 
 def _layout(
     path: Path, names: Sequence[str], joints: Sequence[str], patterns: dict[str, str], rate: float | None
 ) -> _Layout:
-    where = f"{path}:1"
-    own = tuple(name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_"))
-    if "position" not in patterns and own:
-        joints = own
+    if "position" not in patterns:
+        joints = usual_joints(names) or joints
+    if "name" in patterns:
+        joints = _told_names(path, names, patterns["name"])
     columns: dict[str, list[str]] = {}
     current = False
     for key, usual in USUAL.items():
@@ -223,14 +204,68 @@ def _layout(
             current = current or (key == "effort" and found[0] == "i_{name}")
         elif key in patterns or key in ("position", "effort"):
             raise _missing(path, names, tried, joints, key)
-    time = patterns.get("time") or next((name for name in names if _is_time(name)), None)
-    if time not in names and (rate is None or "time" in patterns):
-        guess = suggested(names)
-        fix = "add the column t, or give --rate"
-        if "time" in guess:
-            fix = f"under `driver:` in the robot file: columns: {{time: {guess['time']}}}"
-        raise LogLayout(f"{path.name}:1: no column '{time or 't'}'; it has {_listed(names)}", where=where, fix=fix)
-    return _Layout(tuple(joints), time, columns, current)
+    dialect = None if path.suffix == ".parquet" else dialect_of(path)
+    time = _time_columns(path, names, patterns.get("time"), dialect, rate)
+    dated = dialect is not None and len(time) == 1 and dialect.date(names.index(time[0])) is not None
+    return _Layout(tuple(joints), time, dated, columns, current, _declared(columns, names, dialect))
+
+
+def _time_columns(
+    path: Path, names: Sequence[str], given: str | None, dialect: Dialect | None, rate: float | None
+) -> tuple[str, ...]:
+    """Return the column of the stamps, or two.
+
+    Raises:
+        LogLayout: there is none, and no rate.
+    """
+    found = (given,) if given else stamps_of(names)
+    if not found and rate is None:
+        found = tuple(name for name in _INDEX if name in names and _clock(path, name, dialect))[:1]
+    if found and set(found) <= set(names):
+        return found
+    if rate is not None and not given:
+        return ()
+    guess = suggested(names)
+    fix = "add the column t, or give --rate"
+    if "time" in guess:
+        fix = f"under `driver:` in the robot file: columns: {{time: {guess['time']}}}"
+    raise LogLayout(f"{path.name}:1: no column '{given or 't'}'; it has {_listed(names)}", where=f"{path}:1", fix=fix)
+
+
+def _clock(path: Path, name: str, dialect: Dialect | None) -> bool:
+    """Return whether a column without a name is a clock rather than the number of the row."""
+    if dialect is not None:
+        place = dialect.names.index(name)
+        return place < len(dialect.first) and bool(dialect.date(place) is not None or "." in dialect.first[place])
+    return not str(_schema(path).field(name).type).startswith(("int", "uint", "string", "large_string"))
+
+
+def _told_names(path: Path, names: Sequence[str], pattern: str) -> tuple[str, ...]:
+    """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
+
+    Raises:
+        LogLayout: there are no such columns.
+    """
+    count = next((k for k in range(len(names), 0, -1) if matched(pattern, names, [""] * k)), 0)
+    if not count:
+        raise LogLayout(f"{path.name}:1: no column {pattern}; it has {_listed(names)}", where=f"{path}:1")
+    chosen = matched(pattern, names, [""] * count)
+    if path.suffix != ".parquet":
+        dialect = dialect_of(path)
+        return tuple(dialect.first[dialect.names.index(name)] for name in chosen) if dialect.first else ()
+    batch = next(iter(_open_parquet(path).iter_batches(batch_size=1, columns=chosen)), None)
+    return tuple(str(batch.column(name)[0]) for name in chosen) if batch is not None else ()
+
+
+def _declared(columns: Mapping[str, list[str]], names: Sequence[str], dialect: Dialect | None) -> dict[str, str]:
+    """Return the units that the header gives for all columns of a quantity."""
+    below = dialect.units if dialect is not None else ()
+    found = {}
+    for key in ("position", "velocity", "effort"):
+        words = {unit_of(name, below[names.index(name)] if below else "") for name in columns.get(key, [])}
+        if len(words) == 1 and (unit := words.pop()) in FACTORS[key]:
+            found[key] = unit
+    return found
 
 
 def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
@@ -262,11 +297,6 @@ def _missing(path: Path, names: Sequence[str], tried: Sequence[str], joints: Seq
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-
-
-def _is_time(name: str) -> bool:
-    plain = _UNIT.sub("", name.lower()).strip(" _[(") or "t"
-    return plain in TIME_NAMES
 
 
 # ---------------------------------------------------------------- the numbers
@@ -338,103 +368,20 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
 
 
 def _text(path: Path, chosen: Sequence[str]) -> Iterator[Floats]:
-    dialect = _dialect(path)
+    dialect = dialect_of(path)
     places = [dialect.names.index(name) for name in chosen]
     rows: list[tuple[int, str]] = []
     try:
         with limits.open_file(path) as stream:
             limits.check("text_bytes", os.fstat(stream.fileno()).st_size, path)
             for number, line in lines_of(stream, path):
-                if number == dialect.header or line[0] in "#%":
+                if number < dialect.start or not dialect.start or line[0] in "#%":
                     continue
                 rows.append((number, line))
                 if len(rows) == BLOCK:
-                    yield _numbers(path, rows, dialect, places)
+                    yield dialect.numbers(path, rows, places)
                     rows = []
     except UnicodeDecodeError as error:
         raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
     if rows:
-        yield _numbers(path, rows, dialect, places)
-
-
-def _numbers(path: Path, rows: list[tuple[int, str]], dialect: Dialect, places: list[int]) -> Floats:
-    lines = [line.replace(",", ".") if dialect.comma else line for _, line in rows]
-    try:
-        return np.asarray(np.loadtxt(lines, delimiter=dialect.delimiter, comments=None, ndmin=2, usecols=places))
-    except ValueError:
-        return np.array([_row(path, number, line, dialect, places) for number, line in rows])
-
-
-def _row(path: Path, number: int, line: str, dialect: Dialect, places: list[int]) -> list[float]:
-    """Return the numbers of one row; an empty cell is not a number, words are named."""
-    cells = _cells(line, dialect.delimiter)
-    if len(cells) != dialect.width:
-        text = f"{path.name}:{number}: {len(cells)} numbers, expected {dialect.width}"
-        raise LogLayout(text, where=f"{path}:{number}")
-    values = []
-    for place in places:
-        word = cells[place].replace(",", ".") if dialect.comma else cells[place]
-        try:
-            values.append(float(word) if word else float("nan"))
-        except ValueError:
-            text = f"{path.name}:{number}: '{word[:40]}' is not a number"
-            raise LogLayout(text, where=f"{path}:{number}") from None
-    return values
-
-
-def _cells(line: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:
-        return line.split()
-    cells = [cell.strip().strip('"') for cell in line.split(delimiter)]
-    return cells[:-1] if len(cells) > 1 and not cells[-1] and line.rstrip().endswith(delimiter) else cells
-
-
-def _dialect(path: Path) -> Dialect:
-    """Tell delimiter, decimal sign and header from the first lines of a text.
-
-    Why not csv.Sniffer: it takes a decimal comma for a delimiter.
-    """
-    shown: list[tuple[int, str]] = []
-    data: list[str] = []
-    try:
-        with limits.open_file(path) as stream:
-            for number, line in lines_of(stream, path):
-                if line[0] not in "#%" and _starts_with_number(line):
-                    data.append(line)
-                else:
-                    shown.append((number, line))
-                if len(data) > 4 or len(shown) > _SNIFFED:
-                    break
-    except OSError as error:
-        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
-    except UnicodeDecodeError as error:
-        raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
-    plain = [entry for entry in shown if entry[1][0] not in "#%"]
-    sample = data[0] if data else plain[-1][1] if plain else ""
-    delimiter = next((sign for sign in (";", "\t", ",") if sign in sample), None)
-    # Why: in a table of white space and decimal commas, each cell has one comma and the header has none.
-    comma = delimiter in (";", "\t") and any("," in line for line in data)
-    if delimiter == "," and len(sample.split()) > 1 and plain and "," not in plain[-1][1]:
-        delimiter, comma = None, True
-    width = len(_cells(sample, delimiter))
-    # The last line of words before the numbers; in a comment only when it has a name for each cell.
-    candidates = [(n, _cells(line.lstrip("#% "), delimiter)) for n, line in reversed(shown) if line[0] not in "#%"]
-    candidates += [
-        (n, words) for n, line in reversed(shown)
-        if line[0] in "#%" and len(words := _cells(line.lstrip("#% "), delimiter)) == width > 1
-    ]  # fmt: skip
-    number, words = candidates[0] if candidates else (0, [])
-    if words and len(words) != width and data:
-        raise LogLayout(
-            f"{path.name}:{number}: {len(words)} names, but the rows have {width} numbers", where=f"{path}:{number}"
-        )
-    return Dialect(delimiter, comma, tuple(words), number, width)
-
-
-def _starts_with_number(line: str) -> bool:
-    word = re.split(r"[;\t\s]", line.strip('"'), maxsplit=1)[0].split(",")[0].strip('"')
-    try:
-        float(word)
-    except ValueError:
-        return not word
-    return True
+        yield dialect.numbers(path, rows, places)

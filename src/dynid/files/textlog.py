@@ -5,6 +5,7 @@ Reads text, writes nothing. One row per sample, one column per joint; white spac
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import re
@@ -27,7 +28,10 @@ Floats = NDArray[np.float64]
 TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
 #: Rows that are turned into numbers together.
 BLOCK = 20_000
+#: Bytes from which the encoding is told.
+ENCODED = 1 << 16
 _SPLIT = re.compile(r"[,;\s]+")
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 
 
 @dataclass(frozen=True)
@@ -114,14 +118,29 @@ def _read_table(path: Path) -> _Table:
 def lines_of(stream: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines that hold something, with their numbers, each no longer than the limit."""
     most = int(limits.limit("line_bytes"))
-    text = io.TextIOWrapper(stream, encoding="utf-8-sig")
+    text = io.TextIOWrapper(stream, encoding=_encoding(stream))
     for number in count_from(1):
         line = text.readline(most + 1)
         if not line:
             return
         limits.check("line_bytes", len(line), f"{path}:{number}")
-        if line := line.strip():
+        # Why: a tab at an end stands beside an empty cell; spreadsheets fill rows up with delimiters alone.
+        if (line := line.strip(" \r\n\f\v")).strip(';,|" \t'):
             yield number, line
+
+
+def _encoding(stream: IO[bytes]) -> str:
+    """Return the encoding of a text: by its mark, UTF-8 where that fits, else that of western Windows."""
+    start = stream.read(ENCODED)
+    stream.seek(0)
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(start)
+    except UnicodeDecodeError:
+        # Why: a text has no control characters; what has some is another kind of file, and named as that.
+        return "utf-8-sig" if _CONTROL.search(start) else "cp1252"
+    return "utf-8-sig"
 
 
 def _numbers(path: Path, rows: list[tuple[int, str]], width: int) -> Floats:
@@ -141,7 +160,7 @@ def _words(line: str) -> list[str]:
     """Split at commas if there are any (an empty cell stays a cell), else at white space."""
     if "," in line or ";" in line:
         return [word.strip().strip('"') for word in re.split("[,;]", line.rstrip(",; "))]
-    return _SPLIT.split(line)
+    return _SPLIT.split(line.strip())
 
 
 def _is_numbers(line: str) -> bool:

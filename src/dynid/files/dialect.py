@@ -1,0 +1,249 @@
+"""How a text table is written: delimiter, decimal sign, header, dates; and its cells as numbers.
+
+Told from the first lines: exports of spreadsheets in any country, of recorders and of plotting tools.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid import limits
+from dynid.errors import LogLayout, LogNotFound
+from dynid.files.datestamps import seconds_of
+from dynid.files.textlog import lines_of
+
+Floats = NDArray[np.float64]
+
+#: Lines from which a dialect is told, and those of numbers among them.
+SNIFFED, SAMPLE = 200, 40
+DELIMITERS = (";", "\t", "|", ",")
+#: Cells that say that there is no number.
+NONE = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"}
+_SPACES = "'\u2019\u00a0\u202f "
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+#: Numbers with groups of three, by whether their decimals follow a comma.
+_GROUPED = {
+    True: re.compile(rf"[+-]?\d{{1,3}}(?:[.{_SPACES}]\d{{3}})+(?:,\d*)?{_EXPONENT}", re.ASCII),
+    False: re.compile(rf"[+-]?\d{{1,3}}(?:[,{_SPACES}]\d{{3}})+(?:\.\d*)?{_EXPONENT}", re.ASCII),
+}
+_WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}", re.ASCII)
+_WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text table is written.
+
+    Attributes:
+        delimiter: between cells; None for white space.
+        comma: whether numbers have decimal commas.
+        names: words of the header, () where there is none.
+        start: number of the first line of numbers.
+        width: cells of a row.
+        first: cells of the first row.
+        units: words of a line of units below the header, () where there is none.
+    """
+
+    delimiter: str | None
+    comma: bool
+    names: tuple[str, ...]
+    start: int
+    width: int
+    first: tuple[str, ...]
+    units: tuple[str, ...] = ()
+
+    def date(self, place: int) -> int | None:
+        """Return what the dates of a column are counted from [whole seconds]; None where it holds numbers."""
+        stamp = seconds_of(self.first[place]) if place < len(self.first) else None
+        return stamp[0] if stamp else None
+
+    def numbers(self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]) -> Floats:
+        """Return some columns of some rows, (N, k).
+
+        Raises:
+            LogLayout: a cell is not a number, or a row has another number of cells.
+        """
+        lines = [line for _, line in rows]
+        dates = [self.date(place) for place in places]
+        # Why: a quoted comma is no delimiter, and a point beside decimal commas groups thousands.
+        plain = not any(day is not None for day in dates) and not any('"' in line for line in lines)
+        if plain and not (self.comma and any("." in line for line in lines)):
+            if self.delimiter is not None and len({line.count(self.delimiter) for line in lines}) > 1:
+                return np.array([self._row(path, number, line, places, dates) for number, line in rows])
+            ready = [line.replace(",", ".") for line in lines] if self.comma else lines
+            try:
+                return np.asarray(np.loadtxt(ready, delimiter=self.delimiter, comments=None, ndmin=2, usecols=places))
+            except ValueError:
+                pass
+        return np.array([self._row(path, number, line, places, dates) for number, line in rows])
+
+    def _row(
+        self, path: Path, number: int, line: str, places: Sequence[int], dates: Sequence[int | None]
+    ) -> list[float]:
+        """Return the numbers of one row; an empty cell is not a number, words are named."""
+        cells = cells_of(line, self.delimiter)
+        if len(cells) != self.width and not (len(cells) == self.width + 1 and not cells[-1]):
+            text = f"{path.name}:{number}: {len(cells)} numbers, expected {self.width}"
+            raise LogLayout(text, where=f"{path}:{number}")
+        values = []
+        for place, day in zip(places, dates, strict=True):
+            value = as_number(cells[place], comma=self.comma) if day is None else _since(cells[place], day)
+            if value is None:
+                text = f"{path.name}:{number}: '{cells[place][:40]}' is not a number"
+                raise LogLayout(text, where=f"{path}:{number}")
+            values.append(value)
+        return values
+
+
+def as_number(word: str, *, comma: bool) -> float | None:
+    """Return the number of a cell, NaN for one that says it has none, None for other words."""
+    if word.lower() in NONE:
+        return float("nan")
+    if _GROUPED[comma].fullmatch(word):
+        word = re.sub(rf"[{'.' if comma else ','}{_SPACES}]", "", word)
+    try:
+        return float(word.replace(",", ".") if comma else word)
+    except ValueError:
+        return None
+
+
+def _since(word: str, day: int) -> float | None:
+    if word.lower() in NONE:
+        return float("nan")
+    stamp = seconds_of(word)
+    return None if stamp is None else (stamp[0] - day) + stamp[1]
+
+
+def cells_of(line: str, delimiter: str | None) -> list[str]:
+    """Return the cells of a line, without quotes."""
+    if delimiter is None:
+        return [word.strip('"') for word in line.split()]
+    if '"' in line:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+        except csv.Error:
+            pass
+    return [cell.strip() for cell in line.split(delimiter)]
+
+
+def dialect_of(path: Path) -> Dialect:
+    """Tell the dialect of a text from its first lines.
+
+    Why not csv.Sniffer: it takes a decimal comma for a delimiter.
+
+    Raises:
+        LogNotFound: it cannot be read, or is no text.
+        LogLayout: the header names another number of columns than the rows have.
+    """
+    lines: list[tuple[int, str]] = []
+    try:
+        with limits.open_file(path) as stream:
+            for number, line in lines_of(stream, path):
+                lines.append((number, line))
+                if len(lines) >= SNIFFED:
+                    break
+    except OSError as error:
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+    except UnicodeDecodeError as error:
+        raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
+    plain = [(number, line) for number, line in lines if line[0] not in "#%"]
+    told = [_is_data(line) for _, line in plain]
+    # Why: a title may be a number and a date; numbers are a table where the next line has numbers as well.
+    at = next((k for k, data in enumerate(told) if data and all(told[k : k + 2])), len(plain))
+    if 0 < at < len(plain) - 1 and plain[at][1][0] in ";,\t|" and plain[at + 1][1][0] not in ";,\t|":
+        # A row without a stamp before rows with one counts the joints, below a line of what is theirs.
+        at += 1
+    start, sample = plain[at][0] if at < len(plain) else 0, [line for _, line in plain[at : at + SAMPLE]]
+    head = [(number, line) for number, line in lines if not start or number < start]
+    words = [line for _, line in head if line[0] not in "#%"]
+    model = sample[0] if sample else words[-1] if words else ""
+    delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
+    if delimiter == "," and len(model.split()) > 1 and words and not any("," in line for line in words):
+        # In a table of white space and decimal commas, each cell has one comma and the header has none.
+        delimiter = None
+    comma = delimiter != "," and _decimal_comma([cells_of(line, delimiter) for line in sample])
+    first = cells_of(model, delimiter)
+    names, units, width = _header(path, head, delimiter, first, has_rows=bool(sample))
+    return Dialect(delimiter, comma, names, start, width, tuple(first) if sample else (), units)
+
+
+def _is_data(line: str) -> bool:
+    """Return whether most words of a line are numbers or dates."""
+    words = [word for word in re.split(r"[;,|\s]+", line.replace('"', " ")) if word]
+    told = [as_number(word, comma=False) is not None or bool(re.fullmatch(r"\d[\d:./TZ+-]*", word)) for word in words]
+    return 2 * sum(told) > len(words)
+
+
+def _decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether the numbers of some rows have decimal commas rather than points."""
+    cells = [cell for row in rows for cell in row]
+    grouped = [bool(_GROUPED[True].fullmatch(cell)) for cell in cells]
+    commas = sum(
+        bool(_WITH_COMMA.fullmatch(cell)) or ("," in cell and known) for cell, known in zip(cells, grouped, strict=True)
+    )
+    points = sum(bool(_WITH_POINT.fullmatch(cell)) and not known for cell, known in zip(cells, grouped, strict=True))
+    return commas > points
+
+
+def _header(
+    path: Path, head: Sequence[tuple[int, str]], delimiter: str | None, first: Sequence[str], *, has_rows: bool
+) -> tuple[tuple[str, ...], tuple[str, ...], int]:
+    """Return the names of the columns, a line of units below them, and the number of cells of a row.
+
+    Raises:
+        LogLayout: there are names, but not as many as cells.
+    """
+    fits = {len(first), len(first) - 1} if len(first) > 1 and not first[-1] else {len(first)}
+    split = [(line[0] in "#%", _names(line, delimiter, fits)) for _, line in head]
+    plain = [words for comment, words in split if not comment and len(words) in fits]
+    if not has_rows and plain:
+        return tuple(plain[-1]), (), len(plain[-1])
+    both = [[f"{a} {b}".strip() for a, b in zip(_filled(one), two, strict=True)] for one, two in pairwise(plain)
+            if len(one) == len(two)]  # fmt: skip
+    names = max(reversed(plain), key=_distinct, default=[])
+    if both and _distinct(names) < len(names):
+        names = max([*reversed(both), names], key=_distinct)
+    if not names and (wrong := [(number, words) for (number, _), (comment, words) in zip(head, split, strict=True)
+                                if not comment and len(words) > 1]):  # fmt: skip
+        number, words = wrong[-1]
+        text = f"{path.name}:{number}: {len(words)} names, but the rows have {len(first)} numbers"
+        raise LogLayout(text, where=f"{path}:{number}")
+    if not names:
+        # In a comment only where it has a name for each cell.
+        told = [words for comment, words in split if comment and len(words) in fits and len(words) > 1]
+        names = told[-1] if told else []
+    last = plain[-1] if plain else []
+    units = tuple(last) if last and last is not names and len(last) == len(names) else ()
+    return tuple(names), units, len(names) or len(first)
+
+
+def _names(line: str, delimiter: str | None, fits: set[int]) -> list[str]:
+    """Return the words of a line that may be a header; its delimiter need not be that of the rows."""
+    bare = line.lstrip("#% ") if line[0] in "#%" else line
+    for each in dict.fromkeys((delimiter, *DELIMITERS, None)):
+        words = cells_of(bare, each)
+        if len(words) in fits:
+            return words
+        if len(words) > 1 and not words[-1] and len(words) - 1 in fits:
+            return words[:-1]
+    return cells_of(bare, delimiter)
+
+
+def _distinct(words: Sequence[str]) -> int:
+    return len({word for word in words if word})
+
+
+def _filled(words: Sequence[str]) -> list[str]:
+    """Return words with those that are empty replaced by the one before: a spreadsheet joins cells."""
+    found: list[str] = []
+    for word in words:
+        found.append(word or (found[-1] if found else ""))
+    return found
