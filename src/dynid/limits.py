@@ -59,8 +59,8 @@ LIMITS: dict[str, Limit] = {
     ),
     "connections": Limit(10_000, "connections", "publishers and topics of a bag", "a large robot has some hundred"),
     "archive_bytes": Limit(
-        768 * MIB, "bytes", "all arrays of an .npz file, unpacked",
-        "eight hours of seven joints at 100 Hz have 500 MB; they are held in memory",
+        4096 * MIB, "bytes", "all arrays of an .npz file, unpacked",
+        "ten million samples of seven joints have 1.2 GB; long arrays are read piece by piece into a temporary file",
     ),
     "members": Limit(1000, "members", "arrays of an .npz file", "results have up to 60"),
     "header_bytes": Limit(32 * MIB, "bytes", "the JSON header of an .npz file", "headers have 10 kB to 1 MB"),

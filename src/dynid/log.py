@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
+from dynid.longarrays import floats
 from dynid.npz import write_npz
 from dynid.text import html, visible
 from dynid.units import FACTORS
@@ -111,7 +112,7 @@ class Log:
             raise self._wrong(f"array '{key}' has rows of different lengths") from None
         if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array):
             raise self._wrong(f"array '{key}' holds no numbers")
-        return np.asarray(array, dtype=np.float64)
+        return floats(array)
 
     def _columns(self, key: str, values: ArrayLike) -> Floats:
         array = self._floats(key, values)

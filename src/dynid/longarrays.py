@@ -11,6 +11,7 @@ import mmap
 import os
 import tempfile
 import weakref
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import IO, Any
 
@@ -26,6 +27,10 @@ IN_MEMORY = 12 << 20
 STORE = 64 << 20
 #: Rows of a piece.
 PIECE = 1 << 16
+#: Mapped pages that may stay in memory [bytes].
+PAGES = 24 << 20
+#: What was mapped from files after the last release: libraries, for the most part [bytes].
+_after_release = [0]
 _MAPPED: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
 
 
@@ -101,6 +106,17 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]
     return np.frombuffer(mapped, dtype).reshape(shape)
 
 
+def floats(array: NDArray[Any]) -> NDArray[np.float64]:
+    """Return an array as float64, itself where it is; piece by piece where it is long."""
+    if array.dtype == np.float64 or 8 * array.size <= IN_MEMORY:
+        return np.asarray(array, dtype=np.float64)
+    found = empty(array.shape)
+    for start in range(0, len(array), PIECE):
+        found[start : start + PIECE] = array[start : start + PIECE]
+        release()
+    return found
+
+
 def taken(array: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     """Return some rows of an array, in the given order; piece by piece where they are many."""
     if array.nbytes <= IN_MEMORY:
@@ -110,6 +126,19 @@ def taken(array: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
         found[start : start + PIECE] = array[rows[start : start + PIECE]]
         release()
     return found
+
+
+def joined(parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
+    """Return arrays of rows one after the other, in a file where they are many; a single one as it is."""
+    first, *rest = parts
+    if not rest:
+        return first
+    growing = Growing(first.shape[1] if first.ndim > 1 else 0, first.dtype)
+    for part in (first, *rest):
+        for start in range(0, len(part), PIECE):
+            growing.append(part[start : start + PIECE])
+            release()
+    return growing.whole()
 
 
 class Store:
@@ -131,12 +160,25 @@ class Store:
 
 
 def release() -> None:
-    """Give back the memory of all mapped pages; what was written stays in the files."""
-    if not hasattr(mmap, "MADV_DONTNEED"):
+    """Give back the memory of all mapped pages where they are many; what was written stays in the files.
+
+    Why not always: pages that are used again have to be mapped again.
+    """
+    if not _MAPPED or not hasattr(mmap, "MADV_DONTNEED") or _file_pages() - _after_release[0] < PAGES:
         return
     for mapped in list(_MAPPED):
         with suppress(ValueError, OSError):
             mapped.madvise(mmap.MADV_DONTNEED)
+    _after_release[0] = _file_pages()
+
+
+def _file_pages() -> int:
+    """Return how much memory this process has mapped from files [bytes]; a large number where nobody says."""
+    try:
+        with open("/proc/self/statm", "rb", buffering=0) as stream:  # noqa: PTH123
+            return int(stream.read().split()[2]) * mmap.PAGESIZE
+    except (OSError, ValueError, IndexError):
+        return 1 << 62
 
 
 def _file() -> IO[bytes]:

@@ -26,12 +26,15 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import CannotWrite
+from dynid.longarrays import empty, release
 from dynid.scratch import prefix, sweep
 
 #: Name of the array that holds the header.
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
 COMPRESSED_BYTES = 4 << 20
+#: What is read or written of a member at once.
+PIECE_BYTES = 4 << 20
 #: Larger members need the long form of a zip archive.
 _ZIP64 = 1 << 31
 #: What NumPy writes in front of an array, for the types that a result may have: truth values, numbers, text.
@@ -102,11 +105,21 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
             info = zipfile.ZipInfo(f"{name}.npy")
             if array.nbytes >= COMPRESSED_BYTES:
                 with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
-                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+                    _write_long(member, np.ascontiguousarray(array))
                 continue
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
             archive.writestr(info, buffer.getbuffer(), zipfile.ZIP_DEFLATED, 1)
+
+
+def _write_long(stream: IO[bytes], array: NDArray[Any]) -> None:
+    """Write an array as NumPy does, piece by piece: one that lives in a file need not be in memory for it."""
+    header = np.lib.format.header_data_from_array_1_0(array)
+    np.lib.format.write_array_header_1_0(stream, header)
+    content = array.reshape(-1).view(np.uint8)
+    for start in range(0, len(content), PIECE_BYTES):
+        stream.write(content[start : start + PIECE_BYTES].data)
+        release()
 
 
 def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
@@ -167,13 +180,24 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> NDA
         rest = member.file_size - length - (10 if version == (1, 0) else 12)
         if math.prod(shape) * dtype.itemsize != rest:
             raise ValueError(f"'{name}' has another length than its shape {shape}")
-        content = bytearray(stream.read(rest))
+        content = _filled(stream, rest)
         if len(content) != rest:
             raise ValueError(f"'{name}' is cut")
-    if not dtype.itemsize:
+    if not content.size:
         return np.zeros(shape, dtype)
     order: Any = "F" if match[2] == "True" else "C"
-    return np.frombuffer(content, dtype).reshape(shape, order=order)
+    return content.view(dtype).reshape(shape, order=order)
+
+
+def _filled(stream: IO[bytes], size: int) -> NDArray[np.uint8]:
+    """Return so many bytes of a stream, fewer where it ends before; in a file where they are many."""
+    content, place = empty((size,), np.uint8), 0
+    while place < size and (piece := stream.read(min(PIECE_BYTES, size - place))):
+        content[place : place + len(piece)] = np.frombuffer(piece, np.uint8)
+        place += len(piece)
+        if size > PIECE_BYTES:
+            release()
+    return content[:place]
 
 
 def parse_json(text: str, where: Path | str) -> Any:  # noqa: ANN401

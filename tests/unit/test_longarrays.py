@@ -48,3 +48,21 @@ print(total == 256 * PIECE * 8, resource.getrusage(resource.RUSAGE_SELF).ru_maxr
     right, more = done.stdout.split()
     assert right == "True"
     assert int(more) < 100_000
+
+
+def test_other_numbers_become_floats_piece_by_piece(monkeypatch):
+    monkeypatch.setattr(longarrays, "IN_MEMORY", 1000)
+    monkeypatch.setattr(longarrays, "PIECE", 300)
+    for array in (np.arange(3000, dtype=np.int32).reshape(1000, 3), np.linspace(0, 1, 2000).astype(">f8")):
+        found = longarrays.floats(array)
+        assert found.dtype == np.float64
+        np.testing.assert_array_equal(found, array.astype(float))
+    same = np.zeros(5000)
+    assert longarrays.floats(same) is same
+
+
+def test_parts_are_joined_in_a_file_and_a_single_one_is_itself(monkeypatch):
+    monkeypatch.setattr(longarrays, "IN_MEMORY", 1000)
+    parts = [np.arange(k, k + 600.0).reshape(-1, 2) for k in (0, 600)]
+    np.testing.assert_array_equal(longarrays.joined(parts), np.concatenate(parts))
+    assert longarrays.joined(parts[:1]) is parts[0]

@@ -2,6 +2,7 @@
 
 import os
 import stat
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from dynid.errors import CannotWrite
 from dynid.files.convert import WRITERS, write_log
 from dynid.log import Log
-from dynid.npz import written_whole
+from dynid.npz import read_npz, write_npz, written_whole
 
 
 def make_pipe(path: Path) -> None:
@@ -65,3 +66,36 @@ def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
         with written_whole(tmp_path / name) as stream:
             stream.write(b"new")
         assert (tmp_path / name).read_bytes() == b"new"
+
+
+LONG = {
+    "order C": np.random.default_rng(0).standard_normal((5000, 3)),
+    "order F": np.asfortranarray(np.arange(12000.0).reshape(4000, 3)),
+    "single": np.linspace(0, 1, 3001, dtype=np.float32),
+    "flags": np.arange(9000).reshape(3000, 3) % 7 == 0,
+    "nothing": np.zeros((4, 0)),
+    "number": np.array(3),
+}
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_long_arrays_are_read_in_pieces_as_numpy_reads_them_whole(save, tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.longarrays.IN_MEMORY", 1000)
+    monkeypatch.setattr("dynid.longarrays.PAGES", 0)
+    monkeypatch.setattr("dynid.npz.PIECE_BYTES", 4096)
+    save(tmp_path / "long.npz", **LONG)
+    found = read_npz(tmp_path / "long.npz")
+    for name, array in LONG.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+
+
+def test_long_arrays_are_written_in_pieces_as_numpy_writes_them_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.npz.COMPRESSED_BYTES", 1)
+    monkeypatch.setattr("dynid.npz.PIECE_BYTES", 1000)
+    write_npz(tmp_path / "dynid.npz", {}, LONG)
+    np.savez(tmp_path / "numpy.npz", **{name: np.ascontiguousarray(array) for name, array in LONG.items()})
+    with zipfile.ZipFile(tmp_path / "dynid.npz") as own, zipfile.ZipFile(tmp_path / "numpy.npz") as theirs:
+        for name in LONG:
+            if LONG[name].ndim:
+                assert own.read(f"{name}.npy") == theirs.read(f"{name}.npy")
