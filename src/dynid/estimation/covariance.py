@@ -11,7 +11,6 @@ with Satterthwaite's degrees of freedom).
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.observation_rows import ObservationRows, joined, runs
 from dynid.estimation.robust import HUBER
+from dynid.longarrays import Growing, release
 from dynid.signals.filters import pulse, pulse_width
 
 Floats = NDArray[np.float64]
@@ -52,12 +52,13 @@ def hac_covariance(
     *,
     robust: bool = False,
     bread: Floats | None = None,
+    basis: Floats | None = None,
 ) -> Floats:
     """Return the covariance of an estimate, allowing for coloured residuals, (p, p) in squared units of theta.
 
     Arguments as for ``hac_covariances``; of a short log the corrected one.
     """
-    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread)[0]
+    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread, basis=basis)[0]
 
 
 def hac_covariances(
@@ -68,6 +69,7 @@ def hac_covariances(
     *,
     robust: bool = False,
     bread: Floats | None = None,
+    basis: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the covariance of an estimate, allowing for coloured residuals, and without correction for short logs.
 
@@ -78,29 +80,34 @@ def hac_covariances(
         lags: memory of the residuals in samples; None to find it from the scores.
         robust: whether the estimate had Huber weights.
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
+        basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
     """
-    sensitivity: Floats | float = 0.0
-    # Why arrays that grow in place: of a long log, pieces and joined scores would not fit into memory together.
-    growing: list[array[float]] = []
+    given = theta if basis is None else basis @ theta
+    sensitivity = np.zeros((len(given), len(given)))
+    # Why in files where they are long: of a log of hours, the scores would not fit into memory.
+    growing: list[Growing] = []
     short: list[ObservationRows] = []
     instants = 0
     for part in rows:
-        residual = part.residual(theta)
-        Z = part.W if part.Z is None else part.Z
+        residual = part.residual(given)
         inside = part.mask & (np.abs(residual) <= HUBER * noise) if robust else part.mask
-        left = (Z * (inside / noise**2)[:, :, None]).reshape(-1, len(theta))
-        sensitivity = sensitivity + left.T @ part.W.reshape(-1, len(theta))
         if not (part.follows and growing):
-            growing.append(array("d"))
+            growing.append(Growing(len(theta)))
         bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
-        growing[-1].frombytes(_scores(Z, bounded, noise).tobytes())
+        scores = _scores(part, inside / noise**2, bounded / noise**2, sensitivity)
+        growing[-1].append(scores if basis is None else scores @ basis)
         instants += len(residual)
         short = [*short, replace(part, usable=inside)] if instants <= SHORT else []
-    series = [np.frombuffer(each).reshape(-1, len(theta)) for each in growing]
+    if basis is not None:
+        sensitivity, short = (
+            basis.T @ sensitivity @ basis,
+            [part.with_arrays(part.W @ basis, part.tau) for part in short],
+        )
+    series = [each.whole() for each in growing]
     lags = automatic_lags(series) if lags is None else lags
     scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:
-        bread = scale[:, None] * np.linalg.inv(scale[:, None] * np.asarray(sensitivity) * scale) * scale
+        bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     covariance = uncorrected = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
     if instants <= SHORT:
         factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags)
@@ -108,15 +115,24 @@ def hac_covariances(
     return covariance, uncorrected
 
 
-def _scores(Z: Floats, residual: Floats, noise: Floats) -> Floats:
+def _scores(rows: ObservationRows, weight: Floats, weighted: Floats, sensitivity: Floats) -> Floats:
     """Return the score of each instant, (M, p): Z^T S residual, summed over joints, whose residuals are correlated.
 
+    Z is the regressor, or the instruments where there are any.
+
     Args:
-        Z: rows of the regressor, or instruments, (M, n, p).
-        residual: torque residuals, (M, n) [N m or N].
-        noise: standard deviation of each joint, (n,) [N m or N].
+        rows: observation rows.
+        weight: 1 / noise^2 of the rows that weigh, (M, n) [1 / (N m)^2].
+        weighted: residuals over noise^2, (M, n) [1 / (N m)].
+        sensitivity: Z^T S W of these rows is added to it in place, (p, p).
     """
-    return np.asarray((Z.swapaxes(1, 2) @ (residual / noise**2)[:, :, None])[:, :, 0])
+    scores = np.zeros((len(weighted), rows.size))
+    for j in range(weighted.shape[1]):
+        columns, W = rows.of_joint(j)
+        Z = W if rows.command is None else rows.instruments.of_joint(j)[1]
+        sensitivity[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
+        scores[:, columns] += (Z * weighted[:, j]).T
+    return scores
 
 
 def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
@@ -139,6 +155,7 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
             ends = (max(0, width - 1 - first), max(0, last - len(one)))
             sums = _moving_sums(inside, width, ends)
             total = total + sums.T @ sums / width
+            release()
     return np.asarray(total)
 
 
@@ -163,8 +180,13 @@ def automatic_lags(series: Sequence[Floats]) -> int:
         series: score series of runs without gaps, (M_k, p) [1 / unit of each parameter].
     """
     length = sum(len(one) for one in series)
-    power = np.sum([np.einsum("kp,kp->p", one[:-1], one[:-1]) for one in series], axis=0)
-    together = np.sum([np.einsum("kp,kp->p", one[:-1], one[1:]) for one in series], axis=0)
+    power, together = np.zeros((2, series[0].shape[1]))
+    for one in series:
+        for first in range(0, len(one) - 1, PIECE):
+            here, after = one[first : min(first + PIECE, len(one) - 1)], one[first + 1 : first + 1 + PIECE]
+            power += np.einsum("kp,kp->p", here, here)
+            together += np.einsum("kp,kp->p", here, after)
+            release()
     rho = together / np.where(power > 0.0, power, 1.0)
     rho = np.clip(rho, -0.97, 0.97)  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
     innovation = 1.0 - rho**2  # columns scaled to unit variance

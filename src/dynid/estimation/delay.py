@@ -8,7 +8,7 @@ friction looks like late gravity) widens its error. Docs: docs/explanation/estim
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
-from dynid.estimation.least_squares import RANK_TOLERANCE, merge, weighted
-from dynid.estimation.observation_rows import RowWalk, joint_factors
+from dynid.estimation.least_squares import RANK_TOLERANCE, merge, triangle, weighted
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
@@ -68,15 +68,31 @@ def estimate_delay(stack: Stack) -> Delay:
     _, sigma, Vt = np.linalg.svd(whitened / length)
     columns = (Vt[sigma > RANK_TOLERANCE * sigma[0]] / length).T
     slopes = _slopes(stack, fit.theta)
-    rows = RowWalk(
-        lambda: (
-            rows.with_arrays(np.concatenate([rows.W @ columns, -slope[:, :, None]], axis=2), rows.tau)
-            for rows, slope in zip(stack, slopes, strict=True)
-        )
-    )
-    found = weighted(*joint_factors(rows))
-    variance = hac_covariance(rows, found.theta, found.noise)[-1, -1]
+    rows = RowWalk(lambda: (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True)))
+    # Why a basis: directions that the log leaves open would have no covariance.
+    basis = _block_diagonal(columns, np.eye(1))
+    factors, counts = joint_factors(rows)
+    found = weighted(np.array([triangle(R @ _block_diagonal(basis, np.eye(1))) for R in factors]), counts)
+    variance = hac_covariance(rows, found.theta, found.noise, basis=basis)[-1, -1]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
+
+
+def _block_diagonal(a: Floats, b: Floats) -> Floats:
+    """Return the matrix with two others on its diagonal."""
+    return np.block([[a, np.zeros((len(a), b.shape[1]))], [np.zeros((len(b), a.shape[1])), b]])
+
+
+def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:
+    """Return rows with one more column, which all joints share: what a delay changes, (M, n)."""
+    n = slope.shape[1]
+    return replace(
+        rows,
+        entries=np.concatenate([rows.entries, -slope.T]),
+        joints=np.concatenate([rows.joints, np.arange(n)]),
+        columns=np.concatenate([rows.columns, np.full(n, rows.size)]),
+        size=rows.size + 1,
+        command=None,
+    )
 
 
 def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
@@ -85,7 +101,7 @@ def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
     for rows in stack:
         if not (rows.follows and segments):
             segments.append([])
-        segments[-1].append((rows.t, rows.W @ theta))
+        segments[-1].append((rows.t, rows.torque(theta)))
     slopes: list[Floats] = []
     for pieces in segments:
         t, tau = (np.concatenate(part) for part in zip(*pieces, strict=True))

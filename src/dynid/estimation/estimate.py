@@ -22,6 +22,7 @@ from dynid.estimation.model_error import ModelError, squares
 from dynid.estimation.posterior import Posterior, expected_error, physical_posterior
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
+from dynid.longarrays import joined
 from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters
 from dynid.robot import Controller
@@ -97,7 +98,7 @@ def last_motion(stack: Stack, share: float) -> HoldOut:
 
 def log_motion(log: ConditionedLog) -> Floats:
     """Return the positions of a log at the rate at which motions are compared, (M, n) [rad or m]."""
-    t, q = (np.concatenate([getattr(segment, name) for segment in log.segments]) for name in ("t", "q"))
+    t, q = (joined(getattr(segment, name) for segment in log.segments) for name in ("t", "q"))
     return sampled(t, q)
 
 

@@ -65,14 +65,14 @@ def instrumental(
 
 def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:
     """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
-    left: Floats | float = 0.0
-    right: Floats | float = 0.0
+    left, right = np.zeros((0, 0)), np.zeros(0)
     for part in rows:
-        Z = _weighted_instruments(part, noise, theta)
-        p = Z.shape[2]
-        left = left + Z.reshape(-1, p).T @ part.W.reshape(-1, p)
-        right = right + Z.reshape(-1, p).T @ part.tau.ravel()
-    left = np.asarray(left)
+        left, right = (left, right) if left.size else (np.zeros((part.size, part.size)), np.zeros(part.size))
+        weight = _weights(part, noise, theta)
+        for j in range(len(noise)):
+            (columns, W), (_, Z) = part.of_joint(j), part.instruments.of_joint(j)
+            left[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
+            right[columns] += (Z * weight[:, j]) @ part.tau[:, j]
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
     scaled = scale[:, None] * left * scale
     condition = float(np.linalg.cond(scaled))
@@ -81,12 +81,12 @@ def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Flo
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",
         )
-    return scale[:, None] * np.linalg.inv(scaled) * scale, np.asarray(right)
+    return scale[:, None] * np.linalg.inv(scaled) * scale, right
 
 
-def _weighted_instruments(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
-    assert rows.Z is not None
+def _weights(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
+    """Return the weight of each row, (M, n)."""
     weight = rows.mask / noise**2
     if theta is not None:
         weight = weight * huber_weight(rows.residual(theta), noise)
-    return rows.Z * weight[:, :, None]
+    return weight

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,15 @@ def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
     """
     p = W.shape[1]
     R = np.zeros((p + 1, p + 1)) if R is None else R
-    for k in range(0, len(W), CHUNK):
-        R = triangle(np.vstack([R, np.column_stack([W[k : k + CHUNK], tau[k : k + CHUNK]])]))
+    if not len(W):
+        return R
+    rows = np.empty((p + 1 + min(CHUNK, len(W)), p + 1))
+    # Why evenly: a few rows that are left over cost a factor of their own.
+    edges = np.linspace(0, len(W), -(-len(W) // CHUNK) + 1).astype(int).tolist()
+    for start, end in pairwise(edges):
+        part = rows[: p + 1 + end - start]
+        part[: p + 1], part[p + 1 :, :-1], part[p + 1 :, -1] = R, W[start:end], tau[start:end]
+        R = triangle(part)
     return R
 
 

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import triangle
-from dynid.estimation.observation_rows import ObservationRows, RowWalk
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, joined
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
+from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 
@@ -163,7 +164,8 @@ def _filtered_shapes(rows: ObservationRows, log: ConditionedLog, observer: Obser
     for segment in log.segments:
         if segment.t[0] <= rows.t[0] <= segment.t[-1]:
             break
-    first = int(np.argmin(np.abs(segment.t - rows.t[0]))) - middle
+    after = min(max(1, int(np.searchsorted(segment.t, rows.t[0]))), len(segment) - 1)
+    first = after - int(rows.t[0] - segment.t[after - 1] <= segment.t[after] - rows.t[0]) - middle
     part = slice(first, first + (count - 1) * step + taps)
     q, qd = segment.q[part], segment.qd[part]
     sign = segment.coulomb_sign[part] if segment.coulomb_sign.size else observer.coulomb_sign(qd)
@@ -314,8 +316,7 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     by_column = error.mean / error.scale
     by_parameter = theta - np.einsum("jpk,jk->jp", error.projection, error.mean)
     for rows in _walk(stack, error.speed, error.reference):
-        predicted = np.einsum("mjk,jk->mj", rows.W, np.hstack([by_column, by_parameter]), optimize=True)
-        found += np.sum(np.where(rows.mask, rows.tau - predicted, 0.0) ** 2, axis=0)
+        found += np.sum(rows.residual(np.hstack([by_column, by_parameter])) ** 2, axis=0)
     return found
 
 
@@ -323,19 +324,14 @@ def _folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robus
     """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1)."""
     n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
     factors = np.zeros((n, k + p + 1, k + p + 1))
-    observer, walk = stack.observer, _walk(stack, speed, reference)
-    active = [
-        np.concatenate([np.arange(k), k + np.unique(observer.cols[observer.rows == j]), [k + p]]) for j in range(n)
-    ]
-    for held in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
-        every = np.concatenate([np.concatenate([rows.W, rows.tau[:, :, None]], axis=2) for rows in held])
-        mask = np.concatenate([rows.mask for rows in held])
+    walk = _walk(stack, speed, reference)
+    for rows in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
+        weight = np.ones_like(rows.tau)
         if robust is not None:
-            left = np.abs(every @ np.concatenate([np.zeros(k), -robust, [1.0]])) / noise
-            every *= (FAR / np.maximum(left, FAR))[:, :, None]
+            left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
+            weight = FAR / np.maximum(left, FAR)
         for j, F in enumerate(factors):
-            place = np.ix_(active[j], active[j])
-            F[place] = triangle(np.vstack([F[place], every[mask[:, j], j][:, active[j]]]))
+            fold(F, rows, j, weight[:, j])
     return factors
 
 
@@ -352,27 +348,36 @@ def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
 
 def _walk(stack: Stack, speed: Floats, reference: Floats) -> RowWalk:
     """Return the rows of a stack with [D W] in place of W."""
+    n, k = len(stack.joints), len(GROUPS)
+    joints, columns = np.divmod(np.arange(n * k), k)
 
     def walk() -> Iterator[ObservationRows]:
         for number, log in enumerate(stack.logs):
             for rows in stack.rows_of_log(number):
                 D = _filtered_shapes(rows, log, stack.observer, speed)
-                D[:, :, -1] *= np.abs(rows.W @ reference)
-                yield rows.with_arrays(np.concatenate([D, rows.W], axis=2), rows.tau)
+                D[:, :, -1] *= np.abs(rows.torque(reference))
+                yield replace(
+                    rows,
+                    entries=np.concatenate([D.reshape(-1, n * k).T, rows.entries]),
+                    joints=np.concatenate([joints, rows.joints]),
+                    columns=np.concatenate([columns, k + rows.columns]),
+                    size=k + rows.size,
+                    command=None,
+                )
 
     return RowWalk(walk)
 
 
-def _together(rows: Iterable[ObservationRows]) -> Iterator[list[ObservationRows]]:
+def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
     """Yield rows that are enough to be folded at once."""
     held: list[ObservationRows] = []
     for each in rows:
         held.append(each)
         if sum(len(one.tau) for one in held) >= FOLDED:
-            yield held
+            yield joined(held)
             held = []
     if held:
-        yield held
+        yield joined(held)
 
 
 def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
@@ -380,7 +385,8 @@ def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     squares, count = np.zeros(n), 0
     for log in logs:
         for segment in log.segments:
-            squares += np.sum(segment.qd**2, axis=0)
+            for part in spans(len(segment)):
+                squares += np.sum(segment.qd[part] ** 2, axis=0)
             count += len(segment)
     return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, require_shape, write_artifact
+from dynid.longarrays import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 
@@ -26,12 +27,7 @@ _ARRAYS = tuple(field.name for field in fields(Segment))
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, log in enumerate(stack.logs) for segment in log.segments]
-    # Why not always joined: a long log is mostly one segment, and a copy of it would double the memory.
-    parts = [segment for _, segment in segments]
-    arrays = {
-        name: getattr(parts[0], name) if len(parts) == 1 else np.concatenate([getattr(part, name) for part in parts])
-        for name in _ARRAYS
-    }
+    arrays = {name: joined(getattr(segment, name) for _, segment in segments) for name in _ARRAYS}
     factors, counts = stack.whole
     arrays |= {"R": factors, "rows": counts}
     facts = {

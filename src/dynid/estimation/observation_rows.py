@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +23,7 @@ from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
 from dynid.signals.filters import decimate
+from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -78,9 +79,23 @@ class ObservationRows:
         """Instruments, (M, n, p): the regressor on the commanded motion, in its units; None where there is none."""
         return None if self.command is None else self._dense(self.command)
 
+    @cached_property
+    def _whole(self) -> bool:
+        """Whether the entries are those of a whole matrix in its order."""
+        n = self.tau.shape[1]
+        return len(self.joints) == n * self.size and np.array_equal(
+            self.joints * self.size + self.columns, np.arange(n * self.size)
+        )
+
+    @cached_property
+    def instruments(self) -> ObservationRows:
+        """The rows on the commanded motion, of logs that have one."""
+        assert self.command is not None, "only rows of a log with commands have instruments"
+        return replace(self, entries=self.command, command=None)
+
     def _dense(self, entries: NDArray[Any]) -> Floats:
         M, n = self.tau.shape
-        if np.array_equal(self.joints * self.size + self.columns, np.arange(n * self.size)):
+        if self._whole:
             return np.asarray(entries.T.reshape(M, n, self.size), dtype=float)
         full = np.zeros((M, n, self.size))
         full[:, self.joints, self.columns] = entries.T
@@ -91,9 +106,29 @@ class ObservationRows:
         """Rows that count, (M, n)."""
         return np.ones(self.tau.shape, dtype=bool) if self.usable is None else self.usable
 
+    def of_joint(self, joint: int) -> tuple[NDArray[np.intp], NDArray[Any]]:
+        """Return the columns that a joint's rows have at all, (k,), rising, and their entries, (k, M)."""
+        if self._whole:
+            return np.arange(self.size), self.entries[joint * self.size : (joint + 1) * self.size]
+        own, columns = _of_joint(joint, self.joints.tobytes(), self.columns.tobytes())
+        return columns, self.entries[own]
+
+    def torque(self, theta: Floats) -> Floats:
+        """Return W theta, (M, n) [N m or N], without making W.
+
+        Args:
+            theta: parameters, (p,), or of each joint its own, (n, p).
+        """
+        n = self.tau.shape[1]
+        spread = np.zeros((n, len(self.joints)))
+        spread[self.joints, np.arange(len(self.joints))] = np.broadcast_to(theta, (n, self.size))[
+            self.joints, self.columns
+        ]
+        return np.asarray((spread @ self.entries).T)
+
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
-        return np.where(self.mask, self.tau - self.W @ theta, 0.0)
+        return np.where(self.mask, self.tau - self.torque(theta), 0.0)
 
     def fresh(self) -> ObservationRows:
         """Return the same rows without W and Z in memory; rows that are kept are walked as fresh ones."""
@@ -124,6 +159,15 @@ class ObservationRows:
             W, tau, Z, usable=self.usable, follows=self.follows, t=self.t, block=self.block,
             reversal_times=self.reversal_times, cutoff=self.cutoff,
         )  # fmt: skip
+
+
+@lru_cache(maxsize=256)
+def _of_joint(joint: int, joints: bytes, columns: bytes) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which entries are those of a joint, by rising column, and their columns."""
+    every = np.frombuffer(columns, np.intp)
+    own = np.flatnonzero(np.frombuffer(joints, np.intp) == joint)
+    own = own[np.argsort(every[own], kind="stable")]
+    return own, every[own]
 
 
 def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) -> ObservationRows:  # noqa: ANN401
@@ -238,12 +282,13 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
         cutoff: cut-off frequency of the position filter [Hz].
     """
     found = []
-    for sign in segment.coulomb_sign.T:
-        k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
-        share = sign[k] / (sign[k] - sign[k + 1])
-        times = segment.t[k] + share * (segment.t[k + 1] - segment.t[k])
-        groups = np.split(times, np.flatnonzero(np.diff(times) > 1.0 / cutoff) + 1)
-        found.append(np.array([float(np.mean(group)) for group in groups if len(group)]))
+    for joint in range(segment.coulomb_sign.shape[1]):
+        minus = np.concatenate([np.signbit(segment.coulomb_sign[part, joint]) for part in spans(len(segment))])
+        k = np.flatnonzero(minus[1:] != minus[:-1])
+        sign, after = segment.coulomb_sign[k, joint], segment.coulomb_sign[k + 1, joint]
+        times = segment.t[k] + sign / (sign - after) * (segment.t[k + 1] - segment.t[k])
+        first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
+        found.append(np.add.reduceat(times, first) / np.diff(first, append=len(times)) if len(times) else times)
     return tuple(found)
 
 
@@ -277,17 +322,37 @@ def joined(run: Sequence[ObservationRows]) -> ObservationRows:
 
 def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
     """Return the triangular factor of each joint's rows, (n, p + 1, p + 1) [N m or N], and their number, (n,)."""
-    factors: list[Floats | None] = []
-    rows: Ints = np.zeros(0, dtype=np.int64)
+    factors, rows = np.zeros((0, 0, 0)), np.zeros(0, dtype=np.int64)
     for segment in segments:
         n = segment.tau.shape[1]
-        if not factors:
-            factors, rows = [None for _ in range(n)], np.zeros(n, dtype=np.int64)
+        if not len(factors):
+            factors, rows = np.zeros((n, segment.size + 1, segment.size + 1)), np.zeros(n, dtype=np.int64)
         for j in range(n):
-            good = segment.mask[:, j]
-            factors[j] = accumulate(factors[j], segment.W[good, j], segment.tau[good, j])
+            fold(factors[j], segment, j)
         rows = rows + segment.mask.sum(axis=0)
-    return np.array(factors), rows
+    return factors, rows
+
+
+def fold(R: Floats, rows: ObservationRows, joint: int, weight: Floats | None = None) -> int:
+    """Add the rows of one joint to its factor in place, and return how many they are.
+
+    Only the columns that this joint has are worked on: the links before it do not load it.
+
+    Args:
+        R: triangular factor of the rows so far, (p + 1, p + 1) [N m or N].
+        rows: further rows.
+        joint: number of the joint.
+        weight: factor on each row, (M,); None for ones.
+    """
+    good, (active, entries) = rows.mask[:, joint], rows.of_joint(joint)
+    place = np.ix_(*2 * [np.append(active, rows.size)])
+    tau = rows.tau[:, joint]
+    if weight is not None:
+        entries, tau = entries * weight, tau * weight
+    if not good.all():
+        entries, tau = entries[:, good], tau[good]
+    R[place] = accumulate(R[place], entries.T, tau)
+    return int(good.sum())
 
 
 def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floats:

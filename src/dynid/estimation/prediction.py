@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import longarrays
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, write_artifact
+from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
@@ -73,14 +75,24 @@ def predict(
     """
 
     def torque(part: ObservationRows) -> Floats:
-        tau = np.asarray(part.W @ theta)
+        tau = part.torque(theta)
         return tau if error is None or observer is None else tau + error.torque(part, log, observer)
 
-    torques = [(part.t, part.tau, torque(part), part.mask) for part in rows]
-    t, measured, estimated, usable = (np.concatenate(column) for column in zip(*torques, strict=True))
-    pieces = [piece for segment in log.segments for piece in _pieces(segment, log.filter)]
-    q, qd, qdd, raw_q, raw_qd, raw_qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    t, measured, estimated, usable = _columns((part.t, part.tau, torque(part), part.mask) for part in rows)
+    pieces = (piece for segment in log.segments for piece in _pieces(segment, log.filter))
+    q, qd, qdd, raw_q, raw_qd, raw_qdd = _columns(pieces)
     return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
+
+
+def _columns(pieces: Iterable[tuple[NDArray[Any], ...]]) -> Iterator[NDArray[Any]]:
+    """Yield the columns of pieces that follow each other."""
+    growing: list[Growing] = []
+    for piece in pieces:
+        growing = growing or [Growing(x.shape[1] if x.ndim > 1 else 0, x.dtype) for x in piece]
+        for column, x in zip(growing, piece, strict=True):
+            column.append(x)
+        release()
+    return (column.whole() for column in growing)
 
 
 def predict_logs(stack: Stack, theta: Floats, error: ModelError | None = None) -> list[EstimatedMotion]:
@@ -114,7 +126,7 @@ def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
     arrays: dict[str, NDArray[Any]] = {
-        field.name: np.concatenate([getattr(m, field.name) for m in motions]) for field in fields(EstimatedMotion)
+        field.name: longarrays.joined(getattr(m, field.name) for m in motions) for field in fields(EstimatedMotion)
     }
     arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])
     write_artifact(path, Artifact(SCHEMA, header, arrays))

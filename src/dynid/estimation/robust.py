@@ -88,7 +88,7 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
 def _weighted(rows: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
     for part in rows:
         root = np.sqrt(huber_weight(part.residual(theta), noise))
-        yield part.with_arrays(part.W * root[:, :, None], part.tau * root)
+        yield replace(part, entries=part.entries * root.T[part.joints], command=None, tau=part.tau * root)
 
 
 def huber_weight(residual: Floats, noise: Floats) -> Floats:

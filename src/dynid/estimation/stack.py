@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import accumulate, merge
-from dynid.estimation.observation_rows import ObservationRows, RowWalk, rows_of
+from dynid.estimation.least_squares import merge
+from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.longarrays import Growing, release
 from dynid.model.base_model import BaseModel
@@ -149,7 +149,8 @@ class KeptRows:
         for entries in (rows.entries, rows.command):
             if entries is not None:
                 self._numbers.append(entries.ravel())
-        nothing = rows.entries[:, :0]
+        # Why not a slice: it would keep all the entries in memory.
+        nothing = np.zeros((len(rows.entries), 0))
         self._rows[number].append(replace(rows, entries=nothing, command=None if rows.command is None else nothing))
 
     def whole(self) -> tuple[tuple[ObservationRows, ...], ...]:
@@ -223,7 +224,6 @@ def stack(
     expected_rows = sum(len(s) // log.filter.second_step for log in logs for s in log.segments)
     keep = 8 * expected_rows * len(observer.rows) <= KEPT_BYTES
     kept = KeptRows(len(logs))
-    active = [np.unique(observer.cols[observer.rows == j]) for j in range(n)]
     for number, log in enumerate(logs):
         expected = sum(len(s) for s in log.segments)
         done = 0
@@ -235,7 +235,7 @@ def stack(
                 counts.append(np.zeros(n, dtype=np.int64))
                 places.append((number, rows.block))
             for j in range(n):
-                counts[-1][j] += _fold(factors[-1][j], rows, j, active[j])
+                counts[-1][j] += fold(factors[-1][j], rows, j)
             done += len(rows.t) * log.filter.second_step
             progress.advance(number + min(1.0, done / expected), len(logs), log.name)
     shape = (len(factors), n, size, size)
@@ -251,12 +251,3 @@ def stack(
         logs=tuple(logs),
         kept=kept.whole() if keep else None,
     )
-
-
-def _fold(R: Floats, rows: ObservationRows, joint: int, active: NDArray[np.intp]) -> int:
-    """Add the rows of one joint to its factor in place; only the columns that this joint has are worked on."""
-    good = rows.mask[:, joint]
-    columns = np.append(active, rows.size)
-    small = accumulate(R[np.ix_(columns, columns)], rows.W[good][:, joint, active], rows.tau[good, joint])
-    R[np.ix_(columns, columns)] = small
-    return int(good.sum())

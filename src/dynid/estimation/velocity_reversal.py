@@ -136,7 +136,8 @@ def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:
     size = np.sqrt(np.maximum(square, 0.0))
     vector, size = vector[:, size > SAME], size[size > SAME]
     basis = effects @ (vector / size)
-    seen = basis.T @ np.column_stack([rows.W[:, joint], rows.tau[:, joint]])
+    seen, (columns, entries) = np.zeros((len(size), rows.size + 1)), rows.of_joint(joint)
+    seen[:, columns], seen[:, -1] = (entries @ basis).T, rows.tau[:, joint] @ basis
     return ReversalSubspace(basis, size, seen)
 
 
@@ -156,11 +157,13 @@ def _less(R: Floats, subspaces: list[ReversalSubspace], strength: float) -> Floa
 
 def _whitened(rows: ObservationRows, subspaces: tuple[ReversalSubspace, ...], strength: Floats) -> ObservationRows:
     """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
-    W, tau = np.where(rows.mask[:, :, None], rows.W, 0.0), np.where(rows.mask, rows.tau, 0.0)
-    Z = None if rows.Z is None else np.where(rows.mask[:, :, None], rows.Z, 0.0)
+    tau, counts = np.where(rows.mask, rows.tau, 0.0), rows.mask.T[rows.joints]
+    entries, command = (None if x is None else np.where(counts, x, 0.0) for x in (rows.entries, rows.command))
+    assert entries is not None
     for j, each in enumerate(subspaces):
         if strength[j] > 0.0 and len(each.size):
-            less = each.basis * (1.0 - np.sqrt(_trusted(each, strength[j])))
-            for x in (W, tau) if Z is None else (W, tau, Z):
-                x[:, j] -= less @ (each.basis.T @ x[:, j])
-    return rows.with_arrays(W, tau, Z)
+            less, own = each.basis * (1.0 - np.sqrt(_trusted(each, strength[j]))), rows.joints == j
+            tau[:, j] -= less @ (each.basis.T @ tau[:, j])
+            for x in (entries,) if command is None else (entries, command):
+                x[own] -= (x[own] @ each.basis) @ less.T
+    return replace(rows, entries=entries, command=command, tau=tau)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from functools import wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +18,7 @@ from dynid.signals.pieces import extremes, spans
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+T = TypeVar("T")
 
 #: Half of the time [s] that a speed is taken over: encoder steps vanish, the fastest arm motions (3 Hz) do not.
 SPEED_WINDOW = 0.05
@@ -38,6 +42,24 @@ GOOD_SWINGS_PER_PARAMETER = 1.0
 SPECTRUM = 1 << 20
 #: Base parameters of the rigid bodies per joint, on average; a seven-joint arm has 48.
 BASE_PER_JOINT = 7
+
+
+def once(function: Callable[[Log, Robot], T]) -> Callable[[Log, Robot], T]:
+    """Return a function of how a log moves that looks at the same columns only once: checks ask it again and again."""
+    known: list[tuple[weakref.ref[Floats], weakref.ref[Floats], bytes, T]] = []
+
+    @wraps(function)
+    def asked(log: Log, robot: Robot) -> T:
+        least = per_joint(MOVING_SPEED, robot).tobytes()
+        known[:] = [each for each in known if each[0]() is not None]
+        for q, t, same, found in known:
+            if q() is log.q and t() is log.t and same == least:
+                return found
+        found = function(log, robot)
+        known[:] = [*known[-1:], (weakref.ref(log.q), weakref.ref(log.t), least, found)]
+        return found
+
+    return asked
 
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
@@ -78,10 +100,13 @@ def moving(log: Log, robot: Robot) -> Flags:
     return found
 
 
+@once
 def any_moves(log: Log, robot: Robot) -> Flags:
     """Return at which samples a joint moves, (N,)."""
     least = per_joint(MOVING_SPEED, robot)
-    return np.concatenate([np.any(np.abs(v) > least, axis=1) for _, v in speeds(log)])
+    found = np.concatenate([np.any(np.abs(v) > least, axis=1) for _, v in speeds(log)])
+    found.setflags(write=False)
+    return found
 
 
 def runs(flags: Flags, least: int = 1) -> list[slice]:
@@ -102,6 +127,7 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
     return [part for part in found if part.stop - part.start >= max(2, (LEAST_REST - 0.2) * log.rate)]
 
 
+@once
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
     v, least = speed(log), per_joint(MOVING_SPEED, robot)
@@ -110,9 +136,9 @@ def bandwidth(log: Log, robot: Robot) -> float:
         return 0.0
     several = -(-len(v) // SPECTRUM)
     length = len(v) // several
-    frequency, found = np.fft.rfftfreq(length, 1.0 / log.rate), []
+    frequency, window, found = np.fft.rfftfreq(length, 1.0 / log.rate), np.hanning(length), []
     for j in np.flatnonzero(alive):
-        window, power = np.hanning(length), np.zeros(len(frequency))
+        power = np.zeros(len(frequency))
         for start in range(0, several * length, length):
             power += np.abs(np.fft.rfft(v[start : start + length, j] * window)) ** 2
             release()
