@@ -469,7 +469,7 @@ class LimitsAssumed(DynidError):
 
     code, status = "E512", ExitStatus.UNSAFE
     why = "the arm's own limits may be lower"
-    fix = "write `limits:` of every joint into the robot file and plan again"
+    fix = "write `limits:` of every joint into the robot file (of a URDF: what dynid import makes) and plan again"
 
 
 class GoalRefused(DynidError):

@@ -366,6 +366,20 @@ class Robot:
         return shlex.quote(self.source or (self.slug if self.path is None else str(self.path)))
 
     @property
+    def editable(self) -> str:
+        """The file, in words, into which a person writes a further line of the robot file.
+
+        Why: a URDF has no place for it, and a robot file that came with dynid is gone with the next installation.
+        """
+        source, _, tip = (self.source or "").partition(".urdf#")
+        if tip or source.lower().endswith(".urdf"):
+            urdf = shlex.quote(f"{source}.urdf") + f" --tip {shlex.quote(tip)}" if tip else shlex.quote(source)
+            return f"the robot file that `dynid import {urdf}` makes"
+        if self.path is not None and self.path.is_absolute() and self.source and self.source != str(self.path):
+            return f"a copy of {self.path}"
+        return str(self.path or "the robot file")
+
+    @property
     def identified_links(self) -> tuple[int, ...]:
         """Numbers of the links to identify, 1-based."""
         return self.links or tuple(range(1, self.n + 1))

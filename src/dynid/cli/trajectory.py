@@ -204,7 +204,7 @@ def plan_once(
     common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
     if any(finding.code == "W606" for finding in found.findings):
         # Why: dynid record would refuse it.
-        common.terminal.next(f"write `limits:` of every joint into {arm.path or arm.word}, then plan again")
+        common.terminal.next(f"write `limits:` of every joint into {arm.editable}, then plan with that file")
     else:
         common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
     return Answer.YES

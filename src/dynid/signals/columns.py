@@ -53,7 +53,7 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
         f"{log.name} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
         + (f"; missing: {lost.strip()}" if lost else ""),
         where=log.name,
-        fix=f"under `driver:` in {robot.path or 'the robot file'}: joint_names: {_in_chain_order(joints, robot)}",
+        fix=f"under `driver:` in {robot.editable}: joint_names: {_in_chain_order(joints, robot)}",
     )
 
 

@@ -360,7 +360,7 @@ def check_mapping(
         what,
         why="no bodies that can exist make these torques with the robot file as it is"
         + (f"; next likely: {'; '.join(others)}" if others else ""),
-        fix=f"in {robot.path or 'the robot file'}: {', or '.join(edits)}; or go on with --anyway",
+        fix=f"in {robot.editable}: {', or '.join(edits)}; or go on with --anyway",
     )
 
 

@@ -170,7 +170,7 @@ def _degrees_fix(log: Log, robot: Robot) -> str:
 def unit_fix(robot: Robot, given: dict[str, str]) -> str:
     """Return the sentence that says which units to declare in the robot file."""
     inner = ", ".join(f"{key}: {value}" for key, value in given.items())
-    file = robot.path or "the robot file"
+    file = robot.editable
     if robot.driver is None:
         return f"add `driver: {{kind: generic, units: {{{inner}}}}}` to {file}"
     return f"add `units: {{{inner}}}` under `driver:` in {file}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
-from dynid.robot import Body, Limits, Robot, rotation_rpy
+from dynid.robot import Body, Robot, rotation_rpy
 from dynid.scratch import scratch_folder
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import without_stops, write_urdf
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ class SimulatedArm:
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
         with scratch_folder() as folder:
             path = Path(folder) / "arm.urdf"
-            write_urdf(_without_stops(self.robot), bodies, path)
+            write_urdf(without_stops(self.robot), bodies, path)
             body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         gravity = rotation_rpy(self.robot.base_rpy) @ np.array(self.robot.gravity)
         bullet.setGravity(*gravity.tolist(), physicsClientId=client)
@@ -167,11 +167,6 @@ class SimulatedArm:
         forces = {"controlMode": bullet.TORQUE_CONTROL, "forces": left.tolist()}
         bullet.setJointMotorControlArray(self._body, self._joints, **forces, physicsClientId=self._client)
         bullet.stepSimulation(physicsClientId=self._client)
-
-
-def _without_stops(robot: Robot) -> Robot:
-    """Return the arm without limits: a mechanical stop would be a torque that no model here has."""
-    return replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
 
 
 def _bullet() -> Any:  # noqa: ANN401 - the module has no types

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.files.artifact import write_text
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
-from dynid.robot import Body, Joint, Robot, roll_pitch_yaw, rotation_rpy
+from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.text import xml
 
 Floats = NDArray[np.float64]
@@ -35,6 +36,11 @@ def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
         path: the file to write.
     """
     write_text(path, urdf_text(robot, bodies))
+
+
+def without_stops(robot: Robot) -> Robot:
+    """Return the arm without limits: a mechanical stop would be a torque that no model here has."""
+    return replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
 
 
 def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:

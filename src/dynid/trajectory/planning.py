@@ -421,7 +421,7 @@ def thickness(robot: Robot) -> str:
     """Say how thick the links are taken to be, and where that is set."""
     given = robot.prior.cylinders if robot.prior else None
     radius = (given or DEFAULT_CYLINDERS).radius
-    where = f"`prior: {{cylinders: {{radius: ...}}}}` in {robot.path or 'the robot file'}"
+    where = f"`prior: {{cylinders: {{radius: ...}}}}` in {robot.editable}"
     return f"links are cylinders of radius {radius:g} m, {'set' if given else 'a guess; set it'} by {where}"
 
 

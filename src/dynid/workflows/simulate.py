@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,7 +104,7 @@ def simulate(
         robot: the arm; its prior are the true bodies.
         motion: what it does, evenly sampled.
         options: friction, effects and sensors.
-        base: the arm's base model, where it is there already; needed for effects and without PyBullet.
+        base: the arm's base model, where it is there already; needed for effects and without a simulator.
         progress: told what is computed.
         changes: single options by name, such as ``payload=2.0``.
     """
@@ -137,14 +138,16 @@ def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress
     """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
     from dynid.model.prior import prior_bodies
     from dynid.sim.arm import SimulatedArm
+    from dynid.sim.mujoco_arm import mujoco_torques
 
     progress.stage("simulate")
-    try:
-        with SimulatedArm(robot, prior_bodies(robot)) as arm:
-            rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-            return np.array([arm.inverse_dynamics(*row) for row in rows]), "PyBullet's inverse dynamics"
-    except PackageMissing:
-        return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
+    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
+        rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
+        return np.array([arm.inverse_dynamics(*row) for row in rows]), "PyBullet's inverse dynamics"
+    with suppress(PackageMissing):
+        tau = mujoco_torques(robot, prior_bodies(robot), motion.q, motion.qd, motion.qdd)
+        return tau, "MuJoCo's inverse dynamics"
+    return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
 
 
 def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> Callable[[Floats, Floats, Floats], Floats]:

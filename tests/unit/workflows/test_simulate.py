@@ -30,17 +30,34 @@ def motion(arm):
     return Motion(t, middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
 
 
-def test_pybullet_and_the_own_model_agree(arm, motion, monkeypatch):
-    bullet = simulate(arm, motion, BARE)
-    assert "PyBullet" in bullet.source
+@pytest.fixture
+def without(monkeypatch):
+    """Return what takes simulators away."""
 
     def missing(*_, **__):
-        raise PackageMissing("pybullet is not installed")
+        raise PackageMissing("not installed")
 
-    monkeypatch.setattr("dynid.sim.arm.SimulatedArm", missing)
-    own = simulate(arm, motion, BARE)
-    assert "own model" in own.source
-    np.testing.assert_allclose(own.log.tau, bullet.log.tau, atol=1e-4)
+    return lambda *names: [monkeypatch.setattr(name, missing) for name in names]
+
+
+@pytest.mark.parametrize("name", ["scara", "staubli_tx40", "kuka_lwr4plus"])
+def test_pybullet_mujoco_and_the_own_model_agree(name, without):
+    robot = replace(load_robot(name), tool=None, effects=())
+    t = np.arange(0.0, 1.0, 0.02)
+    rng = np.random.default_rng(3)
+    w, phase = 4.0, rng.uniform(0.0, 6.0, robot.n)
+    middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in robot.joints])
+    size = np.array([0.5 if joint.revolute else 0.05 for joint in robot.joints])
+    angle = w * t[:, None] + phase
+    path = Motion(t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle))
+    found = [simulate(robot, path, BARE)]
+    without("dynid.sim.arm.SimulatedArm")
+    found.append(simulate(robot, path, BARE))
+    without("dynid.sim.mujoco_arm.mujoco_torques")
+    found.append(simulate(robot, path, BARE))
+    assert [each.source.split("'")[0] for each in found] == ["PyBullet", "MuJoCo", "dynid"]
+    for each in found[1:]:
+        np.testing.assert_allclose(each.torque, found[0].torque, atol=2e-4 * np.abs(found[0].torque).max())
 
 
 def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
