@@ -11,7 +11,6 @@ from dynid.errors import NothingChanged, WrongUsage
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.findings import (
-    CONTRADICTION,
     LARGE_CONDITION,
     excitation_findings,
     physics_findings,
@@ -19,7 +18,7 @@ from dynid.estimation.findings import (
 )
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
 from dynid.estimation.model_error import ModelError, squares
-from dynid.estimation.posterior import Posterior, expected_error, physical_posterior
+from dynid.estimation.posterior import Posterior, contradicts, expected_error, physical_posterior
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined
@@ -210,7 +209,7 @@ def estimate(
         findings=(
             *excitation,
             *sensor_findings(base),
-            *physics_findings(base, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force),
+            *physics_findings(base, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error),
         ),
         cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
         delay=stack.logs[0].delay if stack.logs else 0.0,
@@ -253,8 +252,7 @@ def _held_out(
 ) -> dict[str, tuple[Floats, float]]:
     """Return the errors of each set on the held-out rows, fitted without them."""
     fit = METHODS[method](holdout.train, prior, controller_of(base))
-    sizes = None if post.error is None else post.error.size
-    again = physical_posterior(base, fit, holdout.train, residual_model=post.error is not None, size=sizes)
+    again = physical_posterior(base, fit, holdout.train, residual_model=post.error is not None, like=post.error)
     sets = _sets(base, fit, again)
     return {
         key: _of_squares(holdout.test, squares(holdout.test, theta, error)) for key, (theta, _, error) in sets.items()
@@ -317,9 +315,14 @@ def _in_force(stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[s
     if method != "auto":
         return "plain", "the estimator was chosen by hand"
     misfit, best = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
+    explains = "a possible arm explains the torques"
+    if post.error is not None and post.error.free.size:
+        misfit = _of_squares(stack, squares(stack, post.theta, post.error))[1]
+        names = ", ".join(stack.joints[j] for j in post.error.free)
+        explains = f"a possible arm explains the torques but for a large one of the position of {names}, ask dynid gap"
     figures = f"torque error {misfit:.2f} % against {best:.2f} % of the plain estimate"
-    if misfit <= CONTRADICTION * best or misfit - best < 1e-6:
-        return "physical", f"a possible arm explains the torques ({figures})"
+    if not contradicts(misfit, best):
+        return "physical", f"{explains} ({figures})"
     # Why: few rows that many parameters were fitted to contradict nothing.
     if plain.solution.condition_number_scaled > LARGE_CONDITION:
         return "physical", f"the log determines no other set ({figures})"

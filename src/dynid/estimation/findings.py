@@ -9,6 +9,7 @@ from dynid.errors import Finding, PoorlyExcited, RankDeficient
 from dynid.estimation.covariance import HARMLESS, NOT_DETERMINED, ROUGHLY, WELL
 from dynid.estimation.estimators import wls
 from dynid.estimation.least_squares import Fit
+from dynid.estimation.model_error import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.mass_matrix import random_poses, sign_alarm
@@ -141,7 +142,7 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
 
 
 def physics_findings(
-    base: BaseModel, plain: Fit, rms: Floats, knowledge: tuple[str, ...], in_force: str
+    base: BaseModel, plain: Fit, rms: Floats, knowledge: tuple[str, ...], in_force: str, error: ModelError | None
 ) -> list[Finding]:
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
 
@@ -151,6 +152,7 @@ def physics_findings(
         rms: residual of the physical set at each joint, (n,) [N m or N].
         knowledge: how well each parameter is known, (p,).
         in_force: which set is.
+        error: the model error in force, None without.
     """
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
@@ -167,7 +169,15 @@ def physics_findings(
         found.append(Finding("W405", level, text, {"share": alarm.share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
-    if growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
+    large = () if error is None else error.free
+    for j in large:
+        joint = base.robot.joint_names[j]
+        text = (
+            f"{joint} has a large torque of its position that no possible arm has (a spring, a counterbalance?): it is "
+            "in the residual model, with which predictions hold, and not in the parameters; dynid gap may name it"
+        )
+        found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[j])}))
+    if not len(large) and growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
         joint = base.robot.joint_names[worst]
         text = (
             f"the physical set explains {joint} worse than the plain fit: its torque error grows from "

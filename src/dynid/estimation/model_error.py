@@ -39,6 +39,10 @@ POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
 SPEEDS = (0.1, 0.4, 1.6)
 #: Group of each column: 0 position, 1 friction, 2 load.
 GROUPS = np.repeat([0, 1, 2], [2 * POSITION_HARMONICS, 2 * FRICTION_HARMONICS + len(SPEEDS), 1])
+#: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
+#: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
+FREE = np.flatnonzero(GROUPS == 0)
+FREE_SIZE = np.repeat(np.arange(1.0, POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
 #: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
@@ -88,6 +92,11 @@ class ModelError:
     size: Floats
     rms: Floats
     evidence: float
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """Numbers of the joints with a large torque of the position that no possible arm has."""
+        return np.flatnonzero(~np.any(self.projection[:, :, FREE], axis=(1, 2)))
 
     def columns(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
         """Return Z for rows of a log, (M, n, k), filtered like them.
@@ -220,6 +229,7 @@ class Whitened:
         reference: base parameters, (p,).
         scale: rms of each column, (n, k).
         projection: B, (n, p, k).
+        free: variance of the factors of columns that are free, in units of sigma^2, zero for all others, (n, k).
     """
 
     factors: Floats
@@ -229,6 +239,51 @@ class Whitened:
     reference: Floats
     scale: Floats
     projection: Floats
+    free: Floats
+
+    def freed(self, joint: int) -> Whitened:
+        """Return rows in which the columns of the position of one joint may be large and overlap with the parameters.
+
+        Where a spring or a counterbalance is missing in the model, what the parameters can say of it asks for
+        impossible links, so it must not be left to them.
+
+        Args:
+            joint: its number.
+        """
+        k, F, change = self.k, self.factors.copy(), np.eye(self.factors.shape[1])
+        change[k:-1, FREE] = self.projection[joint][:, FREE]
+        F[joint] = triangle(F[joint] @ change)
+        projection, free = self.projection.copy(), self.free.copy()
+        projection[joint][:, FREE] = 0.0
+        torque = float(np.sum(F[joint][:, -1] ** 2)) / float(np.sum(F[joint][:, 0] ** 2))
+        free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
+        return replace(self, factors=F, projection=projection, free=free)
+
+    def variances(self, size: Floats) -> Floats:
+        """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
+        return np.where(self.free > 0.0, self.free, size[GROUPS])
+
+    def misfit(self, heads: Floats, theta: Floats) -> Floats:
+        """Return the size of what parameters, (p,), and the mean of b leave of the rows of each joint, (n,).
+
+        Args:
+            heads: rows of b per joint, from ``eliminated``.
+            theta: base parameters, (p,).
+        """
+        k, end = self.k, np.append(theta, -1.0)
+        b = np.array([-np.linalg.solve(head[:, :k], head[:, k:] @ end) for head in heads])
+        left = np.einsum("jak,jk->ja", self.factors[:, :, :k], b) + self.factors[:, :, k:] @ end
+        return np.asarray(np.linalg.norm(left, axis=1))
+
+    def log_volume(self, size: Floats, heads: Floats) -> float:
+        """Return the log of how much narrower the rows make b, which the evidence subtracts.
+
+        Args:
+            size: lambda of each group.
+            heads: rows of b per joint, from ``eliminated``.
+        """
+        variance = self.variances(size) * self.noise[:, None] ** 2
+        return float(np.sum(np.log(np.abs(np.diagonal(heads, axis1=1, axis2=2)))) + 0.5 * np.sum(np.log(variance)))
 
     def centred(self, theta: Floats) -> Whitened:
         """Return rows of which theta is the estimate where there is no model error, (p,).
@@ -262,9 +317,9 @@ class Whitened:
             Triangular factor of [W tau] without b, (p + 1, p + 1), and the rows of b per joint, (n, k, k + p + 1).
         """
         k, rest, heads = self.k, [], []
-        for F, noise in zip(self.factors, self.noise, strict=True):
+        for F, sd in zip(self.factors, np.sqrt(self.variances(size)) * self.noise[:, None], strict=True):
             prior = np.zeros((k, F.shape[1]))
-            prior[:, :k] = np.diag(1.0 / (np.sqrt(size[GROUPS]) * noise))
+            prior[:, :k] = np.diag(1.0 / sd)
             R = triangle(np.vstack([F, prior]))
             heads.append(R[:k])
             rest.append(R[k:, k:])
@@ -299,7 +354,7 @@ def whitened_rows(
     projection = _projection(base, speed, reference, scale)
     weight = 1.0 / (noise * np.sqrt(inflation))
     factors = _changed(factors, scale, projection) * weight[:, None, None]
-    return Whitened(factors, noise, inflation, speed, reference, scale, projection)
+    return Whitened(factors, noise, inflation, speed, reference, scale, projection, np.zeros_like(scale))
 
 
 def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
@@ -420,7 +475,7 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> tuple[Floa
     spans = np.log(NOTHING), np.log(LARGEST)
 
     def evidence(size: Floats) -> float:
-        return _log_evidence(gram, k, rows.noise, size, K, x, prior)
+        return _log_evidence(gram, k, np.sqrt(rows.variances(size)) * rows.noise[:, None], K, x, prior)
 
     def negative(logs: Floats) -> float:
         return -evidence(np.exp(np.clip(logs, *spans)))
@@ -431,12 +486,11 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> tuple[Floa
     return np.exp(np.clip(found.x, *spans)), float(-found.fun - none)
 
 
-def _log_evidence(gram: Floats, k: int, noise: Floats, size: Floats, K: Floats, x: Floats, prior: Floats) -> float:
+def _log_evidence(gram: Floats, k: int, spread: Floats, K: Floats, x: Floats, prior: Floats) -> float:
     """Return the log evidence of sizes, up to a constant: b and theta are integrated out."""
     total, log = 0.0, 0.0
     information: Floats | float = 0.0
-    for G, sigma in zip(gram, noise, strict=True):
-        sd = np.sqrt(size[GROUPS]) * sigma
+    for G, sd in zip(gram, spread, strict=True):
         A = sd[:, None] * G[:k, :k] * sd + np.eye(k)
         L = np.linalg.cholesky(A)
         log -= float(np.sum(np.log(np.diagonal(L))))

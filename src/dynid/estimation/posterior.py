@@ -13,10 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import Fit
+from dynid.estimation.findings import CONTRADICTION
+from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.model_error import (
+    GROUP_NAMES,
+    NOTHING,
     WANTED,
     ModelError,
+    Whitened,
     best_size,
     covariance_root,
     model_error,
@@ -39,6 +43,13 @@ ROBUST = ("irls", "iv", "idim-iv")
 #: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
 BEYOND = 1.2
+#: Errors of noise-free torques, which are rounding [%].
+NOISE_FREE = 1e-6
+#: Gain of the log evidence from which on a joint has a large torque of its position that no possible arm has; joints
+#: that are tried at a time, those with the largest misfit; and joints that may have one.
+LARGE_WANTED, SUSPECTS, MOST_FREE = 10.0, 3, 3
+#: Sizes of the groups without any model error.
+NONE = np.full(len(GROUP_NAMES), NOTHING)
 #: Rms speed of an exciting motion, as a share of the velocity limits, and its mean frequency [Hz].
 EXCITING_SPEED, EXCITING_FREQUENCY = 0.2, 0.3
 #: Rms speed of a joint without a velocity limit: turning [rad/s], sliding [m/s].
@@ -65,7 +76,7 @@ class Posterior:
 
 
 def physical_posterior(
-    base: BaseModel, estimate: Fit, stack: Stack, *, residual_model: bool | None, size: Floats | None = None
+    base: BaseModel, estimate: Fit, stack: Stack, *, residual_model: bool | None, like: ModelError | None = None
 ) -> Posterior:
     """Find the physically possible parameters that data and prior agree on best, and the model error beside them.
 
@@ -74,7 +85,7 @@ def physical_posterior(
         estimate: base parameters from the data.
         stack: the rows that it was made from.
         residual_model: look for model error or not; None where the evidence wants it.
-        size: sizes of the groups of columns where they are known already.
+        like: model error whose sizes and free joints are taken.
 
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
@@ -90,15 +101,68 @@ def physical_posterior(
         return found
     robust = estimate.theta if estimate.method in ROBUST else None
     rows = whitened_rows(stack, base, alone, estimate.noise, worth, robust).centred(estimate.theta)
-    gain = np.inf
-    if size is None:
-        size, gain = best_size(rows, K, fit.x, fit.hessian - R.T @ R)
+    large = 0.0
+    if like is not None:
+        for joint in like.free:
+            rows = rows.freed(joint)
+    elif contradicts(*(relative_error(stack.whole[0], theta) for theta in (alone, estimate.theta))):
+        rows, large = _with_large_torques(base, rows, estimate.theta, fit)
+    if np.any(rows.free):
+        # Why from the prior's own sizes: impossible links made bodies heavier, which the torques no longer ask for.
+        left, _ = rows.eliminated(NONE)
+        fit, constraints = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints_of(base), near=fit.x)
+        R = left[:-1, :-1] @ K
+    size, gain = (like.size, np.inf) if like is not None else best_size(rows, K, fit.x, fit.hessian - R.T @ R)
     if residual_model is None and gain < WANTED:
-        return found
+        if not np.any(rows.free):
+            return found
+        size = NONE
     left, heads = rows.eliminated(size)
     fit, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=fit.x)
     found = _posterior(K, fit, alone, worth)
-    return replace(found, error=model_error(rows, size, gain, heads, found.theta, stack.whole[1]))
+    return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
+
+
+def contradicts(misfit: float, best: float) -> bool:
+    """Return whether a torque error is so much larger than that of the plain estimate that something is missing [%]."""
+    return misfit > CONTRADICTION * best and misfit - best > NOISE_FREE
+
+
+def _with_large_torques(
+    base: BaseModel, rows: Whitened, plain: Floats, fit: PhysicalParameters
+) -> tuple[Whitened, float]:
+    """Let joints have a large torque of their position, one after the other, until a possible arm explains the rest.
+
+    Args:
+        base: model and base parameters.
+        rows: rows of all joints.
+        plain: base parameters that come as near to the torques as any, (p,).
+        fit: the physical set that contradicts them.
+
+    Returns:
+        The rows with free columns, and the gain of the log evidence by them.
+    """
+    K, constraints, total = base.reduction.K, constraints_of(base), 0.0
+    left, heads = rows.eliminated(NONE)
+    cost = fit.objective + 0.5 * left[-1, -1] ** 2 + rows.log_volume(NONE, heads)
+    best = np.linalg.norm(rows.factors[:, :, rows.k :] @ np.append(plain, -1.0), axis=1)
+    for _ in range(MOST_FREE):
+        growth = rows.misfit(heads, K @ fit.x) / np.maximum(best, 1e-12)
+        suspects = [j for j in np.argsort(-growth)[:SUSPECTS] if growth[j] > CONTRADICTION and not rows.free[j].any()]
+        tried = []
+        for joint in suspects:
+            other = rows.freed(joint)
+            left, after = other.eliminated(NONE)
+            again, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=fit.x)
+            price = again.objective + 0.5 * left[-1, -1] ** 2 + other.log_volume(NONE, after)
+            tried.append((price, joint, other, after, again))
+        if not tried:
+            break
+        price, _, other, after, again = min(tried, key=lambda each: each[:2])
+        if cost - price < LARGE_WANTED:
+            break
+        rows, heads, fit, cost, total = other, after, again, price, total + cost - price
+    return rows, total
 
 
 def _inflation(estimate: Fit, stack: Stack) -> float:
