@@ -170,7 +170,7 @@ def run_identify(
     if show:
         show_result(common, base, result)
     if unloaded is not None:
-        add_payload(common, folder, find_payload(result, unloaded), facts)
+        add_payload(common, folder, find_payload(recordings.with_rows(result, base), unloaded), facts)
     if explained:
         facts["explain"] = explain(common, result, recordings, options, base)
     if show and final:
@@ -202,6 +202,17 @@ class Recordings:
                 progress.stage("read")
                 self._read = [read_log(path, self._robot, self._options) for path in self._paths]
         return self._read
+
+    def with_rows(self, result: Identification, base: BaseModel) -> Identification:
+        """Return a result with the rows that it was made from, which its file does not keep."""
+        from dynid.workflows.parameters import observe
+
+        if result.stack is not None or not self._paths:
+            return result
+        options = replace(self._options, cutoff=result.cutoff, delay=result.delay)
+        with self._common.terminal.progress() as progress:
+            seen = observe(result.robot, self.read(), options, base=base, progress=progress)
+        return replace(result, stack=seen.stack)
 
     def gains(self, loaded: Path | None, load_mass: float | None) -> Gains | None:
         """Return the gains of the drives where the logs hold currents and not all gains are known.
@@ -334,14 +345,13 @@ def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts:
     facts["wrote"] = [*facts["wrote"], path]
     names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-    values = (payload.body.mass, *payload.body.com, *payload.body.inertia_com)
     common.terminal.answer()
     common.terminal.answer("load on the last link, in its frame (inertia about the centre of mass)")
     rows = [
-        [name, f"{value:.4g}", f"{error:.2g}", unit]
-        for name, value, error, unit in zip(names, values, payload.std_error, units, strict=True)
+        [name, f"{value:.4g}", f"{low:.4g} to {high:.4g}", unit]
+        for name, value, (low, high), unit in zip(names, payload.numbers, payload.intervals, units, strict=True)
     ]
-    common.terminal.table(["load", "value", "std error", "unit"], rows)
+    common.terminal.table(["load", "value", "95 % interval", "unit"], rows)
 
 
 #: Relative standard error of a gain from which on it is called uncertain.

@@ -290,13 +290,7 @@ class Whitened:
 
         Instruments find other parameters than least squares of the same rows; the model error must not undo that.
         """
-        k, F = self.k, self.factors.copy()
-        W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
-        length = np.linalg.norm(W, axis=0)
-        length = np.where(length > 0.0, length, 1.0)
-        found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
-        F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
-        return replace(self, factors=F)
+        return replace(self, factors=centred(self.factors, self.k, theta))
 
     @property
     def k(self) -> int:
@@ -355,6 +349,32 @@ def whitened_rows(
     weight = 1.0 / (noise * np.sqrt(inflation))
     factors = _changed(factors, scale, projection) * weight[:, None, None]
     return Whitened(factors, noise, inflation, speed, reference, scale, projection, np.zeros_like(scale))
+
+
+def centred(factors: Floats, k: int, theta: Floats) -> Floats:
+    """Return factors [Z W tau] of which theta is the least-squares solution without Z, (n, m, k + p + 1)."""
+    F = factors.copy()
+    W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
+    length = np.linalg.norm(W, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
+    F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
+    return F
+
+
+def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None) -> Whitened:
+    """Fold the rows of any stack with the columns of a residual model that was found elsewhere.
+
+    Args:
+        stack: the stacked logs.
+        error: the residual model.
+        whiten: what rows are divided by, so that each counts as an independent one, (n,) [N m or N].
+        noise: sigma of each joint, (n,) [N m or N].
+        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
+    """
+    factors = _folded(stack, error.speed, error.reference, noise, robust)
+    factors = _changed(factors, error.scale, error.projection) / whiten[:, None, None]
+    return Whitened(factors, noise, 1.0, error.speed, error.reference, error.scale, error.projection)
 
 
 def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:

@@ -63,6 +63,7 @@ class Observations:
             "log_sha256": list(self.log_sha256),
             "logs": list(self.logs),
             "cutoff_hz": self.cutoff,
+            "kept_rate_hz": self.stack.logs[0].filter.kept_rate,
             "log_findings": [asdict(finding) for finding in self.findings],
             "delay_s": self.delay.seconds if self.delay else self.applied_delay or None,
             "delay_std_error_s": self.delay.std_error if self.delay else None,

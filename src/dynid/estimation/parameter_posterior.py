@@ -1,0 +1,97 @@
+"""The posterior of a result as one value: parameters, residual model and noise. Loads and planned motions ask it.
+
+``posterior.py`` finds it from rows; what is read here is a result, new or from its file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.least_squares import merge
+
+if TYPE_CHECKING:
+    from dynid.estimation.model_error import ModelError
+    from dynid.estimation.result import Identification
+
+Floats = NDArray[np.float64]
+
+#: Variance, relative to the largest in columns of equal size, below which the inverse would be of rounding.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class ParameterPosterior:
+    """What a result knows; p base parameters, n joints.
+
+    Attributes:
+        theta: mean of the base parameters, (p,).
+        information: inverse of their covariance, zero along what nothing tells, (p, p).
+        by_joint: information of each joint's rows, in which what the residual model may explain is left out, (n, p, p).
+        error: the residual model for these parameters; None without.
+        noise: of a row, whitened with which rows are worth one independent row each, (n,) [N m or N].
+        rate: how many rows a second has [Hz]; 0 where that is not known.
+    """
+
+    theta: Floats
+    information: Floats
+    by_joint: Floats
+    error: ModelError | None
+    noise: Floats
+    rate: float
+
+    def sample_noise(self, rate: float) -> Floats:
+        """Return the white noise of samples at a rate [Hz] that tell as much as the rows did, (n,) [N m or N]."""
+        return self.noise * np.sqrt(rate / self.rate) if self.rate > 0.0 else self.noise
+
+    def root(self) -> Floats:
+        """Return R with R^T R the information, (p, p)."""
+        return information_root(self.information)
+
+
+def information_root(information: Floats) -> Floats:
+    """Return R with R^T R = information, (p, p); parameters that it does not know have columns of zeros."""
+    diagonal = np.diagonal(information)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    return np.asarray((np.sqrt(np.maximum(values, 0.0)) * axes).T * scale)
+
+
+def parameter_posterior(found: Identification) -> ParameterPosterior:
+    """Return what a result knows about its parameters.
+
+    Args:
+        found: a result; of the plain set nothing but its rows is known.
+    """
+    A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
+    if found.in_force == "physical":
+        worth, information = found.physical.inflation, _inverse(found.covariance)
+    else:
+        # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
+        # to be too small its inverse would trust the log most.
+        worth = max(float(np.sum((A @ found.covariance) * A)) / max(1, found.rank), 1e-300)
+        information = np.asarray(A.T @ A) / worth
+    noise = found.noise * np.sqrt(worth)
+    rows = found.factors[:, :, :-1] / noise[:, None, None]
+    by_joint = rows.swapaxes(1, 2) @ rows
+    if found.model_error is not None:
+        told = np.linalg.solve(found.model_error.root, found.model_error.slope)
+        by_joint = by_joint - told.swapaxes(1, 2) @ told
+    return ParameterPosterior(found.theta, information, by_joint, found.model_error, noise, _rate(found))
+
+
+def _rate(found: Identification) -> float:
+    """Return how many rows of a second were fitted [Hz]."""
+    if found.stack is not None and found.stack.logs:
+        return float(found.stack.logs[0].filter.kept_rate)
+    return float(found.header.get("kept_rate_hz") or 0.0)
+
+
+def _inverse(covariance: Floats) -> Floats:
+    """Return the inverse of a covariance, (p, p); variances below rounding count as rounding."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
+    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray((axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale))
