@@ -278,7 +278,7 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
     parameters = [numbered(kind, 1, "") for kind in BODY_PARAMETERS]
     wide = math.sqrt(max(1.0, misfit))
     R, r = R / wide, r / wide
-    x: Floats = np.linalg.lstsq(R, r, rcond=None)[0]
+    x = np.asarray(np.linalg.lstsq(R, r, rcond=None)[0], dtype=np.float64)
     # Why twice: least squares alone may put the centre of a light load far away.
     for _ in range(2):
         fit = fit_pooled(R, r, make_constraints(parameters, _ball(x).parameters()))[0]
