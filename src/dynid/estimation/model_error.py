@@ -362,8 +362,8 @@ def centred(factors: Floats, k: int, theta: Floats) -> Floats:
     return F
 
 
-def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None) -> Whitened:
-    """Fold the rows of any stack with the columns of a residual model that was found elsewhere.
+def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None) -> Floats:
+    """Return factors [Z W tau] of each joint of any stack for a residual model found elsewhere, (n, m, k + p + 1).
 
     Args:
         stack: the stacked logs.
@@ -373,8 +373,7 @@ def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, r
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
     factors = _folded(stack, error.speed, error.reference, noise, robust)
-    factors = _changed(factors, error.scale, error.projection) / whiten[:, None, None]
-    return Whitened(factors, noise, 1.0, error.speed, error.reference, error.scale, error.projection)
+    return _changed(factors, error.scale, error.projection) / whiten[:, None, None]
 
 
 def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:

@@ -154,7 +154,8 @@ class LoadProblem:
         free = np.flatnonzero(friction(unloaded.base))
         if error is not None and stack is not None and stack.logs and stack.earlier is None:
             robust = loaded.plain if loaded.method in ROBUST else None
-            rows = rows_under(stack, error, seen.noise, noise, robust).centred(loaded.plain).factors
+            rows = rows_under(stack, error, seen.noise, noise, robust)
+            rows = centred(rows, error.scale.shape[1], loaded.plain)
             return cls(kept, rows, loaded.theta, free, K, True)
         # Why: without its rows nothing is known of how the residual model acts in the loaded log.
         unknown = seen.noise if error is None else np.hypot(seen.noise, error.rms[:, -1] * seen.noise / noise)
