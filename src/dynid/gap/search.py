@@ -166,7 +166,10 @@ def with_noise_beside(
     if problem.arm is not None or (not problem.matched and not (problem.noise.repeats and selected)):
         return problem
     residuals = residuals_beside(problem, regression, selected)
-    return with_noise(problem, measure_noise(problem.segments, residuals, problem.repeats, problem.train), residuals)
+    noise = measure_noise(problem.segments, residuals, problem.repeats, problem.train)
+    # Why its parameters: candidates that scale with the model are those of the arm beside what was found.
+    theta = regression.fit.theta[: problem.base.reduction.rank]
+    return with_noise(replace(problem, theta=theta), noise, residuals)
 
 
 def residuals_beside(

@@ -47,6 +47,8 @@ NEAR, INSTEAD = 0.7, 0.5
 #: large effect leaves when its shape is a little off would be taken for a second effect.
 REFINED = (1.0, 0.5, 0.25, 0.25, 0.12, 0.06, 0.03, 0.015)
 SETTLED = 100.0
+#: Candidates that scale with the model stay as they are while its torques change by less than this share on each joint.
+SAME_MODEL = 0.02
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,7 @@ class StepwiseSelection:
         self.visibility: dict[Key, float] = {}
         self._columns: dict[tuple[Key, tuple[tuple[str, float], ...]], dict[int, Floats]] = {}
         self.regression = problem.regression()
+        self._scaled_with, self._stale = problem.theta, False
         self.candidates = self._candidates()
 
     def _candidates(self, old: Sequence[EffectCandidate] = ()) -> list[EffectCandidate]:
@@ -112,6 +115,9 @@ class StepwiseSelection:
         """Search until nothing passes; returns the test of a delay, which has to be taken out first."""
         while len(self.selected) < self.options.most:
             best = self._best()
+            # Why only now: to make candidates again takes longer than all else, and most searches end here.
+            if best is not None and (best.effect.needs_model or self.selected) and self._refreshed():
+                best = self._best()
             if best is None:
                 break
             if best.effect.name == "torque_delay":
@@ -237,12 +243,22 @@ class StepwiseSelection:
             self._select([one for one in tested if one is not worst])
 
     def _relinearise(self) -> None:
-        """Scale model-based candidates with the new parameters, and hold these near the arm that is possible now."""
+        """Scale what is selected with the new parameters, and hold these near the arm that is possible now."""
         self.problem = held_near_possible(self.problem, self.regression)
-        self.regression = self.problem.regression(self.regression.fit.theta[: self.problem.base.reduction.rank])
+        theta = self.regression.fit.theta[: self.problem.base.reduction.rank]
+        self._stale = change_of_torques(self.regression, self._scaled_with, theta) > SAME_MODEL
+        self.regression = self.problem.regression(theta)
         self._columns = {}
-        self.candidates = self._candidates(self.candidates)
         self._select(self.selected)
+
+    def _refreshed(self) -> bool:
+        """Scale candidates with the parameters as they are now; returns whether that changes any."""
+        if not self._stale:
+            return False
+        self._stale = False
+        self._scaled_with = self.regression.fit.theta[: self.problem.base.reduction.rank]
+        self.candidates = self._candidates(self.candidates)
+        return True
 
     def _note_rivals(self) -> None:
         """Note for each selected effect what would explain as much in its stead."""
@@ -252,11 +268,23 @@ class StepwiseSelection:
             ranked = self._ranked(regression, rest)
             own = next((self._refined(regression, s, c) for s, c in ranked if c.key == selected.key), selected)
             near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
+            if any(c.effect.needs_model for _, c in near) and self._refreshed():
+                ranked = self._ranked(regression, rest)
+                near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
             near = [(s, c) for s, c in near if score_candidate(self.regression, c).gain < INSTEAD * s.gain][:RIVALS]
             refined = [self._refined(regression, s, c) for s, c in near]
             rivals = tuple(r.key for r in refined if not clearly_better(own, r) and not contains(r, own))
             # Why not own: another form may have as much evidence, but the regression holds the columns of this one.
             self.selected[k] = replace(selected, score=own.score, rivals=rivals)
+
+
+def change_of_torques(regression: WhitenedRegression, before: Floats, after: Floats) -> float:
+    """Return the largest share by which other base parameters, (p,) each, change the torques of any joint (rms)."""
+    power = np.zeros((2, len(regression.joints)))
+    for s in regression.segments:
+        for k, theta in enumerate((after - before, before)):
+            power[k] += np.sum(np.where(s.use, s.W @ theta, 0.0) ** 2, axis=0)
+    return float(np.sqrt(np.max(power[0] / np.maximum(power[1], 1e-300))))
 
 
 def _form(one: SelectedEffect) -> tuple[Key, tuple[tuple[str, float], ...]]:

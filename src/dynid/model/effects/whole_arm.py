@@ -6,14 +6,19 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 from dynid.robot import LINK_PARAMETERS
+
+Ints = NDArray[np.int64]
 
 #: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
 STEP = 1e-6
 #: A link that has not crossed a gap after so many samples rests between its flanks.
 LONGEST = 400
+#: Turns of the load that are looked at together.
+TOGETHER = 1024
 
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
@@ -93,15 +98,15 @@ class Backlash(Effect):
         inertia = motion.reference.rigid(motion.q, motion.qd, pushed) - motion.rigid
         own = inertia[:, j]
         push = np.where(own > 0, motion.rigid[:, j] / np.where(own > 0, own, 1.0), 0.0)
-        return [(inertia.T * crossing(motion.t, push, 2 * shape["b"]))[None] for shape in shapes]
+        return [(inertia.T * one)[None] for one in crossings(motion.t, push, [2 * shape["b"] for shape in shapes])]
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         return self.tried(motion, joints, [shape])[0]
 
 
-def crossing(t: Floats, push: Floats, gap: float) -> Floats:
-    """Return the acceleration that a link has beside its motor's while it crosses a gap, (N,) [rad/s^2].
+def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
+    """Return the acceleration that a link has beside its motor's while it crosses a gap, (N,) each [rad/s^2].
 
     A link that is held by one flank is left alone when its load changes the sign, falls behind by as much as the load
     would accelerate it, and is caught by the other flank without a bounce.
@@ -109,22 +114,30 @@ def crossing(t: Floats, push: Floats, gap: float) -> Floats:
     Args:
         t: times, (N,) [s].
         push: the load over the inertia that it accelerates, (N,) [rad/s^2].
-        gap: width [rad].
+        gaps: widths, G of them [rad].
     """
-    found = np.zeros_like(push)
+    turns = np.flatnonzero(np.diff(np.sign(push)) != 0) + 1
     step = np.diff(t, append=2 * t[-1] - t[-2])
-    free = 0
-    for k in (np.flatnonzero(np.diff(np.sign(push)) != 0) + 1).tolist():
-        if k < free:
-            continue
-        speed = np.cumsum(push[k : k + LONGEST] * step[k : k + LONGEST])
-        way = np.abs(np.cumsum(speed * step[k : k + LONGEST]))
-        lands = int(np.searchsorted(np.maximum.accumulate(way), gap))
-        if lands < len(way):
-            free = k + lands
-            found[k:free] = -push[k:free]
-            found[free] = speed[lands] / step[free] - push[free]
+    found, free = [np.zeros_like(push) for _ in gaps], [0] * len(gaps)
+    # Why in parts: so many turns times as many samples are 3 MB, however long the motion is.
+    for part in np.array_split(turns, max(1, -(-len(turns) // TOGETHER))):
+        for g, (lands, speed) in enumerate(zip(*_landings(push, step, part, gaps), strict=True)):
+            for k, land, fast in zip(part.tolist(), lands.tolist(), speed.tolist(), strict=True):
+                if k >= free[g] and land < min(LONGEST, len(push) - k):
+                    end = free[g] = k + land
+                    found[g][k:end] = -push[k:end]
+                    found[g][end] = fast / step[end] - push[end]
     return found
+
+
+def _landings(push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]) -> tuple[Ints, Floats]:
+    """Return after how many samples from each turn of the load a link has crossed each gap, and how fast, (G, T)."""
+    rows = turns[:, None] + np.arange(LONGEST)
+    lasts = np.where(rows < len(push), step[np.minimum(rows, len(push) - 1)], 0.0)
+    speed = np.cumsum(push[np.minimum(rows, len(push) - 1)] * lasts, axis=1)
+    way = np.maximum.accumulate(np.abs(np.cumsum(speed * lasts, axis=1)), axis=1)
+    lands = np.array([np.sum(way < gap, axis=1) for gap in gaps])
+    return lands, np.take_along_axis(speed, np.minimum(lands, LONGEST - 1).T, axis=1).T
 
 
 class BaseTilt(Effect):
