@@ -14,7 +14,6 @@ from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
 from dynid.gap.refit import (
-    GROWN,
     HeldOutImprovement,
     held_out_beside,
     held_out_improvement,
@@ -243,7 +242,7 @@ def spoiling(
     j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
     joint = problem.base.robot.joints[j]
     change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
-    limit = f"no joint may grow by {100 * (GROWN - 1):.0f} %"
+    limit = f"no joint may grow by {100 * (improvement.allowed - 1):.0f} %"
     return [(culprit, f"it makes {joint.name} worse on unseen data ({change}; {limit})")]
 
 

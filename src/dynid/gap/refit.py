@@ -34,6 +34,8 @@ SURE_Z = 3.0
 #: A joint is worse when the lower end of the interval of its error over the one before is above 1 and it has grown by
 #: this factor: the interval alone would reject true names, there are many joints.
 GROWN = 1.02
+#: The same where links that no arm has are given up for possible ones: they fitted every joint a little too well.
+GROWN_ARM = 1.05
 #: A simple value as large as this stands for infinity.
 FAR = 1e5
 #: How far below zero the smallest second moment of a load's mass may be, as a share of the largest: it is hardly ever
@@ -52,16 +54,18 @@ class HeldOutImprovement:
         after: rms with them [N m or N].
         ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
         floor: the noise [N m or N].
+        allowed: how many times as large a joint's error may become.
     """
 
     before: Floats
     after: Floats
     ratio: Floats
     floor: Floats
+    allowed: float = GROWN
 
     def worse(self) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
-        grown = self.after > GROWN * self.before
+        grown = self.after > self.allowed * self.before
         return np.flatnonzero(grown & (self.ratio[:, 0] > 1.0)).tolist()
 
 
@@ -318,7 +322,8 @@ def held_out_improvement(
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
-    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
+    allowed = GROWN if first.arm is None else GROWN_ARM
+    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor, allowed)
 
 
 def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:

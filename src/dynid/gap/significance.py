@@ -159,6 +159,7 @@ class SignificanceTest:
         visible_rms: root mean square of what it explains on the joint that shows it most, in units of the noise.
         joint: that joint.
         gains: its gain in each block of time, (B,).
+        known: its gain in rows of no time, those of a prior.
     """
 
     amplitudes: Floats
@@ -168,13 +169,14 @@ class SignificanceTest:
     visible_rms: float
     joint: int
     gains: Floats
+    known: float = 0.0
 
     @property
     def gain_p_value(self) -> float:
         """Chance of such a gain when there is no effect and the rows are as noisy as they are taken for."""
         from scipy import special
 
-        return float(special.chdtrc(len(self.amplitudes), max(float(self.gains.sum()), 0.0)))
+        return float(special.chdtrc(len(self.amplitudes), max(float(self.gains.sum()) + self.known, 0.0)))
 
 
 def significance_test(regression: WhitenedRegression, columns: EffectColumns) -> SignificanceTest:
@@ -199,18 +201,21 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
         _add_sums(blocks, rows.block, products)
         _add_sums(halves, _halves(rows.log), products)
     G, b = _normal_equations([np.sum(blocks[key], axis=0) for key in sorted(blocks)], k)
-    scale = np.sqrt(np.maximum(np.diagonal(G.sum(axis=0)), 1e-300))
-    G, b = G / np.outer(scale, scale), b / scale
-    ridge = 1e-9 * np.eye(k)
-    beta = np.linalg.solve(G.sum(axis=0) + ridge, b.sum(axis=0))
-    without = np.linalg.solve(G.sum(axis=0) - G + ridge, (b.sum(axis=0) - b)[..., None])[..., 0]
+    known = regression.prior_products(P)
+    whole, right = G.sum(axis=0) + known[:, :k], b.sum(axis=0) + known[:, k]
+    scale = np.sqrt(np.maximum(np.diagonal(whole), 1e-300))
+    G, b, right = G / np.outer(scale, scale), b / scale, right / scale
+    whole = whole / np.outer(scale, scale) + 1e-9 * np.eye(k)
+    beta = np.linalg.solve(whole, right)
+    # Why the prior always stays: it is no stretch of time.
+    without = np.linalg.solve(whole - G, (right - b)[..., None])[..., 0]
     spread = without - without.mean(axis=0)
     count = len(without)
     covariance = spread.T @ spread * (count - 1) / count
     wald = float(beta @ np.linalg.solve(covariance + 1e-12 * np.trace(covariance) * np.eye(k), beta)) / k
     p_value = float(special.fdtrc(k, max(count - k, 1), wald))
     parts = _normal_equations([np.sum(v, axis=0) for v in halves.values()], k)
-    chow = _chow_p_value(parts[0] / np.outer(scale, scale), parts[1] / scale, beta, covariance, G.sum(axis=0))
+    chow = _chow_p_value(parts[0] / np.outer(scale, scale), parts[1] / scale, beta, covariance, whole)
     amplitudes = beta / scale
     visible = {
         j: float(np.sqrt(regression.noise.count[j] * np.mean((amplitudes @ projected[j]) ** 2)))
@@ -219,8 +224,9 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     }
     joint = max(visible, key=lambda j: visible[j])
     gains = 2 * b @ beta - np.einsum("k,bkl,l->b", beta, G, beta)
+    prior = 2 * known[:, k] @ amplitudes - amplitudes @ known[:, :k] @ amplitudes
     return SignificanceTest(
-        amplitudes, covariance / np.outer(scale, scale), p_value, chow, visible[joint], joint, gains
+        amplitudes, covariance / np.outer(scale, scale), p_value, chow, visible[joint], joint, gains, float(prior)
     )
 
 

@@ -61,15 +61,20 @@ class WhitenedFit:
 
     Attributes:
         theta: base parameters, coefficients of columns that are not judged, amplitudes of effects, (w,).
-        inverse: inverse of the normal matrix without directions that are not excited, (w, w).
+        root: R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r).
         Q: an orthonormal basis of all columns, in the rows of each joint, (M_j, r).
         e: residuals of each joint, (M_j,).
     """
 
     theta: Floats
-    inverse: Floats
+    root: Floats
     Q: list[Floats]
     e: list[Floats]
+
+    @property
+    def inverse(self) -> Floats:
+        """Inverse of the normal matrix, (w, w)."""
+        return np.asarray(self.root @ self.root.T)
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,7 @@ class WhitenedRegression:
         root = V[:, kept] / np.sqrt(values[kept]) / length[:, None]
         theta = root @ (root.T @ right)
         residuals = [rows.y - A @ theta for A, rows in zip(full, self.joints, strict=True)]
-        return WhitenedFit(theta, root @ root.T, [A @ root for A in full], residuals)
+        return WhitenedFit(theta, root, [A @ root for A in full], residuals)
 
     def columns(self, rows: WhitenedRows) -> Floats:
         """Return all columns in the rows of one joint: baseline and effects, (M, w)."""
@@ -166,6 +171,22 @@ class WhitenedRegression:
             rest = self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[: self.size]
             total += float(rest @ rest)
         return total
+
+    def prior_products(self, P: Floats) -> Floats:
+        """Return what the prior rows tell of candidates, whose columns are zero there before the baseline is fitted.
+
+        Args:
+            P: products of the candidates' columns with the basis of all columns, (k, r).
+
+        Returns:
+            Gram matrix of the projected columns in the prior rows, and products with what is left of these, (k, k + 1).
+        """
+        if self.prior is None:
+            return np.zeros((len(P), len(P) + 1))
+        p = self.size
+        C = -self.prior[:, :-1] @ (self.fit.root[:p] @ P.T)
+        rest = self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[:p]
+        return np.asarray(C.T @ np.column_stack([C, rest]))
 
     def reduced_chi_square(self) -> Floats:
         """Return the mean square of each joint's whitened residual, freedom taken off, (n,); 1 at the noise floor."""
