@@ -14,6 +14,8 @@ from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
 from dynid.gap.refit import (
+    GROWN,
+    GROWN_ARM,
     HeldOutImprovement,
     held_out_beside,
     held_out_improvement,
@@ -229,7 +231,8 @@ def spoiling(
     problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], improvement: HeldOutImprovement
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
-    worse = improvement.worse()
+    allowed = GROWN if problem.arm is None else GROWN_ARM
+    worse = improvement.worse(allowed)
     if not worse or not effects:
         return []
 
@@ -242,7 +245,7 @@ def spoiling(
     j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
     joint = problem.base.robot.joints[j]
     change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
-    limit = f"no joint may grow by {100 * (improvement.allowed - 1):.0f} %"
+    limit = f"no joint may grow by {100 * (allowed - 1):.0f} %"
     return [(culprit, f"it makes {joint.name} worse on unseen data ({change}; {limit})")]
 
 

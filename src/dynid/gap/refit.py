@@ -54,18 +54,16 @@ class HeldOutImprovement:
         after: rms with them [N m or N].
         ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
         floor: the noise [N m or N].
-        allowed: how many times as large a joint's error may become.
     """
 
     before: Floats
     after: Floats
     ratio: Floats
     floor: Floats
-    allowed: float = GROWN
 
-    def worse(self) -> list[int]:
+    def worse(self, allowed: float = GROWN) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
-        grown = self.after > self.allowed * self.before
+        grown = self.after > allowed * self.before
         return np.flatnonzero(grown & (self.ratio[:, 0] > 1.0)).tolist()
 
 
@@ -322,8 +320,7 @@ def held_out_improvement(
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
     ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
-    allowed = GROWN if first.arm is None else GROWN_ARM
-    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor, allowed)
+    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
 
 
 def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
