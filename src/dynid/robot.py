@@ -96,14 +96,24 @@ class Body:
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia_com: tuple[float, float, float, float, float, float] = (0.0,) * 6
 
+    @staticmethod
+    def of(mass: float, com: Floats, tensor: Floats) -> Body:
+        """Return the body with a mass [kg], a centre (3,) [m] and an inertia about it (3, 3) [kg m^2]."""
+        x, y, z = com.tolist()
+        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
+        return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+    @property
+    def tensor(self) -> Floats:
+        """Inertia about the centre of mass as a matrix, (3, 3) [kg m^2]."""
+        xx, xy, xz, yy, yz, zz = self.inertia_com
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
     def parameters(self) -> Floats:
         """Return m, mc, I about the frame origin: the first ten of Table 5, (10,)."""
         c = np.array(self.com)
-        xx, xy, xz, yy, yz, zz = self.inertia_com
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        tensor = tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        i, j = np.triu_indices(3)
-        return np.concatenate([[self.mass], self.mass * c, tensor[i, j]])
+        about_origin = self.tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return np.concatenate([[self.mass], self.mass * c, about_origin[np.triu_indices(3)]])
 
 
 @dataclass(frozen=True)

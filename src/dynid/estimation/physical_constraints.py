@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.parameters import Parameter, body_columns, columns_of
+from dynid.model.prior import inertia_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -56,8 +57,7 @@ def pseudo_inertia(bodies: Floats) -> Floats:
 
 def body_parameters(P: Floats) -> Floats:
     """Map pseudo-inertias back to body parameters, (..., 4, 4) -> (..., 10) [kg, kg m, kg m^2]."""
-    sigma = P[..., :3, :3]
-    inertia = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
+    inertia = inertia_of(P[..., :3, :3])
     i, j = np.triu_indices(3)
     return np.concatenate([P[..., 3:, 3], P[..., :3, 3], inertia[..., i, j]], axis=-1)
 

@@ -13,7 +13,6 @@ from dynid.exporters.engines import RIGID, bullet, part
 from dynid.exporters.frames import joint_poses, moving_bodies, numbers, world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
-from dynid.model.prior import tensor_of
 from dynid.robot import Body, Joint, roll_pitch_yaw
 from dynid.scratch import scratch_folder
 from dynid.text import xml, xml_comment
@@ -90,7 +89,7 @@ def _six(pose: Floats) -> str:
 
 def _inertial(link: ET.Element, body: Body) -> None:
     element = ET.SubElement(link, "inertial")
-    moments, axes = np.linalg.eigh(tensor_of(body))
+    moments, axes = np.linalg.eigh(body.tensor)
     pose = np.eye(4)
     # Why principal axes: Bullet's reader takes only the diagonal of the tensor.
     pose[:3, :3], pose[:3, 3] = axes * np.linalg.det(axes), body.com

@@ -2,6 +2,9 @@
 
 Memory holds one chunk at a time, whatever the file says. The summary at the end, where there is one, tells topics and
 counts, and which chunks may be passed over. Source: mcap.dev/spec, version 0.
+
+Why not the reader of the mcap library, whose writer serves ``replaymcap``: it unpacks lz4 chunks to whatever size they
+have, makes objects of all records of a chunk before it gives the first, and stops with errors of many kinds.
 """
 
 from __future__ import annotations

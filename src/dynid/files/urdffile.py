@@ -229,9 +229,7 @@ def _body(link: ET.Element) -> Body | None:
         for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
             i, j = "xyz".index(name[1]), "xyz".index(name[2])
             tensor[i, j] = tensor[j, i] = float(entries.get(name, "0"))
-    x, y, z = pose[:3, 3].tolist()
-    xx, xy, xz, yy, yz, zz = (pose[:3, :3] @ tensor @ pose[:3, :3].T)[np.triu_indices(3)].tolist()
-    return Body(m, (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return Body.of(m, pose[:3, 3], pose[:3, :3] @ tensor @ pose[:3, :3].T)
 
 
 def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:

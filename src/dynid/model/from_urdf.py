@@ -17,7 +17,7 @@ from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
 from dynid.model.kinematics import link_frames
-from dynid.model.prior import body_of, moved
+from dynid.model.prior import body_of, inertia_of, moved, second_moments
 from dynid.robot import Body, Joint, Prior, Robot, roll_pitch_yaw
 
 Floats = NDArray[np.float64]
@@ -304,17 +304,13 @@ THINNEST = 1e-3
 def possible_body(body: Body) -> Body:
     """Return a body with the same mass and centre whose inertia a body can have: itself where it can.
 
-    The inertia is that of a distribution of mass with second moments S = tr(I) / 2 - I about the centre of mass, none
-    of which is negative; those that are become small.
+    Second moments of its mass that are negative become small.
     """
-    xx, xy, xz, yy, yz, zz = body.inertia_com
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    values, axes = np.linalg.eigh(np.trace(inertia) / 2 * np.eye(3) - inertia)
+    values, axes = np.linalg.eigh(second_moments(body.tensor))
     if values[0] > 0.0 or values[-1] <= 0.0:
         return body
-    second = axes * np.maximum(values, THINNEST * values[-1]) @ axes.T
-    xx, xy, xz, yy, yz, zz = (np.trace(second) * np.eye(3) - second)[np.triu_indices(3)].tolist()
-    return replace(body, inertia_com=(xx, xy, xz, yy, yz, zz))
+    moments = axes * np.maximum(values, THINNEST * values[-1]) @ axes.T
+    return Body.of(body.mass, np.array(body.com), inertia_of(moments))
 
 
 def _largest_miss(urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats, tip_pose: Floats) -> float:

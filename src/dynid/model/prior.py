@@ -57,9 +57,7 @@ class Cylinder:
         along = mass * self.radius**2 / 2
         axis = (end - start) / self.length
         tensor = across * np.eye(3) + (along - across) * np.outer(axis, axis)
-        x, y, z = ((start + end) / 2).tolist()
-        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
-        return Body(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+        return Body.of(mass, (start + end) / 2, tensor)
 
 
 def link_cylinders(robot: Robot) -> tuple[Cylinder, ...]:
@@ -151,23 +149,23 @@ def body_of(parameters: Floats) -> Body:
     c = parameters[1:4] / m if m else np.zeros(3)
     about_origin = np.zeros((3, 3))
     about_origin[np.triu_indices(3)] = parameters[4:]
-    tensor = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
-    x, y, z = c.tolist()
-    xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
-    return Body(m, (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return Body.of(m, c, about_origin - m * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def tensor_of(body: Body) -> Floats:
-    """Return the inertia about the centre of mass as a matrix, (3, 3)."""
-    tensor = np.zeros((3, 3))
-    i, j = np.triu_indices(3)
-    tensor[i, j] = tensor[j, i] = body.inertia_com
-    return tensor
+def second_moments(inertia: Floats) -> Floats:
+    """Return tr(I) / 2 - I: the second moments of a distribution of mass with inertia I, (..., 3, 3) [kg m^2].
+
+    A body that can exist has none that is negative.
+    """
+    return np.asarray(np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2 * np.eye(3) - inertia)
+
+
+def inertia_of(moments: Floats) -> Floats:
+    """Return tr(S) - S: the inertia of a distribution of mass with second moments S, (..., 3, 3) [kg m^2]."""
+    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
 
 
 def moved(body: Body, pose: Floats) -> Body:
     """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
     R = pose[:3, :3]
-    x, y, z = (R @ np.array(body.com) + pose[:3, 3]).tolist()
-    xx, xy, xz, yy, yz, zz = (R @ tensor_of(body) @ R.T)[np.triu_indices(3)].tolist()
-    return Body(body.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+    return Body.of(body.mass, R @ np.array(body.com) + pose[:3, 3], R @ body.tensor @ R.T)

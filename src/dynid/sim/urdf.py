@@ -80,10 +80,7 @@ def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
 
 def _inertial(link: ET.Element, body: Body, to_dh: Floats) -> None:
     """Add mass and inertia, given along its principal axes: Bullet finds those itself only to 1e-7."""
-    tensor = np.zeros((3, 3))
-    i, j = np.triu_indices(3)
-    tensor[i, j] = tensor[j, i] = body.inertia_com
-    moments, axes = np.linalg.eigh(tensor)
+    moments, axes = np.linalg.eigh(body.tensor)
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), body.com
     element = ET.SubElement(link, "inertial")

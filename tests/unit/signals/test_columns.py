@@ -98,9 +98,10 @@ def test_motor_columns_without_gear_ratios_are_refused():
 
 def test_a_converted_log_is_not_converted_twice(tmp_path):
     robot = replace(gen2(), driver=replace(gen2().driver, map=JointMap((-1.0,) * 7, (0.3,) * 7)))
-    once = prepare(gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")))
+    once = prepare(gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")), identify=False)
     once.save(tmp_path / "log.npz")
-    twice = prepare(read_log(tmp_path / "log.npz", robot=robot), replace(robot, torque=TorqueSource("gravity_free")))
+    free = replace(robot, torque=TorqueSource("gravity_free"))
+    twice = prepare(read_log(tmp_path / "log.npz", robot=robot), free, identify=False)
     np.testing.assert_array_equal(once.q, twice.q)
     np.testing.assert_array_equal(once.tau, twice.tau)
     assert twice.names == robot.joint_names
@@ -123,7 +124,7 @@ def test_other_names_are_listed_with_the_line_that_maps_them():
 @pytest.mark.data
 def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
     robot = load_robot(ROOT / "robots" / "staubli_tx40.yaml")
-    log = prepare(read_log(shared_data("tx40/exc.npz"), robot=robot), robot)
+    log = prepare(read_log(shared_data("tx40/exc.npz"), robot=robot), robot, identify=False)
     for q, joint in zip(log.q.T, robot.joints, strict=True):
         low, high = joint.limits.position
         assert low - 0.01 <= q.min() <= q.max() <= high + 0.01

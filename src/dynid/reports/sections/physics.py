@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import link_frames
+from dynid.model.prior import second_moments
 from dynid.reports.evidence import Evidence
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 from dynid.reports.inertia_ellipsoids import Ellipsoid, ellipsoid_drawing
@@ -66,9 +67,7 @@ def ellipsoids(robot: Robot, links: list[dict[str, Any]]) -> Picture:
 
 def ellipsoid(link: dict[str, Any]) -> Ellipsoid:
     """Return the uniform ellipsoid with a link's mass and inertia."""
-    inertia = tensor(link)
-    sigma = (np.trace(inertia) / 2 * np.eye(3) - inertia) / max(link["mass_kg"], 1e-9)
-    values, axes = np.linalg.eigh(sigma)
+    values, axes = np.linalg.eigh(second_moments(tensor(link)) / max(link["mass_kg"], 1e-9))
     # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
     size = np.sqrt(5 * np.maximum(values, 0))
     return Ellipsoid(str(link["link"]), link["link"], np.array(link["com_m"]), axes, size, colour(link))
