@@ -33,12 +33,12 @@ LIBRARIES = (
 
 # ---------------------------------------------------------------- whoever wants a command run
 @cache
-def server() -> str:
-    """Start the server of this process, which ends with it, and return its socket."""
+def server(ros: bool = False) -> str:
+    """Start the server of this process, which ends with it, and return its socket; ``ros`` imports rospy, too."""
     folder = tempfile.TemporaryDirectory(prefix="commands-")
     place = f"{folder.name}/socket"
     env = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": str(ROOT / "src"), "HOME": folder.name, "LANG": "C.UTF-8"}
-    words = [sys.executable, __file__, "--serve", place]
+    words = [sys.executable, __file__, "--serve-ros" if ros else "--serve", place]
     process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env, start_new_session=True)
     assert process.stdout.readline() == b"ready\n"
     _KEPT.extend((folder, process))
@@ -67,8 +67,8 @@ class Command:
         (self.pid,) = struct.unpack("!i", _received(self.connection, 4))
 
     def ended(self) -> bool:
-        """Whether ``wait`` would return at once."""
-        return bool(select.select([self.connection], [], [], 0)[0])
+        """Whether ``wait`` would return at once, or has returned."""
+        return self.connection.fileno() < 0 or bool(select.select([self.connection], [], [], 0)[0])
 
     def wait(self, seconds: float | None = None) -> int:
         """Return the exit status, -N where signal N has ended it.
@@ -96,7 +96,7 @@ def _received(connection: socket.socket, size: int) -> bytes:
 
 
 # ---------------------------------------------------------------- the server
-def load() -> None:
+def load(ros: bool) -> None:
     """Import what commands import."""
     import importlib
     import pkgutil
@@ -108,15 +108,21 @@ def load() -> None:
     for module in pkgutil.walk_packages(dynid.__path__, "dynid."):
         if module.name != "dynid.__main__":  # the program itself, which each command runs anew
             importlib.import_module(module.name)
+    if ros:
+        from dynid.drivers.ros import MODULES, import_ros
+
+        importlib.import_module("pybullet")
+        for name in MODULES:
+            import_ros(name)
 
 
-def serve(place: str) -> None:
+def serve(place: str, ros: bool) -> None:
     """Fork a child for each request until standard input ends."""
     import gc
 
     # Why: as dynid sets it, and a process of one thread may be forked.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    load()
+    load(ros)
     gc.freeze()
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(place)
@@ -215,7 +221,7 @@ def _writer(number: int, at_once: bool):
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--serve":
-        serve(sys.argv[2])
+    if sys.argv[1].startswith("--serve"):
+        serve(sys.argv[2], sys.argv[1] == "--serve-ros")
     else:
         sys.exit(Command(sys.argv[2], sys.argv[3:], os.getcwd(), dict(os.environ), [0, 1, 2]).wait() & 0xFF)  # noqa: PTH109

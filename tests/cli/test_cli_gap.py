@@ -1,6 +1,7 @@
 """``dynid gap`` from outside: its JSON keys, the copy of the robot file, and the effect that stays from then on."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +18,25 @@ ONE = {"OMP_NUM_THREADS": "1"}
 KEYS = {"schema", "robot", "verdict", "where", "named", "alternatives", "gap", "advice", "wrote"}
 
 
-@pytest.fixture
-def logs(dynid):
-    """Logs of an LWR4+ with load-dependent friction on joint 4 in the working folder, and its robot file."""
-    (dynid.folder / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory, runner):
+    """A folder with logs of an LWR4+ with load-dependent friction on joint 4, its robot file and a first result."""
+    folder = tmp_path_factory.mktemp("gap")
+    (folder / "work").mkdir()
+    (folder / "work" / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
     case = hidden.Case("lwr4plus", "load_friction", 3, 3.0, 22)
-    names = []
     for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0)):
-        np.savez(dynid.folder / f"log{k + 1}.npz", t=t, q=q, tau=tau)
-        names.append(f"log{k + 1}.npz")
-    assert dynid("identify", "arm.yaml", names[0], names[2], "-q", "-o", "before").status == 0
-    return names
+        np.savez(folder / "work" / f"log{k + 1}.npz", t=t, q=q, tau=tau)
+    run = runner(folder / "work", folder)
+    assert run("identify", "arm.yaml", "log1.npz", "log3.npz", "-q", "-o", "before", "--no-report").status == 0
+    return run.folder
+
+
+@pytest.fixture
+def logs(dynid, shop):
+    """Names of the logs, which stand in the working folder with what was identified from them."""
+    shutil.copytree(shop, dynid.folder, dirs_exist_ok=True)
+    return sorted(path.name for path in dynid.folder.glob("log*.npz"))
 
 
 def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
@@ -54,7 +63,7 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert "# KUKA LWR4+" in copy.read_text(), "comments of the robot file stay"
     assert (dynid.folder / "before" / "gap" / "where.png").is_file()
 
-    again = json.loads(dynid("identify", copy.name, logs[0], logs[2], "--json", "-o", "with").out)
+    again = json.loads(dynid("identify", copy.name, logs[0], logs[2], "--json", "-o", "with", "--no-report").out)
     values = {row["name"]: row["value"] for row in again["parameters"]}
     assert values["load_friction4_a"] == pytest.approx(entry["parameters"]["a"], rel=0.15)
     before = json.loads(dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out)
@@ -106,7 +115,7 @@ def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
 
     record("old", hidden.Case("lwr4plus", "payload", 2, 0.0, 40), trajectories=2, repeats=1, plan_seed=7)
     record("new", hidden.Case("lwr4plus", "payload", 2, 3.0, 41), trajectories=2)
-    assert dynid("identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before").status == 0
+    assert dynid("identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before", "--no-report").status == 0
     some = "payload,tool_force,torque_offset,coulomb_change,base_tilt"
     logs = [f"new{k}.npz" for k in (1, 2, 3, 4)]
     options = ("--mode", "frozen", "--effects", some, "--no-apply", "--json", "--no-plot")

@@ -39,8 +39,9 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def arm(dynid):
-    """An empty folder with arm.yaml, log.csv and unseen.csv."""
+    """An empty folder with arm.yaml, log.csv and unseen.csv; identify writes no report, which is most of its time."""
     twolink.write_arm(dynid.folder)
+    dynid.env["DYNID_IDENTIFY_REPORT"] = "no"
     return dynid
 
 
@@ -48,6 +49,7 @@ def arm(dynid):
 def done(dynid, finished):
     """The same after ``dynid identify arm.yaml log.csv``."""
     shutil.copytree(finished, dynid.folder, dirs_exist_ok=True)
+    dynid.env["DYNID_IDENTIFY_REPORT"] = "no"
     return dynid
 
 
@@ -286,6 +288,7 @@ def test_comments_and_limits_do_not_make_a_model_stale(done):
 
 # ---------------------------------------------------------------- run.yaml, limits
 def test_a_run_is_repeated_from_run_yaml(done):
+    del done.env["DYNID_IDENTIFY_REPORT"]
     before = (done.folder / OUT / "parameters.yaml").read_bytes()
     run = yaml.safe_load((done.folder / OUT / "run.yaml").read_text())["identify"]
     assert run["arguments"] == ["arm.yaml", "log.csv"]
@@ -389,6 +392,7 @@ def moments(count, longest):
 
 
 def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
+    del arm.env["DYNID_IDENTIFY_REPORT"]
     words = ("parameters", "arm.yaml", "log.csv", "--identify", "--force")
     began = time.monotonic()
     assert arm(*words).status == 0
@@ -405,6 +409,7 @@ def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
 
 def test_ctrl_c_at_any_moment_ends_within_a_second_with_130(arm):
     """A run on a log of ten minutes; what is left holds no half-written and no temporary file."""
+    del arm.env["DYNID_IDENTIFY_REPORT"]
     twolink.write_log(arm.folder / "long.csv", seed=3, seconds=600.0)
     words = ("parameters", "arm.yaml", "long.csv", "--identify", "--force")
     began = time.monotonic()

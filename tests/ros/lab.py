@@ -5,7 +5,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,8 @@ import numpy as np
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
 from dynid.motion import Motion
+from forkserver import ROOT, Command, server
 
-ROOT = Path(__file__).parents[2]
 #: A process that has not ended by then hangs [s].
 LIMIT = 90
 
@@ -35,27 +34,29 @@ class Ended:
 class Child:
     """A dynid process; what it says is read when it has ended."""
 
-    def __init__(self, words, lab, **options):
+    def __init__(self, words, lab, stdin=None):
+        self.said = lab.folder / f"stdout-{time.monotonic_ns()}.txt"
         self.log = lab.folder / f"stderr-{time.monotonic_ns()}.txt"
-        with self.log.open("w") as err:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "dynid", *map(str, words)], cwd=lab.folder, env=lab.env, stdout=subprocess.PIPE,
-                stderr=err, **{"stdin": subprocess.DEVNULL, **options},
-            )  # fmt: skip
+        with self.said.open("w") as out, self.log.open("w") as err, Path(os.devnull).open() as nothing:
+            streams = [each.fileno() for each in (stdin or nothing, out, err)]
+            self.process = Command(server(ros=True), words, lab.folder, lab.env, streams)
+
+    def running(self):
+        return not self.process.ended()
 
     def wait_for(self, text):
         end = time.monotonic() + LIMIT
         while text not in self.log.read_text():
-            assert self.process.poll() is None, f"ended before it said '{text}':\n{self.log.read_text()}"
+            assert self.running(), f"ended before it said '{text}':\n{self.log.read_text()}"
             assert time.monotonic() < end, f"never said '{text}':\n{self.log.read_text()}"
             time.sleep(0.02)
 
     def send(self, number):
-        self.process.send_signal(number)
+        if self.running():
+            os.kill(self.process.pid, number)
 
     def end(self):
-        out, _ = self.process.communicate(timeout=LIMIT)
-        return Ended(self.process.returncode, out.decode(), self.log.read_text())
+        return Ended(self.process.wait(LIMIT), self.said.read_text(), self.log.read_text())
 
 
 class Lab:
@@ -97,9 +98,9 @@ class Lab:
 
     def close(self):
         for child in self.children:
-            if child.process.poll() is None:
-                child.process.kill()
-                child.process.communicate()
+            if child.running():
+                child.send(signal.SIGKILL)
+                child.end()
 
 
 def start_master(folder):

@@ -42,7 +42,7 @@ def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(lab, plan, robot,
     assert ("use the physical stop button now" in done.err) == (not stopped)
     assert 0.9 < log_of(lab, robot).duration < 4.5
     assert manifest_of(lab, robot)["verdict"].startswith(f"aborted, {code}")
-    if driver.process.poll() is None:
+    if driver.running():
         sent = lab.finish(driver)
         assert sent["commands"] < 330, "commands went on after the fault"
         assert not sent["violations"]

@@ -10,7 +10,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from lab import MIDDLE, store, swing
+from lab import LIMIT, MIDDLE, Ended, store, swing
 
 from dynid.files.trajectoryfile import read_trajectory, write_trajectory
 from dynid.motion import Motion
@@ -25,14 +25,18 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     typing = threading.Thread(target=lambda: typed_yes.extend(typed(lab, trajectory, b"\ny\nyes\n", "--yes")))
     typed_yes = []
     typing.start()
-    runs = [lab.start(*words, "--yes"), lab.start(*words), lab.start(*words, preexec_fn=lambda: os.close(0))]
+    runs = [lab.start(*words, "--yes"), lab.start(*words)]
+    closed = subprocess.Popen(
+        [sys.executable, "-m", "dynid", *map(str, words)], cwd=lab.folder, env=lab.env, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, preexec_fn=lambda: os.close(0),
+    )  # fmt: skip
     yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
     runs.append(lab.start(*words, "--yes", stdin=yes.stdout))
     (lab.folder / "dynid.yaml").write_text("yes: true\n")
     lab.env |= {"DYNID_MOVE": KINOVA, "DYNID_RECORD_MOVE": KINOVA, "DYNID_YES": "1", "DYNID_NO_INPUT": "0"}
     runs.append(lab.start(*words))
-    for run in runs:
-        done = run.end()
+    out, err = closed.communicate(timeout=LIMIT)
+    for done in [*(run.end() for run in runs), Ended(closed.returncode, out, err)]:
         assert (done.status, done.out) == (7, ""), done.err
         assert "error[E703]" in done.err
         assert f"--move {KINOVA}" in done.err

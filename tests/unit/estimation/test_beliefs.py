@@ -24,7 +24,7 @@ def shop(tmp_path_factory, runner):
 
 
 def links(shop, *options):
-    done = shop("identify", "kuka_lwr4plus", "log.npz", "--force", "--json", *options)
+    done = shop("identify", "kuka_lwr4plus", "log.npz", "--force", "--json", "--no-report", *options)
     assert done.status == 0, done.err
     return json.loads(done.out)["links"]
 

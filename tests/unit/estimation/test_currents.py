@@ -8,7 +8,7 @@ from loaded_arm import LOAD, recorded
 from test_drive_gains import GAINS
 
 #: The logs are short: a condition number of 1900 is not what is tested here.
-LOADED = ("--loaded", "loaded.csv", "--load-mass", "1.8", "--drop-weak")
+LOADED = ("--loaded", "loaded.csv", "--load-mass", "1.8", "--drop-weak", "--no-report")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,8 @@ def test_a_load_of_known_mass_makes_newton_metres_of_amperes(shop):
 
 
 def test_without_gains_the_answer_is_in_amperes(shop):
-    answer = json.loads(shop("identify", "arm.yaml", "empty.csv", "-o", "amperes", "--drop-weak", "--json").out)
+    words = ("-o", "amperes", "--drop-weak", "--json", "--no-report")
+    answer = json.loads(shop("identify", "arm.yaml", "empty.csv", *words).out)
     assert {"rms_a", "heldout_rms_a"} <= set(answer["joints"][0])
     assert answer["gains_relative"]
     assert not any(key.endswith("_nm") for joint in answer["joints"] for key in joint)
@@ -51,7 +52,7 @@ def test_a_load_without_its_mass_is_refused(shop):
 def test_the_load_of_a_second_log_is_identified(shop):
     first = shop("identify", "arm.yaml", "empty.csv", *LOADED, "-o", "scaled")
     assert first.status == 0, first.err
-    again = ("--payload-from", "scaled/parameters.npz", "--drop-weak", "--json")
+    again = ("--payload-from", "scaled/parameters.npz", "--drop-weak", "--json", "--no-report")
     done = shop("identify", "scaled/arm.yaml", "loaded.csv", *again)
     payload = json.loads(done.out)["payload"]
     assert payload["mass_kg"] == pytest.approx(LOAD.mass, rel=0.03)

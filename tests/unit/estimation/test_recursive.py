@@ -20,7 +20,7 @@ def shop(tmp_path_factory, runner):
 
 
 def run(shop, *words):
-    done = shop("identify", "kuka_lwr4plus", *words, "--cutoff", "6", "--delay", "off", "--json")
+    done = shop("identify", "kuka_lwr4plus", *words, "--cutoff", "6", "--delay", "off", "--json", "--no-report")
     assert done.status == 0, done.err
     return json.loads(done.out)
 
