@@ -1,6 +1,6 @@
-"""Check, identify, validate and search ROS 1 bags of minutes and hours at 1 kHz; print processor time and peak memory.
+"""Check, identify, validate and search recordings of minutes and hours at 1 kHz; print processor time and peak memory.
 
-    python benchmarks/long_logs.py [--seconds 60 600 3600]
+    python benchmarks/long_logs.py [--seconds 60 600 3600] [--format bag mcap db3] [--commands check identify validate gap]
 
 The arm is the bundled KUKA LWR4+ with positions, velocities and torques of seven joints (305 bytes a message). The motion
 is a sum of sines with torques of random bodies and noise: it is here for its length, not for accuracy. The bags are
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -134,6 +135,81 @@ def write_bag(path, robot, seconds):
         stream.write(bag_header(end))
 
 
+# ---------------------------------------------------------------- ROS 2
+def cdr(names):
+    """Return a JointState in CDR with zeros for its numbers, and where its stamp and its three arrays begin."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    State, Header, Time = (
+        store.types[kind]
+        for kind in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    marks = [np.full(len(names), mark) for mark in (1.0, 2.0, 3.0)]
+    content = bytes(store.serialize_cdr(State(Header(Time(0, 0), ""), list(names), *marks), State.__msgtype__))
+    return content, [content.index(mark.tobytes()) for mark in marks]
+
+
+def messages(robot, seconds):
+    """Yield stamps [ns], (N,), and JointStates in CDR, (N, length)."""
+    motion, (content, places) = Motion(robot), cdr(robot.log_names)
+    for first in range(0, round(seconds * RATE), BLOCK):
+        index = np.arange(first, min(first + BLOCK, round(seconds * RATE)))
+        numbers, ns = motion.at(index / RATE), START + np.round(index * 1e9 / RATE).astype(np.int64)
+        table = np.tile(np.frombuffer(content, np.uint8), (len(index), 1))
+        table[:, 4:12] = np.column_stack(np.divmod(ns, 10**9)).astype("<u4").view(np.uint8)
+        for place, x in zip(places, numbers, strict=True):
+            table[:, place : place + 8 * robot.n] = np.ascontiguousarray(x).view(np.uint8)
+        yield ns, table
+
+
+def write_db3(path, robot, seconds):
+    with sqlite3.connect(path) as base:
+        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, "
+                     "offered_qos_profiles TEXT)")  # fmt: skip
+        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        base.execute("INSERT INTO topics VALUES(1, ?, 'sensor_msgs/msg/JointState', 'cdr', '')", [robot.driver.topic])
+        for ns, table in messages(robot, seconds):
+            rows = zip(ns.tolist(), map(bytes, table), strict=True)
+            base.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)", rows)
+
+
+def write_mcap(path, robot, seconds):
+    def text(word):
+        return number(len(word)) + word.encode()
+
+    def entry(op, data):
+        return bytes([op]) + number(len(data), "Q") + data
+
+    definition = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef("sensor_msgs/msg/JointState", ros_version=2)[0]
+    schema = number(1, "H") + text("sensor_msgs/msg/JointState") + text("ros2msg") + text(definition)
+    channel = number(1, "H") + number(1, "H") + text(robot.driver.topic) + text("cdr") + number(0)
+    known, infos, count = entry(3, schema) + entry(4, channel), [], 0
+    with path.open("wb") as stream:
+        stream.write(b"\x89MCAP0\r\n" + entry(1, text("ros2") + text("long_logs")))
+        for stamps, contents in messages(robot, seconds):
+            for at in range(0, len(stamps), CHUNK):
+                ns, table = stamps[at : at + CHUNK], contents[at : at + CHUNK]
+                head = np.frombuffer(b"\x05" + number(22 + table.shape[1], "Q") + number(1, "H"), np.uint8)
+                number_of = np.arange(count, count + len(ns)).astype("<u4").view(np.uint8).reshape(len(ns), 4)
+                times = np.column_stack([ns, ns]).astype("<u8").view(np.uint8)
+                body = np.hstack([np.tile(head, (len(ns), 1)), number_of, times, table]).tobytes()
+                body, place, count = (b"" if infos else known) + body, stream.tell(), count + len(ns)
+                span = number(int(ns[0]), "Q") + number(int(ns[-1]), "Q")
+                packed = number(len(body), "Q")
+                stream.write(entry(6, span + packed + number(0) + text("") + packed + body))
+                offsets = number(10) + number(1, "H") + number(0, "Q")
+                infos.append(span + number(place, "Q") + number(stream.tell() - place, "Q") + offsets
+                             + number(0, "Q") + text("") + packed + packed)  # fmt: skip
+        stream.write(entry(15, number(0)))
+        summary, span = stream.tell(), number(START, "Q") + number(START, "Q")
+        counts = number(10) + number(1, "H") + number(count, "Q")
+        statistics = number(count, "Q") + number(1, "H") + number(1) + number(0) + number(0) + number(len(infos))
+        stream.write(known + entry(11, statistics + span + counts) + b"".join(entry(8, info) for info in infos))
+        stream.write(entry(2, number(summary, "Q") + number(0, "Q") + number(0)) + b"\x89MCAP0\r\n")
+
+
+WRITERS = {"bag": write_bag, "mcap": write_mcap, "db3": write_db3}
+
+
 # ---------------------------------------------------------------- the commands
 def measured(folder, *words):
     """Run dynid; return processor time [s] and peak memory [MB]."""
@@ -149,20 +225,24 @@ def measured(folder, *words):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=int, nargs="+", default=[60, 600, 3600])
-    robot = load_robot(ROBOT)
-    print("| bag at 1 kHz | check | identify | validate | gap |\n| --- | --- | --- | --- | --- |")
-    for seconds in parser.parse_args().seconds:
-        with tempfile.TemporaryDirectory() as folder:
-            bag = Path(folder) / "log.bag"
-            write_bag(bag, robot, seconds)
-            runs = (
-                ("check", ROBOT, "log.bag"),
-                ("identify", ROBOT, "log.bag", "-o", "out"),
-                ("validate", "out/parameters.npz", "log.bag", "--allow-training-data"),
-                ("gap", "out/parameters.npz", "log.bag", "--no-apply"),
-            )
-            cells = [f"{took:.1f} s, {memory:.0f} MB" for took, memory in (measured(folder, *words) for words in runs)]
-            print(f"| {seconds} s, {bag.stat().st_size / 1e6:.0f} MB | {' | '.join(cells)} |", flush=True)
+    parser.add_argument("--format", nargs="+", choices=WRITERS, default=["bag"])
+    parser.add_argument("--commands", nargs="+", default=["check", "identify", "validate", "gap"])
+    given, robot = parser.parse_args(), load_robot(ROBOT)
+    print("| recording at 1 kHz |", " | ".join(given.commands), "|\n|", "--- | " * (1 + len(given.commands)))
+    for kind in given.format:
+        for seconds in given.seconds:
+            with tempfile.TemporaryDirectory() as folder:
+                log = Path(folder) / f"log.{kind}"
+                WRITERS[kind](log, robot, seconds)
+                runs = {
+                    "check": (ROBOT, log.name),
+                    "identify": (ROBOT, log.name, "-o", "out"),
+                    "validate": ("out/parameters.npz", log.name, "--allow-training-data"),
+                    "gap": ("out/parameters.npz", log.name, "--no-apply"),
+                }
+                took = (measured(folder, word, *runs[word]) for word in given.commands)
+                cells = [f"{seconds:.1f} s, {memory:.0f} MB" for seconds, memory in took]
+                print(f"| {kind}, {seconds} s, {log.stat().st_size / 1e6:.0f} MB | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

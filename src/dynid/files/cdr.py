@@ -7,8 +7,10 @@ section 7.4 (plain CDR, versions 1 and 2).
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.files.messages import BrokenMessage
@@ -20,12 +22,16 @@ _SEQUENCE = b"\0\0\0\0"
 
 
 class _Reader:
-    """Walks over one message; alignment counts from behind the four bytes of the encapsulation."""
+    """Walks over one message; alignment counts from behind the four bytes of the encapsulation.
+
+    Attributes:
+        starts: where the numbers of the sequences begin that were read.
+    """
 
     def __init__(self, raw: bytes) -> None:
         if len(raw) < 4 or raw[0] != 0 or raw[1] not in _KINDS:
             raise BrokenMessage("a message is not plain CDR")
-        self.raw, self.at = raw, 4
+        self.raw, self.at, self.starts = raw, 4, list[int]()
         self.order, self.widest = _KINDS[raw[1]]
 
     def _align(self, size: int) -> None:
@@ -52,9 +58,11 @@ class _Reader:
     def floats(self) -> bytes:
         """Return a sequence of doubles as ROS 1 writes it: count, then little-endian numbers."""
         count = self.number()
+        if count:
+            self._align(8)
+        self.starts.append(self.at)
         if not count:
             return _SEQUENCE
-        self._align(8)
         end = self.at + 8 * count
         if end > len(self.raw):
             raise BrokenMessage("a message is too short for its type")
@@ -81,6 +89,39 @@ def joint_state(raw: bytes) -> bytes:
     names = [_string(reader.text()) for _ in range(count)]
     fields = [reader.floats() for _ in range(3)]
     return b"".join([head, struct.pack("<I", count), *names, *fields])
+
+
+def joint_states(raws: Sequence[bytes]) -> NDArray[np.uint8] | None:
+    """Return many messages as ``joint_state`` does, (N, length); None where they differ in more than stamp and numbers.
+
+    Raises:
+        BrokenMessage: the first one is not such a message.
+        TooLarge: it has more names, or longer ones, than the limits.
+    """
+    first = joint_state(raws[0])
+    if raws[0][1] not in (1, 7) or len({len(raw) for raw in raws}) > 1:
+        return None
+    reader = _Reader(raws[0])
+    reader.number(), reader.number(), reader.text()
+    for _ in range(reader.number()):
+        reader.text()
+    # The stamp, and the numbers of each sequence: where they lie here, and in a message of ROS 1.
+    places = [(4, 4, 8)]
+    ends = []
+    for _ in range(3):
+        reader.floats()
+        ends.append(reader.at)
+    tail = len(first)
+    for start, end in zip(reversed(reader.starts), reversed(ends), strict=True):
+        places.append((start, tail - (end - start), end - start))
+        tail -= end - start + 4
+    table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1)
+    alike = np.ones(table.shape[1], dtype=bool)
+    found = np.tile(np.frombuffer(first, np.uint8), (len(raws), 1))
+    for here, there, size in places:
+        alike[here : here + size] = False
+        found[:, there : there + size] = table[:, here : here + size]
+    return found if (table[:, alike] == table[0, alike]).all() else None
 
 
 def multi_array(raw: bytes) -> bytes:

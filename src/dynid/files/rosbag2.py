@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
@@ -19,7 +21,7 @@ from dynid.files import cdr, mcap_records
 from dynid.files.bag import Topic, recovered
 from dynid.files.bag_records import Connection
 from dynid.files.mcap_records import BrokenMcap
-from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
+from dynid.files.messages import BLOCK, BLOCK_BYTES, CHECKSUMS, BrokenMessage, Collector
 from dynid.log import Log
 from dynid.text import shell
 
@@ -107,13 +109,21 @@ def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]
 def _collected(path: Path, names: Collection[str], *, lenient: bool) -> tuple[dict[str, Collector], list[str]]:
     """Return the numbers of some topics, and why parts of the recording could not be read."""
     collectors: dict[str, Collector] = {}
+    waiting: dict[str, list[_Message]] = {}
     reasons = []
     for part in parts_of(path):
         try:
             for message in _messages(part, names):
-                _collect(message, collectors, lenient=lenient)
+                limits.check("message_bytes", len(message.raw), message.topic)
+                some = waiting.setdefault(message.topic, [])
+                if some and (len(some) == BLOCK or len(some) * len(message.raw) > BLOCK_BYTES):
+                    _collect(some, collectors, lenient=lenient)
+                    some.clear()
+                some.append(message)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
+    for some in waiting.values():
+        _collect(some, collectors, lenient=lenient)
     return collectors, reasons
 
 
@@ -138,9 +148,28 @@ def parts_of(path: Path) -> list[Path]:
     return sorted(parts, key=place)
 
 
-def _collect(message: _Message, collectors: dict[str, Collector], *, lenient: bool) -> None:
+def _collect(messages: Sequence[_Message], collectors: dict[str, Collector], *, lenient: bool) -> None:
+    """Hand messages of one topic on as those of ROS 1: at once where all are alike."""
+    first = messages[0]
+    if first.topic not in collectors:
+        # Why: the first message says whether its type and layout are known.
+        _collect_one(first, collectors, lenient=lenient)
+        messages = messages[1:]
+    if messages and all((message.encoding, message.kind) == ("cdr", JOINT_STATE) for message in messages):
+        try:
+            block = cdr.joint_states([message.raw for message in messages])
+        except (BrokenMessage, TooLarge):
+            block = None
+        if block is not None:
+            arrival = np.array([message.arrival for message in messages], dtype=np.int64)
+            collectors[first.topic].add_alike(arrival, block)
+            return
+    for message in messages:
+        _collect_one(message, collectors, lenient=lenient)
+
+
+def _collect_one(message: _Message, collectors: dict[str, Collector], *, lenient: bool) -> None:
     """Hand a message on as one of ROS 1; a damaged one is passed over if ``lenient``."""
-    limits.check("message_bytes", len(message.raw), message.topic)
     collector = collectors.get(message.topic)
     if collector is None:
         _check_definition(message)
