@@ -620,6 +620,7 @@ WARNINGS: dict[str, str] = {
     "W329": "Another mapping of the columns explains the log far better; --anyway went on all the same.",
     "W330": "The names of the columns do not tell which are positions and torques; `driver: columns:` has to.",
     "W331": "Rows of a table without any number of a joint were left out: it holds something else as well.",
+    "W332": "A joint moves beyond its limits: an offset, a direction or the limits in the robot file are wrong.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

@@ -21,6 +21,7 @@ from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
 from dynid.signals.pieces import changed, spans
+from dynid.signals.ranges import check_ranges
 from dynid.signals.repeats import without_stale
 from dynid.signals.stamps import (
     check_gaps,
@@ -92,6 +93,7 @@ def prepare(
     log = with_even_clock(unwrapped(changed(log, lambda part: to_dh(part, robot)), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
+    findings += check_ranges(log, robot)
     check_torque_scale(log, robot)
     check_rate(log, robot)
     findings += check_repeats(log, robot) + check_position_noise(log, robot)

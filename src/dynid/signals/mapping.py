@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,12 @@ UNLIKELY = {
     "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
     "positions": 0.08, "signs": 0.08, "torque": 0.08, "position": 0.1,
 }  # fmt: skip
-#: The same for each column beyond two that another order moves.
-MOVED = 0.3
+#: The same for each column beyond two that another order moves, and for an order that recorders and people make.
+MOVED, REGULAR = 0.3, 0.3
+#: The same for each joint that moves far beyond its limits, of which so many count; the limits may be wrong as well.
+RANGE, MOST_OUTSIDE = 0.5, 2
+#: Hypotheses whose ranks differ by less explain a log equally well.
+TIED = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +60,13 @@ class Hypothesis:
         edits: what is changed.
         left: what bodies that can exist leave of each joint's torque, root mean square, (n,) [N m or N].
         floor: what a constant, friction and rotor inertia alone leave, (n,) [N m or N].
+        outside: how many joints move far beyond their limits.
     """
 
     edits: tuple[Edit, ...]
     left: Floats
     floor: Floats
+    outside: int = 0
 
     @property
     def unexplained(self) -> float:
@@ -86,13 +93,15 @@ class Diagnosis:
     Attributes:
         given: the robot file as it is.
         best: the best hypotheses, the best first, each of another explanation.
-        same: hypotheses that explain the log exactly as the best one does.
+        same: hypotheses that make the same torques as the best one, whatever the arm does.
+        tied: further ones that explain this log as well as the best one.
         wrong: whether the best one is so much better that the file must be wrong.
     """
 
     given: Hypothesis
     best: tuple[Hypothesis, ...]
     same: tuple[Hypothesis, ...]
+    tied: tuple[Hypothesis, ...]
     wrong: bool
 
 
@@ -122,7 +131,8 @@ class _Search:
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:
         """Return a hypothesis fitted with bodies that can exist."""
         if edits not in self.found:
-            found = Hypothesis(edits, *self.judge.possible(with_edits(self.judge.robot, edits)))
+            edited = with_edits(self.judge.robot, edits)
+            found = Hypothesis(edits, *self.judge.possible(edited), self.judge.outside(edited))
             self.least_error = np.minimum(self.least_error, usual_error(self.judge.robot, found.left))
             self.found[edits] = found
         return self.found[edits]
@@ -130,7 +140,8 @@ class _Search:
     def bound(self, edits: tuple[Edit, ...]) -> float:
         """Return a promise that a hypothesis cannot be better than."""
         if edits not in self.bounds:
-            self.bounds[edits] = Hypothesis(edits, *self.judge.least(with_edits(self.judge.robot, edits)))
+            edited = with_edits(self.judge.robot, edits)
+            self.bounds[edits] = Hypothesis(edits, *self.judge.least(edited), self.judge.outside(edited))
         return self.promise(self.bounds[edits])
 
     def same(self, one: Hypothesis, other: Hypothesis) -> bool:
@@ -146,7 +157,7 @@ class _Search:
         return self._rank(hypothesis, self.noise)
 
     def _rank(self, hypothesis: Hypothesis, noise: Floats) -> float:
-        unlikely = CLEAR * sum(map(_unlikely, hypothesis.edits))
+        unlikely = CLEAR * (sum(map(_unlikely, hypothesis.edits)) + RANGE * min(hypothesis.outside, MOST_OUTSIDE))
         return hypothesis.misfit(noise) + unlikely + self.price * len(hypothesis.edits)
 
     def ranked(self) -> list[Hypothesis]:
@@ -200,7 +211,9 @@ def diagnose(log: Log, robot: Robot, names: Sequence[str] = ()) -> Diagnosis | N
     alike = [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)] if wrong else []
     same = [each for each in alike if search.same(each, best)]
     others = [each for each in ranked[1:] if each not in same]
-    return Diagnosis(search.given, (best, *others[:4]), tuple(same), wrong)
+    few = [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given] if wrong else []
+    tied = [each for each in few if search.rank(each) < search.rank(best) + TIED]
+    return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong)
 
 
 def noise_of(robot: Robot, floor: Floats) -> Floats:
@@ -294,7 +307,14 @@ def _alike(judge: Judge) -> list[int]:
 def _unlikely(edit: Edit) -> float:
     """Return how much less likely a mistake is than the likeliest one, in units of ``CLEAR``."""
     moved = sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
-    return UNLIKELY[edit.kind] + MOVED * max(0, moved - 2)
+    odd = MOVED * max(0, moved - 2)
+    return UNLIKELY[edit.kind] + (min(odd, REGULAR) if _regular(edit.value) else odd)
+
+
+def _regular(order: Sequence[float]) -> bool:
+    """Return whether an order is the reversed one, or the whole chain shifted."""
+    steps = {(b - a) % len(order) for a, b in pairwise(order)} if len(order) > 1 else set()
+    return steps in ({1.0}, {len(order) - 1.0})
 
 
 def _with(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
@@ -347,15 +367,19 @@ def check_mapping(
     what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
     if found.same:
         what += f" (or, which makes the same torques, with {' or '.join(said(e.edits, robot) for e in found.same)})"
+    if found.tied:
+        what += f" (or, which this log shows as well, with {' or '.join(said(e.edits, robot) for e in found.tied)})"
     evidence = {
         "unexplained": found.given.unexplained,
         "hypotheses": [_evidence(each, robot) for each in found.best],
         "same": [_evidence(each, robot) for each in found.same],
+        "tied": [_evidence(each, robot) for each in found.tied],
     }
     if anyway:
         return (Finding("W329", "warning", what, evidence),)
-    others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in found.best[1:3] if each.edits]
-    edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same)]
+    next_best = [each for each in found.best[1:3] if each.edits and each not in found.tied]
+    others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best]
+    edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same, *found.tied)]
     raise WrongMapping(
         what,
         why="no bodies that can exist make these torques with the robot file as it is"

@@ -19,6 +19,7 @@ from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
+from dynid.signals.ranges import OUTSIDE, beyond
 from dynid.units import POSITION
 
 Floats = NDArray[np.float64]
@@ -160,6 +161,11 @@ class Judge:
         if self.motion.apart:
             return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), _floor(terms)
         return _cone(parts, bodies, 1.0 / np.maximum(self._least(terms), 1e-9)), _floor(terms)
+
+    def outside(self, robot: Robot) -> int:
+        """Return how many joints move far beyond their limits under an edited file."""
+        q = self._dh(robot)[0][0]
+        return sum(beyond(*each) > OUTSIDE for each in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True))
 
     def same(self, one: Robot, other: Robot) -> bool:
         """Return whether two edited files can explain the same torques, whatever the arm does.

@@ -117,3 +117,14 @@ def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, f
     raw, names = driver_columns(log, lwr())
     some = np.flatnonzero((raw.t > first) & (raw.t < first + seconds))
     assert not diagnose(take_samples(raw, some), lwr(), names).wrong
+
+
+@pytest.mark.data
+def test_edits_that_a_log_cannot_tell_apart_are_named_together():
+    """A reversed position of an upright first joint makes nearly the same torques as its reversed torque."""
+    robot = load_robot("ur10")
+    log = read_log(shared_data("ur10_salerno/exc.npz"), robot=robot)
+    raw, names = driver_columns(log, robot)
+    found = diagnose(raw, edited(robot, Edit("position", (0.0,))), names)
+    kinds = {each.edits[0].kind for each in (found.best[0], *found.same, *found.tied) if len(each.edits) == 1}
+    assert {"position", "torque"} <= kinds
