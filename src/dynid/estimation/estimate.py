@@ -141,6 +141,7 @@ def estimate(
     drop_weak: bool = False,
     feasible: bool | None = None,
     residual_model: bool | None = None,
+    size: Floats | None = None,
 ) -> Identification:
     """Fit the base parameters, with robust error bars and a held-out figure.
 
@@ -155,6 +156,7 @@ def estimate(
         feasible: put the physically possible set in force, or the plain estimate; None takes the physical one unless
             the data contradict every possible arm.
         residual_model: describe what the model lacks by random columns; None where the evidence wants it.
+        size: sizes of the groups of these columns where they are known already.
 
     Raises:
         RankDeficient: the logs determine fewer base parameters than the structure has.
@@ -164,7 +166,7 @@ def estimate(
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
-    post = physical_posterior(base, plain, stack, residual_model=residual_model)
+    post = physical_posterior(base, plain, stack, residual_model=residual_model, size=size)
     in_force, choice = _in_force(stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
     physical = in_force == "physical"
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.

@@ -49,11 +49,11 @@ GROUP_NAMES = ("position", "friction", "load")
 #: otherwise let the columns explain everything that it has.
 LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
 #: Size that counts as nothing, and where the search for sizes begins.
-NOTHING, FIRST = 1e-7, 5e-3
+NOTHING, FIRST = 1e-7, 5e-2
 #: Rows that are folded into the factors together.
 FOLDED = 400
-#: Evaluations of the evidence.
-EVALUATIONS = 80
+#: Steps of the search for sizes.
+STEPS = 40
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
 WANTED = 4.0
 #: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
@@ -479,8 +479,8 @@ def _projection(base: BaseModel, speed: Floats, reference: Floats, scale: Floats
     return found
 
 
-def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> tuple[Floats, float]:
-    """Return the sizes of the groups that make the data most likely, and by how much the log evidence gains.
+def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
+    """Return the sizes of the groups that make the data most likely, (groups,).
 
     Args:
         rows: rows of all joints.
@@ -490,31 +490,48 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> tuple[Floa
     """
     from scipy.optimize import minimize
 
-    gram, k = rows.gram(), rows.k
-    spans = np.log(NOTHING), np.log(LARGEST)
+    gram, spans = rows.gram(), np.log([np.full(len(LARGEST), NOTHING), LARGEST])
 
-    def evidence(size: Floats) -> float:
-        return _log_evidence(gram, k, np.sqrt(rows.variances(size)) * rows.noise[:, None], K, x, prior)
+    def negative(logs: Floats) -> tuple[float, Floats]:
+        evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
+        return -evidence, -slope
 
-    def negative(logs: Floats) -> float:
-        return -evidence(np.exp(np.clip(logs, *spans)))
-
-    none = evidence(np.full(len(LARGEST), NOTHING))
-    options = {"maxfev": EVALUATIONS, "xatol": 0.1, "fatol": 0.2}
-    found = minimize(negative, np.full(len(LARGEST), np.log(FIRST)), method="Nelder-Mead", options=options)
-    return np.exp(np.clip(found.x, *spans)), float(-found.fun - none)
+    start, bounds, options = np.full(len(LARGEST), np.log(FIRST)), list(spans.T), {"maxiter": STEPS}
+    found = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return np.asarray(np.exp(found.x))
 
 
-def _log_evidence(gram: Floats, k: int, spread: Floats, K: Floats, x: Floats, prior: Floats) -> float:
-    """Return the log evidence of sizes, up to a constant: b and theta are integrated out."""
-    total, log = 0.0, 0.0
+def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:
+    """Return by how much the log evidence gains by a model error of given sizes, (groups,); see ``best_size``."""
+    gram, none = rows.gram(), np.full(len(LARGEST), NOTHING)
+    with_it, without = (_log_evidence(rows, gram, each, K, x, prior)[0] for each in (size, none))
+    return with_it - without
+
+
+def _log_evidence(
+    rows: Whitened, gram: Floats, size: Floats, K: Floats, x: Floats, prior: Floats
+) -> tuple[float, Floats]:
+    """Return the log evidence of sizes, up to a constant, and its slopes by their logarithms, (groups,).
+
+    b and theta are integrated out. The slope is that of the expected log density of b (Fisher's identity): half of the
+    squares that the data expect of a group, in units of its size, beyond their number.
+
+    Args:
+        rows: rows of all joints.
+        gram: [Z W tau]^T [Z W tau] of each joint, (n, k + p + 1, k + p + 1).
+        size: lambda of each group, (groups,).
+        K: base parameters as combinations of all parameters, (p, c).
+        x: all parameters, where the prior is approximated, (c,).
+        prior: Hessian of the prior there, (c, c).
+    """
+    k, log, parts = rows.k, 0.0, []
     information: Floats | float = 0.0
-    for G, sd in zip(gram, spread, strict=True):
-        A = sd[:, None] * G[:k, :k] * sd + np.eye(k)
-        L = np.linalg.cholesky(A)
+    for G, sd in zip(gram, np.sqrt(rows.variances(size)) * rows.noise[:, None], strict=True):
+        L = np.linalg.cholesky(sd[:, None] * G[:k, :k] * sd + np.eye(k))
         log -= float(np.sum(np.log(np.diagonal(L))))
         part = np.linalg.solve(L, sd[:, None] * G[:k, k:])
         information = information + G[k:, k:] - part.T @ part
+        parts.append((L, part))
     S = np.asarray(information)
     Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
     theta = K @ x
@@ -525,9 +542,19 @@ def _log_evidence(gram: Floats, k: int, spread: Floats, K: Floats, x: Floats, pr
     # Why eigenvalues: noise-free rows make H singular in double precision.
     value, vector = np.linalg.eigh(scale[:, None] * H * scale)
     value = np.maximum(value, 1e-14)
-    explained = float(np.sum((vector.T @ (scale * gradient)) ** 2 / value))
+    weights = vector.T @ (scale * gradient)
     half = 0.5 * float(np.sum(np.log(value)) - 2.0 * np.sum(np.log(scale)))
-    return -0.5 * (rest - explained) + log - half
+    evidence = -0.5 * (rest - float(np.sum(weights**2 / value))) + log - half
+    best = theta + K @ (scale * (vector @ (weights / value)))
+    root = K @ (scale[:, None] * vector / np.sqrt(value))
+    slope = np.zeros(len(size))
+    for (L, part), free in zip(parts, rows.free, strict=True):
+        # Why in units of sd: there b has the covariance (L L^T)^-1 for given theta.
+        by = np.linalg.solve(L.T, part)
+        squares = (by[:, -1] - by[:, :-1] @ best) ** 2 + np.sum(np.linalg.inv(L) ** 2, axis=0)
+        squares += np.sum((by[:, :-1] @ root) ** 2, axis=1)
+        slope += 0.5 * np.bincount(GROUPS, np.where(free > 0.0, 0.0, squares - 1.0))
+    return evidence, slope
 
 
 def model_error(

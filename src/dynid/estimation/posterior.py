@@ -23,6 +23,7 @@ from dynid.estimation.model_error import (
     Whitened,
     best_size,
     covariance_root,
+    evidence_gain,
     model_error,
     orthogonal,
     random_states,
@@ -76,7 +77,13 @@ class Posterior:
 
 
 def physical_posterior(
-    base: BaseModel, estimate: Fit, stack: Stack, *, residual_model: bool | None, like: ModelError | None = None
+    base: BaseModel,
+    estimate: Fit,
+    stack: Stack,
+    *,
+    residual_model: bool | None,
+    like: ModelError | None = None,
+    size: Floats | None = None,
 ) -> Posterior:
     """Find the physically possible parameters that data and prior agree on best, and the model error beside them.
 
@@ -86,6 +93,7 @@ def physical_posterior(
         stack: the rows that it was made from.
         residual_model: look for model error or not; None where the evidence wants it.
         like: model error whose sizes and free joints are taken.
+        size: sizes of the groups of columns where they are known already.
 
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
@@ -112,7 +120,9 @@ def physical_posterior(
         left, _ = rows.eliminated(NONE)
         fit, constraints = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints_of(base), near=fit.x)
         R = left[:-1, :-1] @ K
-    size, gain = (like.size, np.inf) if like is not None else best_size(rows, K, fit.x, fit.hessian - R.T @ R)
+    held, size = fit.hessian - R.T @ R, size if like is None else like.size
+    size = best_size(rows, K, fit.x, held) if size is None else size
+    gain = evidence_gain(rows, K, fit.x, held, size)
     if residual_model is None and gain < WANTED:
         if not np.any(rows.free):
             return found

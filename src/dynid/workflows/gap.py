@@ -346,7 +346,7 @@ class Gap(GapRecord):
         return replace(found, robot=replace(found.robot, path=path), header=header)
 
     def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
-        """Return the arm with effects, identified with the filter, the estimator and the set of the result before."""
+        """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
         from dynid.gap.analysis import on_one_clock
         from dynid.gap.apply import stacked_with
         from dynid.workflows.identify import IdentifyOptions, identify
@@ -375,9 +375,11 @@ class Gap(GapRecord):
             method=before.method if asked else "auto",
             # Why not where the data contradicted every possible arm: with what was missing they may not any more.
             feasible=True if before.in_force == "physical" else False if asked or before.choice == "as asked" else None,
+            # Why: an effect of one joint says nothing about how much is missing on the others.
+            residual_model=before.model_error is not None if before.in_force == "physical" else None,
             drop_weak=True,
         )
-        return identify(base.robot, seen, options)
+        return identify(base.robot, seen, options, like=before)
 
 
 def _with_methods(record: GapRecord, **more: Any) -> Gap:  # noqa: ANN401

@@ -92,6 +92,7 @@ def identify(
     *,
     base: BaseModel | None = None,
     update: Identification | None = None,
+    like: Identification | None = None,
     progress: Progress = SILENT,
 ) -> Identification:
     """Identify the base parameters of an arm, with robust error bars and a held-out figure.
@@ -102,6 +103,7 @@ def identify(
         options: estimator, hold-out, prior, filter.
         base: the arm's base model, where it is there already.
         update: an earlier result whose logs are added to these, without reading them again.
+        like: a result of the same arm whose residual model is as large.
         progress: told how far the work is.
 
     Raises:
@@ -128,6 +130,7 @@ def identify(
         drop_weak=options.drop_weak or options.feasible is True or options.given,
         feasible=options.feasible,
         residual_model=options.residual_model,
+        size=None if like is None or like.model_error is None else like.model_error.size,
     )
     progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
     progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")

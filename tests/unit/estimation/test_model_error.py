@@ -7,7 +7,16 @@ import pytest
 from test_stack import simulated, stacked, truth
 
 from dynid.estimation.estimators import irls, wls
-from dynid.estimation.model_error import GROUPS, best_size, model_error, squares, whitened_rows
+from dynid.estimation.model_error import (
+    GROUPS,
+    LARGEST,
+    NOTHING,
+    best_size,
+    evidence_gain,
+    model_error,
+    squares,
+    whitened_rows,
+)
 from dynid.estimation.posterior import physical_posterior
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
@@ -68,7 +77,8 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found
     rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0)
     p = len(estimate.theta)
     prior = np.diag(1 / (1.0 + np.abs(estimate.theta)) ** 2)
-    size, gain = best_size(rows, np.eye(p), np.zeros(p), prior)
+    size = best_size(rows, np.eye(p), np.zeros(p), prior)
+    gain = evidence_gain(rows, np.eye(p), np.zeros(p), prior, size)
 
     def dense(sizes):
         total = np.zeros((0, 0))
@@ -86,8 +96,12 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found
             start += len(block)
         return -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
 
-    assert gain == pytest.approx(dense(size) - dense(np.full(3, 1e-7)), abs=0.05)
+    assert gain == pytest.approx(dense(size) - dense(np.full(3, NOTHING)), abs=0.05)
     assert gain > 6.0
+    for group in range(3):
+        for factor in (0.7, 1.4):
+            near = size * np.where(np.arange(3) == group, factor, 1.0)
+            assert dense(np.clip(near, NOTHING, LARGEST)) < dense(size) + 1e-3
 
 
 def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, found):
