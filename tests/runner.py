@@ -13,7 +13,7 @@ from pathlib import Path
 from forkserver import ROOT, TOY, Command, server
 
 #: A command that has not ended by then hangs [s].
-LIMIT = 90
+LIMIT = 300
 
 
 @dataclass

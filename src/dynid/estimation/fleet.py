@@ -234,7 +234,10 @@ def look_at(history: History, false_share: float = FALSE_SHARE) -> FleetFindings
 
 # ---------------------------------------------------------------- many tests at once
 def benjamini_hochberg(p_values: Floats, share: float) -> Mask:
-    """Return which tests hold when an expected share of those that hold may be false; NaN never holds."""
+    """Return which tests hold when an expected share of those that hold may be false; NaN never holds.
+
+    Why not scipy.stats, which has it since 1.11: its import takes half a second, longer than a fleet of a few arms.
+    """
     flat = np.where(np.isnan(p_values), 2.0, p_values).ravel()
     count = int(np.sum(flat <= 1.0))
     order = np.argsort(flat, kind="stable")

@@ -49,6 +49,14 @@ def test_benjamini_and_hochbergs_own_example_gives_their_answer():
     assert benjamini_hochberg(np.array([np.nan, *p]), 0.05).sum() == 4
 
 
+def test_the_same_tests_hold_as_with_scipy():
+    control = pytest.importorskip("scipy", "1.11").stats.false_discovery_control
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        p = rng.random((30, 4)) ** rng.uniform(1, 6)
+        np.testing.assert_array_equal(benjamini_hochberg(p, 0.1), control(p, axis=None) <= 0.1)
+
+
 def test_the_chance_of_a_family_is_uniform_when_nothing_is_there():
     rng = np.random.default_rng(0)
     found = simes(rng.random((20000, 5)))
