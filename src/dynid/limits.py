@@ -71,6 +71,9 @@ LIMITS: dict[str, Limit] = {
     "text_bytes": Limit(
         4096 * MIB, "bytes", "a text log", "an hour of seven joints at 500 Hz has 400 MB; it is read block by block",
     ),
+    "fetched_bytes": Limit(
+        64 * 1024 * MIB, "bytes", "a recording at a URL", "eight hours with a camera have 50 GB; it is copied to disk",
+    ),
     "line_bytes": Limit(MIB, "bytes", "one line of a text log", "a row of 1000 columns has 20 kB"),
     "nesting": Limit(50, "levels", "lists and keys inside each other in YAML and JSON", "no file of dynid has ten"),
     "samples": Limit(
@@ -78,6 +81,10 @@ LIMITS: dict[str, Limit] = {
     ),
     "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
+    "effects": Limit(
+        200, "columns", "the torque effects of a robot file",
+        "each adds a column or more to the model; a search adds up to ten",
+    ),
     "waypoints": Limit(500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"),
     "obstacles": Limit(500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"),
     "jobs": Limit(2000, "jobs", "jobs of a batch file", "each reads its files first; a fleet of 100 arms has 1000"),
@@ -88,8 +95,8 @@ LIMITS: dict[str, Limit] = {
     ),
 }  # fmt: skip
 
-#: Packed data of up to this size may expand as it likes.
-_SMALL = 16 * MIB
+#: Packed data of up to this size may expand as it likes; all chunks of a recording together up to that one.
+_SMALL, _SMALL_RECORDING = 16 * MIB, 128 * MIB
 _RAISED: ContextVar[Mapping[str, float] | None] = ContextVar("limits", default=None)
 
 
@@ -138,6 +145,12 @@ def check(name: str, size: float, where: Path | str) -> None:
 def check_expansion(packed: int, unpacked: int, where: Path | str) -> None:
     """Raise when packed data expands like a decompression bomb."""
     if unpacked > _SMALL:
+        check("expansion", unpacked / max(packed, 1), where)
+
+
+def check_whole_expansion(packed: int, unpacked: int, where: Path | str) -> None:
+    """Raise when the chunks of a recording, of which each may be small, expand like a decompression bomb together."""
+    if unpacked > _SMALL_RECORDING:
         check("expansion", unpacked / max(packed, 1), where)
 
 

@@ -46,6 +46,8 @@ _ARRAY_HEADER = re.compile(
 _ZIP_END, _ZIP_COMMENT = struct.Struct("<4s4H2LH"), 1 << 16
 #: Bytes of the directory of an archive for each member that the limit allows.
 _ENTRY_BYTES = 1 << 10
+#: What stands for half a character in JSON, unless the other half is beside it.
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
 _TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]')
 
 
@@ -204,15 +206,19 @@ def parse_json(text: str, where: Path | str) -> Any:  # noqa: ANN401
     """Return what JSON text holds.
 
     Raises:
-        ValueError: it is not JSON.
+        ValueError: it is not JSON, or has half characters, which no file and no message can hold.
         TooLarge: lists and keys are nested deeper than the limit.
     """
+    text.encode()
     depth = deepest = 0
     for token in _TOKENS.finditer(text):
         depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token[0], 0)
         deepest = max(deepest, depth)
     limits.check("nesting", deepest, where)
-    return json.loads(text)
+    found = json.loads(text)
+    if _HALF.search(text):
+        json.dumps(found, ensure_ascii=False).encode()
+    return found
 
 
 def _plain(value: object) -> object:

@@ -97,6 +97,9 @@ RESULTS = (
     ["parameters", "arm.yaml", "log.npz", "--out", "out", "--no-identify"],
     ["identify", "arm.yaml", "log.npz", "--out", "out"],
     ["trajectory", "arm.yaml", "plan.yaml", "--out", "out", "--preview", "none"],
+    ["validate", "out/parameters.npz", "other.npz", "--out", "out"],
+    ["gap", "out/parameters.npz", "other.npz", "--no-apply"],
+    ["run", "batch.yaml", "--out", "out/batch"],
 )
 
 
@@ -117,6 +120,8 @@ def make(folder: Path, run: Callable[[list[str]], int]) -> Path:
         write_log(log, folder / f"log.{suffix}")
     (folder / "way.csv").write_text(WAYPOINTS)
     (folder / "settings.yaml").write_text(SETTINGS)
+    rows = [f"out/parameters.npz,arm{k % 3},2026-01-{1 + k // 3:02}" for k in range(12)]
+    (folder / "runs.csv").write_text("\n".join(["result,arm,time", *rows, ""]))
     (folder / "text").mkdir()
     for name, values in {"position": log.q, "torque": log.tau, "time": log.t[:, None]}.items():
         np.savetxt(folder / "text" / f"{name}.txt", values, fmt="%.8g")

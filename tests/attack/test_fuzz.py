@@ -9,6 +9,7 @@ import mutate
 import numpy as np
 import odd
 import pytest
+import richer
 import structured
 from forked import Ended, contents, faults, run
 
@@ -49,9 +50,19 @@ KINDS = {
     "parquet": ("log.parquet", structured.parquet, 200, ["check {}", "identify arm.yaml {} --out out", "check {} --robot arm.yaml"]),
     "result": ("out/parameters.npz", structured.result, 400, ["check {}", "validate {} other.npz", "export {} --format urdf", "export {} --format python", "export {} --format c", "export {} --format matlab", "export {} --format yaml", "export {} --format sdf", "export {} --format mjcf", "report out", "gap {} other.npz --no-apply", "compare {} {}", "identify arm.yaml other.npz --update {} --out out", "identify arm.yaml other.npz --payload-from {} --out out", "compare out --baseline {} --csv out/a.csv --latex out/a.tex --junit out/a.xml"]),
     "motion": ("out/trajectory.npz", structured.result, 100, ["check {}", "trajectory arm.yaml --from-trajectory {} --preview none --out out", "simulate arm.yaml {} --out out", "record arm.yaml {} --dry-run --out out"]),
+    "robot keys": ("arm.yaml", richer.robot_keys, 600, ["check {}", "model {} --out out", "identify {} log.npz --out out", "identify {} log.csv --out out", "parameters {} log.npz --out out --no-identify", "simulate {} out/trajectory.npz --out out", "trajectory {} plan.yaml --preview none --out out", "trajectory {} --seconds 1 --preview none --out out", "check {} log.mcap", "record {} out/trajectory.npz --dry-run --out out", "identify {} log.npz --out out --method idim-iv"]),
+    "batch keys": ("batch.yaml", richer.batch_keys, 250, ["run {} --out out/b", "run {} --out out/b --junit out/j.xml", "run {} --out out/b --json-lines", "check {}"]),
+    "fleet": ("runs.csv", richer.fleet_list, 200, ["fleet {} --out out/f", "fleet {} out --out out/f"]),
+    "run file": ("out/run.yaml", richer.run_file, 150, ["model arm.yaml --out out", "identify --from out/run.yaml --out out", "report out", "check out", "compare out"]),
+    "record": ("out/batch/one/job.json", richer.record, 100, ["run batch.yaml --out out/batch"]),
+    "names": ("log.npz", richer.names, 400, ["check {}", *(f"convert {{}} --to out/x.{suffix}" for suffix in ("mcap", "db3", "bag", "npz", "csv", "tsv", "parquet")), "identify arm.yaml {} --out out", "check {} --robot arm.yaml", "validate out/parameters.npz {} --out out", "gap out/parameters.npz {} --no-apply --out out", "run batch.yaml --out out/b"]),
+    "gap": ("out/gap.npz", mutate.npz, 200, ["check {}", "report out", "trajectory arm.yaml --for-gap {} --seconds 1 --preview none --out out", "identify arm.yaml other.npz --out out"]),
+    "fit": ("out/estimatedmotion.npz", structured.result, 150, ["check {}", "report out", "validate out/parameters.npz other.npz --out out", "compare out"]),
+    "validation": ("out/validation/other/estimatedmotion.npz", structured.result, 100, ["check {}", "report out"]),
 }  # fmt: skip
 ORDER = list(KINDS)
-TEXT = (mutate.text, structured.document, structured.urdf, structured.table)
+TEXT = (mutate.text, structured.document, structured.urdf, structured.table, richer.robot_keys, richer.batch_keys, richer.fleet_list, richer.run_file,
+        richer.record)  # fmt: skip
 
 
 def judged(words: list[str], folder) -> tuple[Ended, list[str]]:

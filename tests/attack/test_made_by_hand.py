@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import shutil
@@ -9,6 +10,8 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import containers
+import numpy as np
 import pytest
 from forked import contents, faults, run
 from inputs import BATCH, PLAN, ROBOT, URDF, motion
@@ -31,6 +34,27 @@ def silent(path: Path) -> None:
     tau = LOG.tau.copy()
     tau[:, 1] = 0
     replace(LOG, tau=tau).save(path)
+
+
+def one_stamp(path: Path) -> None:
+    """A table in which one sample is repeated with its stamp."""
+    path.write_text("t;q_shoulder;q_elbow;tau_shoulder;tau_elbow\n" + "0,1;1;2;3;4\n" * 50)
+
+
+def half_a_name(path: Path) -> None:
+    """A log whose first joint is called by half a character."""
+    with np.load(path.with_name("other.npz")) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["header"] = np.array(str(arrays["header"]).replace('"shoulder"', '"\\ud800"'))
+    np.savez(path, **arrays)
+
+
+def effects(*some: str) -> str:
+    return f"{ROBOT}effects:\n" + "".join(f"  - {{{one}, joints: [elbow]}}\n" for one in some)
+
+
+def job(**keys: object) -> str:
+    return json.dumps({"jobs": [{"name": "one", "robot": "arm.yaml", "logs": ["log.npz"], **keys}]})
 
 
 def poses(count: int) -> str:
@@ -56,6 +80,25 @@ CASES = {
     "300 000 elements inside each other": ("arm.urdf", "<a>" * 300_000, "import arm.urdf --out out/a.yaml", 3, "not XML"),
     "entities that multiply": ("arm.urdf", "<!DOCTYPE r [<!ENTITY a 'lol'>" + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefghi", "bcdefghij", strict=True)) + "]><robot>&j;</robot>", "import arm.urdf --out out/a.yaml", 3, "not XML"),
     "a pipe": ("log.npz", os.mkfifo, "identify arm.yaml log.npz --out out", 3, "no regular file"),
+    "1500 chunks of 15 MB in 1 MB": ("log.mcap", containers.many_chunks, "check log.mcap", 3, "may expand"),
+    "500 chunks of 60 MB in 30 kB": ("log.bag", containers.many_bag_chunks, "check log.bag", 3, "may expand"),
+    "10^15 rows in 300 kB": ("log.db3", containers.pages_without_end, "identify arm.yaml log.db3 --out out", 3, "E3"),
+    "10^15 rows in 300 kB, looked at": ("log.db3", containers.pages_without_end, "check log.db3", 0, ""),
+    "a journal that is a pipe": ("log.db3", containers.with_journal(LOG, "pipe"), "check log.db3", 0, ""),
+    "a journal that is a device": ("log.db3", containers.with_journal(LOG, "device"), "check log.db3", 0, ""),
+    "a journal of debris": ("log.db3", containers.with_journal(LOG, "debris"), "check log.db3 --robot arm.yaml", 0, ""),
+    "one sample 50 times": ("log.csv", one_stamp, "check log.csv --robot arm.yaml", 4, "1 samples are no recording"),
+    "half a character as a name": ("log.npz", half_a_name, "convert log.npz --to out/x.bag", 3, "E301"),
+    "a zero byte in a path": ("batch.yaml", job(baseline="a\0b"), "run batch.yaml --out out", 3, "zero byte"),
+    "a job at an endless URL": ("batch.yaml", job(logs="file:///dev/zero"), "run batch.yaml --out out", 3, "it is no regular file"),
+    "a job at a URL of a URL": ("batch.yaml", job(logs="reference://::file:///etc/passwd"), "run batch.yaml --out out", 3, "no URL of a recording"),
+    "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
+    "one effect twice": ("arm.yaml", effects("effect: viscous", "effect: viscous"), "check arm.yaml", 3, "viscous is there twice on elbow"),
+    "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
+    "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
+    "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),
+    "an arm with one run": ("runs.csv", "result,arm,time\nout,a,2026-01-01\n", "fleet runs.csv --out out/f", 0, "no arm has the three runs"),
+    "a log file that nobody reads": ("said", os.mkfifo, "check arm.yaml --log-file said", 6, "a pipe that nobody reads"),
     "an output that is a pipe": ("pipe.csv", os.mkfifo, "convert log.npz --to pipe.csv", 6, "no regular file"),
 }  # fmt: skip
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -16,6 +18,9 @@ from click.core import ParameterSource
 from dynid.errors import DynidError, WrongUsage
 from dynid.text import yaml_text
 from dynid.version import __version__
+
+if TYPE_CHECKING:
+    from dynid.files.yamlfile import Value
 
 NAME = "run.yaml"
 #: Common options about the terminal and the files, which change no result and are not repeated.
@@ -75,17 +80,27 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
 
 
 def _others(path: Path) -> dict[str, object]:
-    import yaml
+    """Return the sections that are there, as far as they can be read."""
+    from dynid.files.yamlfile import read_yaml
 
-    from dynid.files.yamlfile import parse_yaml, read_text
+    # Why not what PyYAML makes of it: merged mappings in a file from somebody else could fill the memory.
+    found: dict[str, object] = {}
+    with suppress(OSError, DynidError):
+        for name, value in read_yaml(path).entries().items():
+            with suppress(DynidError):
+                found[name] = _section(value)
+    return found
 
-    try:
-        text = read_text(path)
-        parse_yaml(text, path)  # Why: it bounds the nesting, which the next line does not.
-        found = yaml.safe_load(text)
-    except (OSError, ValueError, DynidError, yaml.YAMLError):
-        return {}
-    return {str(key): value for key, value in found.items()} if isinstance(found, dict) else {}
+
+def _section(value: Value) -> dict[str, object]:
+    keys = value.mapping(_KEYS, required=("arguments",))
+    words = {key: keys[key].text() for key in ("dynid", "command") if key in keys}
+    inputs = keys["inputs"].entries() if "inputs" in keys else {}
+    return {
+        **words,
+        "arguments": [item.text() for item in keys["arguments"].items()],
+        "inputs": {key: item.text() for key, item in inputs.items()},
+    }
 
 
 def repeated(command: str, args: Sequence[str]) -> list[str]:

@@ -5,6 +5,7 @@ No text from outside is ever read as markup or as an escape code; colour never c
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -88,9 +89,10 @@ class Terminal:
         if common.log_file is not None:
             try:
                 common.log_file.parent.mkdir(parents=True, exist_ok=True)
-                self._copy = common.log_file.open("a", encoding="utf-8", errors="backslashreplace")
+                self._copy = _opened(common.log_file)
             except OSError as error:
-                what = f"cannot write {common.log_file}: {error.strerror}"
+                nobody = "it is a pipe that nobody reads" if error.errno == errno.ENXIO else error.strerror
+                what = f"cannot write {common.log_file}: {nobody}"
                 raise CannotWrite(what, where=str(common.log_file), fix="give another --log-file") from error
 
     def __enter__(self) -> Terminal:
@@ -274,6 +276,13 @@ def _console(stream: TextIO, mode: str) -> Console:
         highlight=False,
         width=None if terminal else _columns(),
     )
+
+
+def _opened(path: Path) -> TextIO:
+    """Open a file to append to; a pipe that nobody reads is an error at once, where Python would wait for a reader."""
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0), 0o666)
+    os.set_blocking(handle, True)
+    return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
 
 
 def _columns() -> int:

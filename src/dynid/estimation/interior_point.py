@@ -264,14 +264,17 @@ def _diagonal(v: Floats) -> Floats:
 def solve_scaled(H: Floats, b: Floats) -> Floats:
     """Solve H x = b for a positive definite H whose diagonal spans many orders; b is (d,) or (d, k).
 
-    Directions that H does not see at all stay where they are.
+    Directions that H does not see at all, such as the difference of an effect that is given twice, stay where they are.
     """
     diagonal = np.diagonal(H)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = scale[:, None] * H * scale
     scaled[np.diag_indices_from(scaled)] = 1.0
     columns = scale if b.ndim == 1 else scale[:, None]
-    return np.asarray(columns * np.linalg.solve(scaled, columns * b))
+    try:
+        return np.asarray(columns * np.linalg.solve(scaled, columns * b))
+    except np.linalg.LinAlgError:
+        return np.asarray(columns * np.linalg.lstsq(scaled, columns * b, rcond=None)[0])
 
 
 def _gap_bound(decrement: float) -> float:

@@ -31,8 +31,6 @@ _PIECE = 1 << 16
 _TIME = b"\r\0\0\0time="
 #: Records of one length in a row from which on it is tried whether those after them have it too.
 FEW = 16
-#: So many unpacked bytes of a whole bag are read however small it is.
-_FREE_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -385,8 +383,7 @@ def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, wal
     finally:
         stream.seek(after)
     walk.unpacked += len(out)
-    if walk.unpacked > _FREE_BYTES:
-        limits.check_expansion(after, walk.unpacked, walk.path)
+    limits.check_whole_expansion(after, walk.unpacked, walk.path)
     return bytes(out)
 
 

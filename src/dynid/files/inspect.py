@@ -110,7 +110,7 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
         topics = container.list_topics(path)
         wanted = [name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count]
         groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
-        joints = tuple(Joints(name, log) for name in wanted for log in groups.get(name, []))
+        joints = tuple(Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n)
         return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
         return _table(path, rate)

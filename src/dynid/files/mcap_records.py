@@ -185,9 +185,14 @@ def scan(
             skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
             # Why: channels may be told only in the chunks that are passed over.
             known.schemas, known.channels = dict(summary.schemas), dict(summary.channels)
-        for op, data, _ in _records(stream, len(MAGIC), end, path, skip=skip):
+        unpacked = 0
+        for op, data, at in _records(stream, len(MAGIC), end, path, skip=skip):
             if op == _DATA_END:
                 return
+            if op == _CHUNK and len(data) >= _CHUNK_HEAD.size:
+                # Why: many small chunks that each expand as they like would take as long as one large one.
+                unpacked += _CHUNK_HEAD.unpack_from(data)[2]
+                limits.check_whole_expansion(at + len(data), unpacked, path)
             for inner, content in _unpacked(data, path) if op == _CHUNK else [(op, data)]:
                 if inner in (_SCHEMA, _CHANNEL):
                     known.take(inner, content, path)

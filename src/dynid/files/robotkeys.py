@@ -360,8 +360,7 @@ def _acting(value: Value, context: Context) -> tuple[str, ...]:
 
 
 def _numbers(value: Value, context: Context) -> dict[str, float]:
-    names = [str(key.value) for key, _ in value.node.value] if value.is_mapping else []
-    return {name: item.number() for name, item in value.mapping(names).items()} if names else {}
+    return {name: item.number() for name, item in value.entries().items()}
 
 
 def _inertia(value: Value, context: Context) -> tuple[float, ...]:

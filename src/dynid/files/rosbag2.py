@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,12 @@ from dynid.log import Log
 from dynid.text import shell
 
 SQLITE = b"SQLite format 3\0"
+#: First bytes of the journal of a store, of either byte order.
+_JOURNALS = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 SUFFIXES = (".db3", ".mcap")
+#: Steps of SQLite that are counted together, those that every file may take, and those for each of its bytes.
+#: Why they are counted: pages that name each other as their children hold rows without end. A row takes about 15.
+_STEPS, _FREE_STEPS, _STEPS_PER_BYTE = 10_000, 1_000_000, 4
 #: Fields of the ROS 2 definitions that the decoders were written for; other types in them follow after a line of ``=``.
 _FIELDS = {
     JOINT_STATE: ("Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
@@ -242,7 +247,7 @@ def _topics(part: Path) -> list[tuple[str, str, int]]:
     """Return name, type and number of messages of the topics of one file."""
     if _is_sqlite(part):
         try:
-            with closing(_open(part)) as base:
+            with _opened(part) as base:
                 names = _table(base, part)
                 counts = dict(base.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
         except sqlite3.Error:
@@ -292,15 +297,34 @@ def _messages(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
         raise Broken(str(error)) from None
 
 
-def _open(part: Path) -> sqlite3.Connection:
-    """Open a store to read, with what its journal holds where that can be read."""
-    quoted = part.resolve().as_uri()
-    journal = part.with_name(part.name + "-wal").exists()
-    base = sqlite3.connect(f"{quoted}?mode=ro" + ("" if journal else "&immutable=1"), uri=True)
-    base.execute("PRAGMA trusted_schema = OFF")
-    if hasattr(base, "setlimit"):  # Python 3.11
-        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, int(limits.limit("chunk_bytes")))
-    return base
+@contextmanager
+def _opened(part: Path) -> Iterator[sqlite3.Connection]:
+    """Open a store to read, with what its journal holds where that can be read; nothing beside it changes."""
+    journal = _has_journal(part)
+    index = part.with_name(f"{part.name}-shm")
+    made = journal and not index.exists()
+    base = sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
+    try:
+        left = iter(range((_FREE_STEPS + _STEPS_PER_BYTE * _size(part)) // _STEPS))
+        base.set_progress_handler(lambda: next(left, None) is None, _STEPS)
+        base.execute("PRAGMA trusted_schema = OFF")
+        if hasattr(base, "setlimit"):  # Python 3.11
+            base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, int(limits.limit("chunk_bytes")))
+        yield base
+    finally:
+        base.close()
+        if made:
+            with suppress(OSError):
+                index.unlink(missing_ok=True)
+
+
+def _has_journal(part: Path) -> bool:
+    """Return whether there is a journal beside a store, and not a pipe, a device or debris in its place."""
+    try:
+        with limits.open_file(part.with_name(f"{part.name}-wal")) as stream:
+            return stream.read(4) in _JOURNALS
+    except OSError:
+        return False
 
 
 def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, str]]:
@@ -330,17 +354,27 @@ def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, st
 
 def _rows(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
     try:
-        with closing(_open(part)) as base:
+        with _opened(part) as base:
             topics = _table(base, part)
             wanted = [number for number, (name, _, _) in topics.items() if names is None or name in names]
             marks = ", ".join("?" * len(wanted))
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
+            left = _size(part)
             for number, arrival, raw in base.execute(query, wanted):
+                left -= len(raw) if isinstance(raw, bytes) else 0
+                if left < 0:
+                    raise Broken("its rows hold more than its file: pages are used twice")
                 name, kind, form = topics[number]
                 if isinstance(raw, bytes) and isinstance(arrival, int):
                     yield _Message(name, _ros1_name(kind), form, "", arrival, raw)
     except (sqlite3.Error, OverflowError) as error:
         raise Broken(str(error)) from None
+
+
+def _size(part: Path) -> int:
+    """Return the bytes of a store and of its journal."""
+    journal = part.with_name(f"{part.name}-wal")
+    return part.stat().st_size + (journal.stat().st_size if journal.is_file() else 0)
 
 
 def _nothing(path: Path, reason: str = "") -> BagTruncated:

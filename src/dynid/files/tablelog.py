@@ -22,6 +22,7 @@ from dynid.files.columnwords import stamps_of, suggested, unit_of, usual_joints
 from dynid.files.dialect import Dialect, dialect_of
 from dynid.files.textlog import BLOCK, lines_of, positive_rate
 from dynid.log import Log
+from dynid.longarrays import PIECE, Growing, taken
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
@@ -97,11 +98,12 @@ def read_table(
 
 def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[Finding, ...]]:
     """Return the rows that have any joint value: a table of several topics has a row for each message of any (W331)."""
-    empty = np.asarray(np.isnan(values[:, first:]).all(axis=1))
+    parts = (values[start : start + PIECE, first:] for start in range(0, len(values), PIECE))
+    empty = np.concatenate([np.isnan(part).all(axis=1) for part in parts])
     if not empty.any() or empty.all():
         return values, ()
     text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no number of any joint and are left out"
-    return values[~empty], (Finding("W331", "info", text, {"rows": int(empty.sum())}),)
+    return taken(values, np.flatnonzero(~empty)), (Finding("W331", "info", text, {"rows": int(empty.sum())}),)
 
 
 def _time(stamps: Floats, layout: _Layout, where: str, rate: float | None) -> tuple[Floats, tuple[Finding, ...]]:
@@ -301,16 +303,14 @@ def _listed(names: Sequence[str]) -> str:
 
 # ---------------------------------------------------------------- the numbers
 def read_columns(path: Path, chosen: Sequence[str]) -> Floats:
-    """Return columns of a table by name, (N, k)."""
-    parts: list[Floats] = []
-    count = 0
+    """Return columns of a table by name, (N, k); in a file where they are long."""
+    found = Growing(len(chosen))
     for block in _parquet(path, chosen) if path.suffix == ".parquet" else _text(path, chosen):
-        count += len(block)
-        limits.check("samples", count, path)
-        parts.append(block)
-    if not count:
+        limits.check("samples", len(found) + len(block), path)
+        found.append(block)
+    if not len(found):
         raise LogLayout(f"{path.name} has no samples", where=str(path))
-    return np.concatenate(parts)
+    return found.whole()
 
 
 def _schema(path: Path) -> Any:  # noqa: ANN401

@@ -23,6 +23,7 @@ from dynid.units import ANGLE
 #: Sizes of numbers other than 0, in whatever unit: powers of smaller or larger ones are no numbers any more.
 SMALLEST, LARGEST = 1e-30, 1e30
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+_NOT_TEXT = re.compile("[\\0\ud800-\udfff]")
 _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?")
 
@@ -99,6 +100,10 @@ class Value:
                 raise WrongRobotFile(f"{self.where}: {self.path or 'the file'} lacks the key '{key}'", where=self.where)
         return found
 
+    def entries(self) -> dict[str, Value]:
+        """Return the values of a mapping by key, whatever the keys are, each once; {} for anything else."""
+        return self.mapping([str(key.value) for key, _ in self.node.value]) if self.is_mapping else {}
+
     def items(self, length: int | None = None) -> list[Value]:
         """Return the values of a list, after checking its length."""
         if not isinstance(self.node, yaml.SequenceNode):
@@ -114,7 +119,11 @@ class Value:
         """Return a text value."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_null:
             raise WrongRobotFile(f"{self.where}: {self.path} must be a word", where=self.where)
-        return str(self.node.value)
+        found = str(self.node.value)
+        # Why: no name of a file holds them, and what writes or opens one raises what nobody expects.
+        if _NOT_TEXT.search(found):
+            raise WrongRobotFile(f"{self.where}: {self.path} has a zero byte or half a character", where=self.where)
+        return found
 
     def choice(self, known: Sequence[str]) -> str:
         """Return a text value out of a few."""

@@ -87,7 +87,8 @@ def changed(log: Log, change: Callable[[Log], Log]) -> Log:
         if found is None:
             found = _like(log, piece.log, part)
         for key, array in _arrays(part).items():
-            if (whole := _arrays(found)[key]) is not _arrays(log).get(key):
+            whole = _arrays(found)[key]
+            if not np.may_share_memory(whole, _arrays(log).get(key, empty((0,)))):
                 whole[piece.where] = array
     assert found is not None
     return found

@@ -59,8 +59,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if len(bad):
         text = f"the time is not a number, or none that a clock shows, in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
-    if len(log) < LEAST_SAMPLES:
-        raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
+    _check_length(log)
     if sort_time:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
@@ -78,9 +77,16 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
     first = float(log.t[np.flatnonzero(~fresh)[0]])
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
-    return with_findings(
+    log = with_findings(
         take_samples(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated})
     )
+    _check_length(log)
+    return log
+
+
+def _check_length(log: Log) -> None:
+    if len(log) < LEAST_SAMPLES:
+        raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
 
 
 def same_rows(x: Floats) -> NDArray[np.bool_]:

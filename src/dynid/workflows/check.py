@@ -108,8 +108,10 @@ def check_robot(robot: Robot) -> Checked:
     """Describe a robot file that could be read."""
     import numpy as np
 
+    from dynid.model.effects.catalogue import added_effects
     from dynid.model.kinematics import tool_pose
 
+    added_effects(robot)  # Why: it raises what is wrong with them.
     x, y, z = (float(value) for value in tool_pose(robot, np.zeros(robot.n))[:3, 3])
     revolute = sum(joint.revolute for joint in robot.joints)
     kinds = [f"{count} {kind}" for count, kind in ((revolute, "revolute"), (robot.n - revolute, "prismatic")) if count]

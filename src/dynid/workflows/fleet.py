@@ -328,6 +328,8 @@ def _listed(path: Path) -> list[Run]:
         rows = list(csv.DictReader(read_text(path).splitlines()))
     except OSError as error:
         raise WrongUsage(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+    except csv.Error as error:
+        raise WrongUsage(f"{path} is no list of results: {error}", where=str(path)) from error
     found = []
     for number, row in enumerate(rows, start=2):
         if any(not row.get(key) for key in COLUMNS):
@@ -449,7 +451,7 @@ def history_of(members: Sequence[tuple[Run, Row]]) -> History:
     for run, row in members:
         arms.setdefault(run.arm, []).append((run, row))
     names = members[0][1].names
-    most = max(len(each) for each in arms.values())
+    most = max(2, *(len(each) for each in arms.values()))
     t = np.full((len(arms), most), np.nan)
     value, error = (np.full((len(arms), most, len(names)), np.nan) for _ in range(2))
     for a, each in enumerate(arms.values()):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid import limits
 from dynid.errors import WrongRobotFile
 from dynid.model.effects import friction, position, sensor, whole_arm
 from dynid.model.effects.formula import Formula
@@ -88,23 +89,36 @@ class Added:
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
     """Return the effects of a robot file, joint by joint; a torque delay has no column (``delay_of``)."""
-    found = []
+    found: list[Added] = []
+    where = str(robot.path or robot.name)
     for spec in robot.effects:
         effect = checked(spec, robot)
         if effect.name == "torque_delay":
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
         for joints in joints_of(spec, effect, robot):
+            alike = [one for one in found if (one.effect.name, one.joints) == (effect.name, joints)]
+            if any(one.shape == shape for one in alike):
+                raise WrongRobotFile(f"effects: {effect.name} is there twice {_place(joints, robot)}", where=where)
             rows = effect.rows(joints, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
+            # Why: two waves on one joint are two effects, and every column needs a name of its own.
+            more = f"_{len(alike) + 1}" if alike else ""
             columns = tuple(
                 AddedColumn(
-                    Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}"), rows, spec.parameters.get(name, 0.0)
+                    Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}{more}"),
+                    rows,
+                    spec.parameters.get(name, 0.0),
                 )
                 for name, unit in effect.amplitudes(shape).items()
             )
             found.append(Added(effect, joints, shape, columns))
+            limits.check("effects", sum(len(each.columns) for each in found), where)
     return tuple(found)
+
+
+def _place(joints: Joints, robot: Robot) -> str:
+    return f"on {' and '.join(robot.joint_names[j] for j in joints)}" if joints else "on the arm"
 
 
 def checked(spec: EffectSpec, robot: Robot) -> Effect:

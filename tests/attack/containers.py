@@ -1,0 +1,102 @@
+"""Recordings whose container is the trap: chunks, pages and journals, each small, that hold more than any disk."""
+
+from __future__ import annotations
+
+import bz2
+import os
+import sqlite3
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+from dynid.files.mcap_records import MAGIC
+from dynid.log import Log
+
+PAGE = 4096
+
+
+def _record(op: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", op, len(content)) + content
+
+
+def _text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def many_chunks(path: Path) -> None:
+    """An MCAP file of 1 MB with 1500 chunks, each of which unpacks to 15 MB."""
+    import zstandard
+
+    inner = _record(77, bytes(15 << 20))
+    packed = zstandard.compress(inner)
+    head = struct.pack("<QQQI", 0, 10**9, len(inner), 0) + _text("zstd") + struct.pack("<Q", len(packed))
+    path.write_bytes(MAGIC + _record(1, _text("ros2") + _text("x")) + _record(6, head + packed) * 1500)
+
+
+def many_bag_chunks(path: Path) -> None:
+    """A bag of ROS 1 of 30 kB with 500 chunks, each of which unpacks to 60 MB."""
+
+    def fields(**values: bytes) -> bytes:
+        return b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in values.items())
+
+    def record(head: bytes, data: bytes) -> bytes:
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    none, size = bytes(4), struct.pack("<I", 60 << 20)
+    first = record(fields(op=b"\3", index_pos=bytes(8), conn_count=none, chunk_count=none), b" " * 4000)
+    chunk = record(fields(op=b"\5", compression=b"bz2", size=size), bz2.compress(bytes(60 << 20)))
+    path.write_bytes(b"#ROSBAG V2.0\n" + first + chunk * 500)
+
+
+def pages_without_end(path: Path) -> None:
+    """A store of rosbag2 of 300 kB, of which six pages name the next one 300 times each: 10^15 rows."""
+    path.unlink(missing_ok=True)
+    base = sqlite3.connect(path)
+    base.executescript(
+        f"PRAGMA page_size = {PAGE}; CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format);"
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data);"
+        "INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr')"
+    )
+    row = b"\0\1\0\0" + bytes(40)
+    base.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", [(k, k, row) for k in range(4000)])
+    base.commit()
+    ((root,),) = base.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
+    base.close()
+    raw = bytearray(path.read_bytes())
+    begin, count = PAGE * (root - 1), len(raw) // PAGE
+    (leaf,) = struct.unpack_from(">I", raw, begin + 8)
+    for k in range(6):
+        raw += _inner_page(count + k + 2 if k < 5 else leaf)
+    raw[begin : begin + PAGE] = _inner_page(count + 1)
+    struct.pack_into(">I", raw, 28, len(raw) // PAGE)
+    path.write_bytes(raw)
+
+
+def _inner_page(child: int, cells: int = 300) -> bytes:
+    page = bytearray(PAGE)
+    for k in range(cells):
+        at = PAGE - 6 * (k + 1)
+        struct.pack_into(">IBB", page, at, child, 0x81, k % 128)
+        struct.pack_into(">H", page, 12 + 2 * k, at)
+    struct.pack_into(">BHHHBI", page, 0, 5, 0, cells, PAGE - 6 * cells, 0, child)
+    return bytes(page)
+
+
+def with_journal(log: Log, kind: str) -> Callable[[Path], None]:
+    """Return what makes a store whose journal is missing its table, a pipe, a device, or debris."""
+    from dynid.files.convert import write_log
+
+    def made(path: Path) -> None:
+        write_log(log, path)
+        raw = bytearray(path.read_bytes())
+        raw[18] = raw[19] = 2  # Unit: versions of the file format; 2 says that there is a journal.
+        path.write_bytes(raw)
+        journal = path.with_name(f"{path.name}-wal")
+        if kind == "pipe":
+            os.mkfifo(journal)
+        elif kind == "device":
+            journal.symlink_to("/dev/zero")
+        else:
+            journal.write_bytes(bytes(range(256)) * 400)
+
+    return made
