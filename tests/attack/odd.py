@@ -17,8 +17,8 @@ WHOLE = (
     "run batch.yaml --out out", "report out", "export out/parameters.npz --format urdf", "export out/parameters.npz --format python",
     "simulate arm.yaml out/trajectory.npz --out out", "record arm.yaml out/trajectory.npz --dry-run --out out", "doctor", "explain E201",
     "completion bash", "identify arm.yaml text --out out", "identify arm.yaml log.parquet --out out", "sim-driver arm.yaml --duration 1",
-    "fleet runs.csv --out out/fleet", "gap out/parameters.npz other.npz --apply best --out out", "explain robot-file", "model arm.yaml --groups --out out",
-    "identify --from out/run.yaml --out out", "trajectory arm.yaml --for-gap out/gap.npz --seconds 1 --preview none --out out", "identify arm.yaml log.npz --update out/parameters.npz --out out",
+    "fleet runs.csv --out out/fleet", "gap out/parameters.npz other.npz --apply best --out out", "explain robot-file", "model arm.yaml -v --out out",
+    "identify --from out/run.yaml --out out", "identify arm.yaml log.npz --update out/parameters.npz --out out",
 )  # fmt: skip
 VALUES = (
     "0", "-1", "1", "2", "nan", "inf", "-inf", "1e308", "1e400", "1e-308", "-0.0", "1e-9", "99999999999999999999", "9" * 4500, "0.5", "50%", "-5%",

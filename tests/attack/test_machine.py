@@ -177,20 +177,37 @@ sys.addaudithook(_seen)
 """
 
 
-@pytest.mark.parametrize("part", range(3))
-def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(part, folder, tmp_path):
+@pytest.fixture
+def watched(tmp_path):
+    """Return what watches a command and its children, and the file that it writes to."""
     (tmp_path / "watch").mkdir()
     (tmp_path / "watch" / "sitecustomize.py").write_text(WATCH)
     seen = tmp_path / "seen"
 
-    def watched() -> None:
-        os.environ.update(
-            SEEN=str(seen),
-            PYTHONPATH=os.pathsep.join([str(tmp_path / "watch"), *sys.path[1:]]),
-            ROS_MASTER_URI="http://127.0.0.1:19",
-        )
+    def watch() -> None:
+        path = os.pathsep.join([str(tmp_path / "watch"), *sys.path[1:]])
+        os.environ.update(SEEN=str(seen), PYTHONPATH=path, ROS_MASTER_URI="http://127.0.0.1:19")
         exec(WATCH, {})
 
+    return watch, seen
+
+
+@pytest.mark.parametrize("url", ["file://{}/log.npz", "memory://lab/log.npz", "http://127.0.0.1:9/log.npz", "ftp://127.0.0.1:9/log.npz", "s3://lab/log.npz"])  # fmt: skip
+def test_a_log_at_a_url_opens_a_connection_only_where_its_url_says(url, folder, watched):
+    watch, seen = watched
+    log = url.format(folder)
+    (folder / "batch.yaml").write_text(f"jobs: [{{name: one, robot: arm.yaml, logs: ['{log}']}}]")
+    ended = run(["run", "batch.yaml", "--out", "out/b", "--jobs", "1", *FLAGS], folder, prepare=watch)
+    assert ended.status in ((0,) if url.startswith("file") else (3, 6)), ended
+    said = seen.read_text().splitlines() if seen.exists() else []
+    there = "'127.0.0.1', 9" if "127.0.0.1" in url else None
+    assert [line for line in said if there is None or there not in line] == []
+    assert bool(said) == url.startswith("ftp")
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(part, folder, watched):
+    watch, seen = watched
     commands = [
         *WHOLE,
         "trajectory arm.yaml plan.yaml --preview picture --out out",
@@ -203,7 +220,7 @@ def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(p
         ended = run(
             [*command.split(), *([] if command.startswith(("explain", "completion")) else FLAGS)],
             folder,
-            prepare=watched,
+            prepare=watch,
         )
         assert ended.status in (0, 1, 6), ended
         said = seen.read_text().splitlines() if seen.exists() else []

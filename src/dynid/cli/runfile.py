@@ -94,7 +94,7 @@ def _others(path: Path) -> dict[str, object]:
 
 def _section(value: Value) -> dict[str, object]:
     keys = value.mapping(_KEYS, required=("arguments",))
-    words = {key: keys[key].text() for key in ("dynid", "command") if key in keys}
+    words: dict[str, object] = {key: keys[key].text() for key in ("dynid", "command") if key in keys}
     inputs = keys["inputs"].entries() if "inputs" in keys else {}
     return {
         **words,

@@ -20,8 +20,8 @@ BLOCK = 1 << 20
 #: Why not all that fsspec knows: some unpack archives, follow tables of other places or fill in templates.
 _HERE = frozenset(["file", "local"])
 STORES = _HERE | frozenset([
-    "memory", "http", "https", "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss", "tos", "sftp", "ssh", "ftp",
-    "smb", "webdav", "hdfs", "webhdfs", "hf",
+    "memory", "http", "https", "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss", "tos", "sftp",
+    "ssh", "ftp", "smb", "webdav", "hdfs", "webhdfs", "hf",
 ])  # fmt: skip
 
 

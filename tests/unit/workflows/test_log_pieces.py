@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from two_link_logs import ROBOT, log
 
-from dynid import IdentifyOptions, identify, load
-from dynid.errors import ExitStatus, LogNotFound, PackageMissing, WrongRobotFile, WrongUsage
+from dynid import IdentifyOptions, identify, limits, load
+from dynid.errors import ExitStatus, LogNotFound, PackageMissing, TooLarge, WrongRobotFile, WrongUsage
 from dynid.files import remote
 from dynid.files.batchfile import read_batch
 from dynid.workflows.cluster import Task
@@ -118,8 +118,22 @@ def test_a_job_of_one_task_takes_urls_too(batch, tmp_path):
     assert done.status == ExitStatus.DONE, done.message
     with pytest.raises(LogNotFound, match=r"memory://lab/nothing\.npz"):
         remote.fetch("memory://lab/nothing.npz", tmp_path)
-    with pytest.raises(PackageMissing, match="nosuch://"):
-        remote.fetch("nosuch://lab/log.npz", tmp_path)
+    with pytest.raises(PackageMissing, match="gs://"):
+        remote.fetch("gs://lab/log.npz", tmp_path)
+    for url in ("nosuch://lab/log.npz", "reference://::memory://lab", "zip://log0.npz::memory://lab/x.zip"):
+        with pytest.raises(LogNotFound, match="no URL of a recording"):
+            remote.fetch(url, tmp_path)
+
+
+def test_what_does_not_end_is_not_fetched_to_its_end(batch, tmp_path):
+    import fsspec
+
+    fsspec.filesystem("memory").pipe("/lab/long.npz", bytes(5 << 20))
+    with limits.raised({"fetched_bytes": 3 << 20}), pytest.raises(TooLarge, match="a recording at a URL"):
+        remote.fetch("memory://lab/long.npz", tmp_path)
+    assert not (tmp_path / "long.npz").exists()
+    with pytest.raises(LogNotFound, match="no regular file"):
+        remote.fetch("file:///dev/zero", tmp_path)
 
 
 def test_the_broken_log_of_many_is_named(batch):
