@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
-from dynid.longarrays import floats
+from dynid.longarrays import floats, median_step
 from dynid.npz import write_npz
 from dynid.text import html, visible
 from dynid.units import FACTORS
@@ -79,7 +79,9 @@ class Log:
 
     def __post_init__(self) -> None:
         """Check shapes, number types and units."""
-        self._set("t", self._floats("t", self.t).reshape(-1))
+        t = self._floats("t", self.t)
+        # Why not always: a view is another array, and what is known of these columns is known by the array.
+        self._set("t", t if t.ndim == 1 else t.reshape(-1))
         q = self._floats("q", self.q)
         self._set("q", q[:, None] if q.ndim == 1 else q)
         if self.q.ndim != 2 or len(self.q) != len(self.t):
@@ -144,7 +146,7 @@ class Log:
     @cached_property
     def rate(self) -> float:
         """Median sample rate [Hz]."""
-        return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
+        return 1.0 / median_step(self.t) if len(self.t) > 1 else float("nan")
 
     def _facts(self) -> dict[str, str]:
         """Return what ``repr`` shows, by label."""

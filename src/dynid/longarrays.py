@@ -25,6 +25,8 @@ from dynid.scratch import prefix
 IN_MEMORY = 12 << 20
 #: Size of the files of a store [bytes].
 STORE = 64 << 20
+#: Numbers of which a median is taken; of more, those that are evenly spread.
+USUAL = 1 << 18
 #: Rows of a piece.
 PIECE = 1 << 16
 #: Mapped pages that may stay in memory [bytes].
@@ -104,6 +106,19 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]
         mapped = mmap.mmap(file.fileno(), size)
     _MAPPED.add(mapped)
     return np.frombuffer(mapped, dtype).reshape(shape)
+
+
+def spread(count: int, most: int) -> list[slice]:
+    """Return parts of so many samples, evenly spread, that together are at most so many; all of them if few enough."""
+    if count <= most:
+        return [slice(0, count)]
+    length = most // 16
+    return [slice(start, start + length) for start in np.linspace(0, count - length, 16).astype(int).tolist()]
+
+
+def median_step(t: NDArray[np.float64]) -> float:
+    """Return the median difference of numbers that follow each other, (N,), in their unit."""
+    return float(np.median(np.concatenate([np.diff(t[part]) for part in spread(len(t), USUAL)])))
 
 
 def floats(array: NDArray[Any]) -> NDArray[np.float64]:

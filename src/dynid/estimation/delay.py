@@ -20,9 +20,11 @@ from dynid.estimation.least_squares import RANK_TOLERANCE, merge, triangle, weig
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
+from dynid.longarrays import Growing, empty
 from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import condition_logs
+from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +35,8 @@ CLEAR = 4.0
 LEAST = 2e-3
 #: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
 FOUND, ROUNDS = 2e-4, 3
+#: Rows on either side that the slope of a torque is taken from.
+REACH = 2
 #: A delay beyond this gets a line of its own [s].
 NOTABLE = 3e-3
 
@@ -97,20 +101,34 @@ def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:
 
 def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
     """Return the time derivative of the fitted torques, one array for each piece of rows."""
-    segments: list[list[tuple[Floats, Floats]]] = []
+    segments: list[tuple[list[int], Growing, Growing]] = []
     for rows in stack:
         if not (rows.follows and segments):
-            segments.append([])
-        segments[-1].append((rows.t, rows.torque(theta)))
+            segments.append(([], Growing(0), Growing(len(stack.joints))))
+        lengths, times, torques = segments[-1]
+        lengths.append(len(rows.t))
+        times.append(rows.t)
+        torques.append(rows.torque(theta))
     slopes: list[Floats] = []
-    for pieces in segments:
-        t, tau = (np.concatenate(part) for part in zip(*pieces, strict=True))
-        slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
-        # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
+    for lengths, times, torques in segments:
+        t, tau = times.whole(), torques.whole()
+        slope = empty(tau.shape)
         step = (t[-1] - t[0]) / max(1, len(t) - 1)
-        slope[2:-2] = (8 * (tau[3:-1] - tau[1:-3]) - (tau[4:] - tau[:-4])) / (12 * step) if len(t) > 4 else slope[2:-2]
-        slopes += np.split(slope, np.cumsum([len(piece[0]) for piece in pieces])[:-1])
+        for part in spans(len(t)):
+            first, last = max(0, part.start - REACH), min(len(t), part.stop + REACH)
+            around = _slope(t[first:last], tau[first:last], step)
+            slope[part] = around[part.start - first : part.stop - first]
+        slopes += np.split(slope, np.cumsum(lengths)[:-1])
     return tuple(slopes)
+
+
+def _slope(t: Floats, tau: Floats, step: float) -> Floats:
+    """Return the time derivative of torques, (M, n), at times that are a step apart on average."""
+    slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
+    if len(t) > 2 * REACH:
+        # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
+        slope[2:-2] = (8 * (tau[3:-1] - tau[1:-3]) - (tau[4:] - tau[:-4])) / (12 * step)
+    return np.asarray(slope)
 
 
 def delay_findings(found: Delay, applied: float) -> list[Finding]:

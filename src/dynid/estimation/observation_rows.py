@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import accumulate
-from dynid.longarrays import release
+from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
@@ -369,10 +369,13 @@ def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floa
 
 def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m or N]."""
-    residuals, masks = zip(*((segment.residual(theta), segment.mask) for segment in segments), strict=True)
-    residual, mask = np.concatenate(residuals), np.concatenate(masks)
-    spread = [
-        1.4826 * float(np.median(np.abs(e[good]))) if good.any() else 0.0
-        for e, good in zip(residual.T, mask.T, strict=True)
-    ]
-    return np.asarray(np.maximum(spread, 1e-12 * max(float(np.abs(residual).max(initial=0.0)), 1e-18)))
+    residuals: list[Growing] = []
+    largest = 0.0
+    for segment in segments:
+        size = np.abs(segment.residual(theta))
+        residuals = residuals or [Growing(0) for _ in size.T]
+        for j, growing in enumerate(residuals):
+            growing.append(size[segment.mask[:, j], j])
+        largest = max(largest, float(size.max(initial=0.0)))
+    spread = [1.4826 * float(np.median(one.whole())) if len(one) else 0.0 for one in residuals]
+    return np.asarray(np.maximum(spread, 1e-12 * max(largest, 1e-18)))

@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 #: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
 #: are many, of which memory holds a block [bytes].
-KEPT_BYTES = 1 << 30
+KEPT_BYTES = 1 << 31
 
 
 @dataclass(frozen=True)
@@ -146,12 +146,13 @@ class KeptRows:
 
     def append(self, number: int, rows: ObservationRows) -> None:
         """Keep rows of a log."""
-        for entries in (rows.entries, rows.command):
-            if entries is not None:
-                self._numbers.append(entries.ravel())
-        # Why not a slice: it would keep all the entries in memory.
-        nothing = np.zeros((len(rows.entries), 0))
-        self._rows[number].append(replace(rows, entries=nothing, command=None if rows.command is None else nothing))
+        for numbers in (rows.entries, rows.command, rows.tau):
+            if numbers is not None:
+                self._numbers.append(numbers.ravel())
+        # Why not slices: they would keep all the numbers in memory.
+        nothing, none = np.zeros((len(rows.entries), 0)), np.zeros((0, rows.tau.shape[1]))
+        command = None if rows.command is None else nothing
+        self._rows[number].append(replace(rows, entries=nothing, command=command, tau=none))
 
     def whole(self) -> tuple[tuple[ObservationRows, ...], ...]:
         """Return all rows."""
@@ -160,11 +161,14 @@ class KeptRows:
         for log in self._rows:
             found.append([])
             for rows in log:
-                size, parts = len(rows.joints) * len(rows.t), []
-                for _ in range(1 if rows.command is None else 2):
-                    parts.append(numbers[start : start + size].reshape(len(rows.joints), len(rows.t)))
+                shape, parts = (len(rows.joints), len(rows.t)), []
+                shapes = [shape, *([] if rows.command is None else [shape]), (len(rows.t), rows.tau.shape[1])]
+                for each in shapes:
+                    size = each[0] * each[1]
+                    parts.append(numbers[start : start + size].reshape(each))
                     start += size
-                found[-1].append(replace(rows, entries=parts[0], command=None if rows.command is None else parts[1]))
+                command = None if rows.command is None else parts[1]
+                found[-1].append(replace(rows, entries=parts[0], command=command, tau=parts[-1]))
         return tuple(map(tuple, found))
 
 

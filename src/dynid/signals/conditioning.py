@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, release
+from dynid.longarrays import empty, median_step, release
 from dynid.robot import Coulomb, Robot
 from dynid.signals.cutoff import choose_cutoff
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
 from dynid.signals.motion import runs
-from dynid.signals.pieces import spans
+from dynid.signals.pieces import filled, samples_where, spans
+from dynid.signals.stamps import steps
 from dynid.signals.velocity_sign import NOISE_SAMPLES, VelocitySign, choose_velocity_sign
 
 Floats = NDArray[np.float64]
@@ -135,9 +136,9 @@ def grid_rate(t: Floats) -> float:
     Args:
         t: increasing time stamps, (N,) [s].
     """
-    close = np.diff(t)
-    usual = float(np.median(close))
-    close = close[close < GAP_SAMPLES * usual]
+    close, usual = steps(t), median_step(t)
+    far = samples_where(len(close), lambda part: close[part] >= GAP_SAMPLES * usual)
+    close = close if not len(far) else close[close < GAP_SAMPLES * usual]
     share = max(_from_whole(close[part] / usual) for part in spans(len(close)))
     if share < EVEN:
         # Why: stamps in seconds since 1970 give rates such as 199.99999.
@@ -194,7 +195,12 @@ def condition(
         LogTooShort: no part is longer than the filters.
     """
     step = 1.0 / chosen.rate
-    cuts = np.flatnonzero(np.diff(log.t) > (GAP_SAMPLES + 0.5) * step) + 1
+    cuts = (
+        samples_where(
+            len(log) - 1, lambda part: np.diff(log.t[part.start : part.stop + 1]) > (GAP_SAMPLES + 0.5) * step
+        )
+        + 1
+    )
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
     edges = [0, *cuts.tolist(), len(log)]
     parts = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
@@ -228,29 +234,37 @@ class _OnGrid:
     Attributes:
         log: the log.
         part: its samples.
-        grid: the even times, (count,) [s].
+        count: number of the grid's times.
+        rate: of the grid [Hz].
         even: whether the samples lie on the grid as they are.
     """
 
     log: Log
     part: slice
-    grid: Floats
+    count: int
+    rate: float
     even: bool
+
+    def times(self, wanted: slice) -> Floats:
+        """Return the times of part of the grid [s]."""
+        return np.asarray(
+            self.log.t[self.part.start] + np.arange(wanted.start, min(wanted.stop, self.count)) / self.rate
+        )
 
     def column(self, x: NDArray[Any], wanted: slice) -> NDArray[Any]:
         """Return a signal of the log on part of the grid."""
         if self.even:
             return x[self.part][wanted]
-        return resampled(self.log.t[self.part], x[self.part], self.grid[wanted])
+        return resampled(self.log.t[self.part], x[self.part], self.times(wanted))
 
 
 def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
     """Filter one part, block by block so that only the thinned result is stored."""
     t = log.t[part]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
-    grid = t[0] + np.arange(count) / chosen.rate
-    even = count == len(t) and float(np.abs(t - grid).max()) < EVEN / chosen.rate
-    on_grid = _OnGrid(log, part, grid, even)
+    on_grid = _OnGrid(log, part, count, chosen.rate, even=True)
+    stray = [float(np.abs(t[some] - on_grid.times(some)).max()) for some in spans(min(count, len(t)))]
+    on_grid = replace(on_grid, even=count == len(t) and max(stray) < EVEN / chosen.rate)
     kernels, step = chosen.first_kernels, chosen.first_step
     taps = kernels.shape[1]
     outputs = (count - taps) // step + 1
@@ -270,14 +284,15 @@ def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Cou
             whole[first:last] = piece
         if outputs > per_block:
             release()
-    joined[-2:-2] = [np.zeros((len(joined[0]), 0)), joined[0] - log.t[0]]
+    elapsed = filled(outputs, lambda some: joined[0][some] - log.t[0])
+    joined[-2:-2] = [np.zeros((len(joined[0]), 0)), elapsed]
     return Segment(*joined)
 
 
 def _block(
     on_grid: _OnGrid, wanted: slice, kernels: Floats, step: int, measured: bool, velocity_sign: VelocitySign | None
 ) -> tuple[NDArray[Any], ...]:
-    log, grid, taps = on_grid.log, on_grid.grid[wanted], kernels.shape[1]
+    log, grid, taps = on_grid.log, on_grid.times(wanted), kernels.shape[1]
     half = (taps - 1) // 2
 
     def filtered(x: NDArray[Any], weights: Floats) -> Floats:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.log import Log
+from dynid.longarrays import spread
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
-from dynid.signals.pieces import spread
 
 Floats = NDArray[np.float64]
 

@@ -150,7 +150,8 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
     if len(log) <= 2 * REACH or (2 * REACH + 1) * cutoff > OF_PERIOD * log.rate:
         return log, ()
     every = max(1, len(log) // USUAL)
-    usual = [np.abs(x - medians)[-part.start % every :: every] for part, x, medians in _medians(log.tau)]
+    # Why a copy: a slice would keep the whole piece in memory.
+    usual = [np.abs(x - medians)[-part.start % every :: every].copy() for part, x, medians in _medians(log.tau)]
     low, high = extremes(log.tau)
     least = np.maximum(DEVIATIONS * 1.4826 * np.median(np.concatenate(usual), axis=0), OF_RANGE * (high - low))
     found = []

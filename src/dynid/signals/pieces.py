@@ -119,12 +119,25 @@ def has_rows(value: object, log: Log) -> bool:
     return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(log)
 
 
-def spread(count: int, most: int) -> list[slice]:
-    """Return parts of so many samples, evenly spread, that together are at most so many; all of them if few enough."""
-    if count <= most:
-        return [slice(0, count)]
-    length = most // 16
-    return [slice(start, start + length) for start in np.linspace(0, count - length, 16).astype(int).tolist()]
+def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]:
+    """Return one number or flag per sample, (N,), computed piece by piece; in a file where they are many.
+
+    Args:
+        count: number of samples N.
+        compute: returns those of a piece.
+    """
+    found: NDArray[Any] | None = None
+    for part in spans(count):
+        some = compute(part)
+        found = empty((count,), some.dtype) if found is None else found
+        found[part] = some
+    return np.zeros(0) if found is None else found
+
+
+def samples_where(count: int, condition: Callable[[slice], NDArray[np.bool_]]) -> NDArray[np.intp]:
+    """Return the samples, (k,), of which a condition holds; it is asked piece by piece."""
+    found = [np.flatnonzero(condition(part)) + part.start for part in spans(count)]
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.intp)
 
 
 def extremes(x: NDArray[Any]) -> tuple[Floats, Floats]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
+from dynid.longarrays import empty
 from dynid.robot import Robot
 from dynid.signals.motion import any_moves, moving, runs
 from dynid.signals.pieces import spans, take_samples
@@ -96,14 +97,9 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     seen = np.zeros(0, dtype=np.uint64)
     for number, log in enumerate(logs, start=1):
         keys = _keys(log)
-        again = np.isin(keys, seen)
-        _, first = np.unique(keys, return_index=True)
-        inside = np.ones(len(keys), dtype=bool)
-        inside[first] = False
-        copied = np.zeros(len(keys), dtype=bool)
-        for run in runs(again | inside, LEAST_COPY):
-            copied[run] = len(np.unique(keys[run])) >= DISTINCT * (run.stop - run.start)
-        seen = np.concatenate([seen, keys[~copied]])
+        copied = _copied(keys, seen)
+        if number < len(logs):
+            seen = np.concatenate([seen, keys[~copied]])
         if not copied.any():
             kept.append(log)
             continue
@@ -119,11 +115,26 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     return kept, tuple(findings)
 
 
+def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
+    """Return which samples with such keys, (N,), are copies of samples with keys that were seen before, or before."""
+    copied = np.zeros(len(keys), dtype=bool)
+    rising = np.sort(keys)
+    repeats = any(np.any(rising[part.start + 1 : part.stop + 1] == rising[part]) for part in spans(len(keys) - 1))
+    del rising
+    if not repeats and not len(seen):
+        return copied
+    again, inside = np.isin(keys, seen), np.ones(len(keys), dtype=bool)
+    inside[np.unique(keys, return_index=True)[1]] = False
+    for run in runs(again | inside, LEAST_COPY):
+        copied[run] = len(np.unique(keys[run])) >= DISTINCT * (run.stop - run.start)
+    return copied
+
+
 def _keys(log: Log) -> NDArray[np.uint64]:
     """Return a hash of the positions and torques of each sample, (N,)."""
     # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
     factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
-    found = np.empty(len(log), dtype=np.uint64)
+    found = empty((len(log),), np.uint64)
     for part in spans(len(log)):
         rows = np.ascontiguousarray(np.hstack([log.q[part], log.tau[part]]) + 0.0).view(np.uint64)
         mixed = rows ^ (rows >> np.uint64(29))

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
+from dynid.longarrays import release
 
 Floats = NDArray[np.float64]
 
 #: Rate at which positions are compared [Hz].
 RATE = 5.0
+#: Instants that are looked up together.
+TOGETHER = 4096
 #: Two motions are the same when the positions of every joint differ by at most this share of its range ...
 ALIKE = 0.05
 #: ... over at least this share of the shorter one, wherever in the other it begins.
@@ -35,7 +38,13 @@ def sampled(t: Floats, q: Floats, rate: float = RATE) -> Floats:
     """
     limits.check("samples", (t[-1] - t[0]) * rate, "a log")
     grid = np.arange(t[0], t[-1], 1.0 / rate)
-    return np.column_stack([np.interp(grid, t, column) for column in q.T])
+    found = np.empty((len(grid), q.shape[1]))
+    for start in range(0, len(grid), TOGETHER):
+        part = grid[start : start + TOGETHER]
+        near = slice(max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1)
+        found[start : start + TOGETHER] = np.column_stack([np.interp(part, t[near], column) for column in q[near].T])
+        release()
+    return found
 
 
 def same_motion(one: Floats, other: Floats) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +13,10 @@ from dynid import limits
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
+from dynid.longarrays import PIECE, USUAL, empty, median_step, spread
 from dynid.robot import Robot
 from dynid.signals.motion import any_moves, bandwidth
-from dynid.signals.pieces import spans, take_samples
+from dynid.signals.pieces import filled, samples_where, spans, take_samples
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         TimeNotIncreasing: time goes back, or stands still in many samples.
         LogTooShort: hardly any samples.
     """
-    bad = np.flatnonzero(~(np.abs(log.t) < LATEST))
+    bad = samples_where(len(log), lambda part: ~(np.abs(log.t[part]) < LATEST))
     if len(bad):
         text = f"the time is not a number, or none that a clock shows, in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
@@ -63,10 +64,11 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if sort_time:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
-    rising = np.diff(log.t)[np.diff(log.t) > 0]
-    if len(rising):
-        limits.check("rate_hz", 1.0 / float(np.median(rising)), log.topic or "the time of the log")
-    fresh = np.concatenate([[True], np.diff(log.t) > 0])
+    some = np.concatenate([np.diff(log.t[part]) for part in spread(len(log), USUAL)])
+    if np.any(some > 0):
+        limits.check("rate_hz", 1.0 / float(np.median(some[some > 0])), log.topic or "the time of the log")
+    step = steps(log.t)
+    fresh = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
     repeated = int(np.sum(~fresh))
     if not repeated:
         return log
@@ -89,6 +91,11 @@ def _check_length(log: Log) -> None:
         raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
 
 
+def steps(t: Floats) -> Floats:
+    """Return the time from each sample to the next, (N - 1,) [s], for t, (N,) [s]."""
+    return filled(len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]))
+
+
 def same_rows(x: Floats) -> NDArray[np.bool_]:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
     # Why the empty one: a log of one sample has none before it.
@@ -99,8 +106,8 @@ def same_rows(x: Floats) -> NDArray[np.bool_]:
 
 
 def _check_order(log: Log) -> None:
-    step = np.diff(log.t)
-    back = np.flatnonzero(step < 0)
+    step = steps(log.t)
+    back = samples_where(len(step), lambda part: step[part] < 0)
     if not len(back):
         return
     row = int(back[0])
@@ -129,23 +136,25 @@ def with_even_clock(log: Log) -> Log:
     A recorder on a busy machine stamps what arrives. Whether stamps or samples are uneven is asked of the positions: a
     sample lies on the line between its neighbours but for the curvature, if its time is right.
     """
-    step = np.diff(log.t)
+    step = steps(log.t)
     if len(step) < LEAST_SAMPLES:
         return log
     count = _samples_between(step)
     if count is None:
         return log
-    number = np.concatenate([[0.0], np.cumsum(count)])
+    number = _sums(count, len(log))
     slope, start = _line(number, log.t)
-    t = start + slope * number
-    if float(np.abs(t - log.t).max()) > GAP_SAMPLES * slope:
+    t = filled(len(log), lambda part: start + slope * number[part])
+    if max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log))) > GAP_SAMPLES * slope:
         return log
     close = (count[:-1] == 1) & (count[1:] == 1)
     given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
     moves = given > 0
     if not moves.any() or float(np.mean(even[moves] / given[moves])) > STRAIGHTER:
         return log
-    late = float(np.std(log.t - t))
+    mean = sum(float(np.sum(log.t[part] - t[part])) for part in spans(len(log))) / len(log)
+    square = sum(float(np.sum((log.t[part] - t[part] - mean) ** 2)) for part in spans(len(log))) / len(log)
+    late = float(np.sqrt(square))
     if late < WORTH_SAYING * slope:
         return replace(log, t=t)
     text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
@@ -154,25 +163,53 @@ def with_even_clock(log: Log) -> Log:
     )
 
 
-def _samples_between(step: Floats) -> Floats | None:
+def _samples_between(step: Floats) -> NDArray[Any] | None:
     """Return how many sample times each step is; None when that is not clear."""
-    usual = float(np.mean(step[step < 1.5 * np.median(step)]))
-    number = np.arange(len(step))
-    away = np.cumsum(step) / usual
+    most = 1.5 * float(np.median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
+    usual = _mean(len(step), lambda part: step[part][step[part] < most])
+    away = _sums(step, len(step) + 1)[1:]
+    number = filled(len(step), lambda part: np.arange(part.start, part.stop))
+    away = filled(len(step), lambda part: away[part] / usual)
     slope, start = _line(number, away)
-    away -= start + slope * number
-    if float(np.ptp(_block_medians(away, max(4, len(step) // 25)))) < UNCLEAR:
-        return np.ones(len(step))  # none is lost, however late single ones are
-    count = np.round(step / usual)
-    unclear = (np.abs(step / usual - count) > UNCLEAR) & (count < GAP_SAMPLES)
-    return None if np.any(count < 1) or np.any(unclear) else count
+    left = filled(len(step), lambda part: away[part] - (start + slope * number[part]))
+    if float(np.ptp(_block_medians(left, max(4, len(step) // 25)))) < UNCLEAR:
+        return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
+    count = filled(len(step), lambda part: np.round(step[part] / usual))
+    unclear = samples_where(
+        len(step), lambda part: (np.abs(step[part] / usual - count[part]) > UNCLEAR) & (count[part] < GAP_SAMPLES)
+    )
+    return None if any(np.any(count[part] < 1) for part in spans(len(count))) or len(unclear) else count
+
+
+def _sums(x: NDArray[Any], count: int) -> Floats:
+    """Return the sums of the numbers before each place, (count,), from zero on."""
+    found, before = empty((count,)), 0.0
+    found[:1] = 0.0
+    for part in spans(count - 1):
+        found[part.start + 1 : part.stop + 1] = before + np.cumsum(x[part], dtype=float)
+        before = float(found[part.stop])
+    return found
+
+
+def _mean(count: int, some: Callable[[slice], Floats]) -> float:
+    """Return the mean of what is taken of each piece of so many samples."""
+    # Why long: so that a sum is the same however many pieces it is made of.
+    total, length = np.longdouble(0.0), 0
+    for part in spans(count):
+        values = some(part)
+        total, length = total + np.sum(values, dtype=np.longdouble), length + len(values)
+    return float(total / length)
 
 
 def _line(x: NDArray[Any], y: Floats) -> tuple[float, float]:
     """Return slope and value at zero of the straight line that is closest to y, both (N,)."""
-    across, up = float(np.mean(x)), float(np.mean(y))
-    away = x - across
-    slope = float(away @ y) / float(away @ away)
+    across, up = _mean(len(x), lambda part: x[part]), _mean(len(y), lambda part: y[part])
+    products = squares = np.longdouble(0.0)
+    for part in spans(len(x)):
+        away = x[part] - across
+        products = products + np.sum(away * y[part], dtype=np.longdouble)
+        squares = squares + np.sum(away * away, dtype=np.longdouble)
+    slope = float(products / squares)
     return slope, up - slope * across
 
 
@@ -180,8 +217,11 @@ def _block_medians(x: Floats, count: int) -> Floats:
     """Return the medians of so many blocks of nearly equal length, (count,)."""
     short, longer = divmod(len(x), count)
     edge = longer * (short + 1)
-    parts = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
-    return np.concatenate([np.median(part, axis=1) for part in parts])
+    blocks = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
+    together = max(1, PIECE // (short + 1))
+    return np.concatenate([
+        np.median(every[k : k + together], axis=1) for every in blocks for k in range(0, len(every), together)
+    ])  # fmt: skip
 
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
@@ -222,24 +262,27 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     Raises:
         TooManyLost: more than one sample in twenty is missing.
     """
-    step = np.diff(log.t)
-    usual = float(np.median(step))
+    step, usual = steps(log.t), median_step(log.t)
     wanted = np.zeros(len(step), dtype=bool)
     for start, end in exclude:
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
-    pauses = np.flatnonzero((step > max(PAUSE, GAP_SAMPLES * usual)) & ~wanted)
-    recorded = float(np.sum(step[step <= PAUSE]))
+    pauses = samples_where(len(step), lambda part: (step[part] > max(PAUSE, GAP_SAMPLES * usual)) & ~wanted[part])
+    recorded = sum(float(np.sum(step[part][step[part] <= PAUSE])) for part in spans(len(step)))
     if recorded < LEAST_SEGMENT * (len(pauses) + 1):
         pauses = pauses[:0]
     counted = ~wanted
     counted[pauses] = False
-    kept = step[counted]
-    lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
+    lost = total = 0.0
+    for part in spans(len(step)):
+        kept = step[part][counted[part]]
+        lost += float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
+        total += float(np.sum(kept))
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
-    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
+    lost = min(lost, max(0.0, total / usual - int(counted.sum())))
     share = lost / (lost + len(log))
-    gaps = np.flatnonzero((step > GAP_SAMPLES * usual) & ~wanted)
-    longest = int(gaps[np.argmax(step[gaps])]) if len(gaps) else int(np.argmax(np.where(wanted, 0.0, step)))
+    gaps = samples_where(len(step), lambda part: (step[part] > GAP_SAMPLES * usual) & ~wanted[part])
+    tops = [part.start + int(np.argmax(np.where(wanted[part], 0.0, step[part]))) for part in spans(len(step))]
+    longest = int(gaps[np.argmax(step[gaps])]) if len(gaps) else max(tops, key=lambda k: float(step[k]))
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > LOST_SHARE:
         raise TooManyLost(

@@ -96,7 +96,7 @@ def _exclude_options(t: Floats) -> str:
 def _usual_speed(log: Log) -> Floats:
     """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
     every = max(1, len(log) // SPEED_SAMPLES)
-    some = [np.abs(v)[-part.start % every :: every] for part, v in speeds(log)]
+    some = [np.abs(v[-part.start % every :: every]) for part, v in speeds(log)]
     return np.asarray(np.percentile(np.concatenate(some), 95, axis=0))
 
 

@@ -14,7 +14,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.describe import describe
-from dynid.signals.motion import bandwidth, check_amount, rest_slices, speed, swings
+from dynid.signals.motion import bandwidth, check_amount, once, rest_slices, speed, swings
 from dynid.signals.stamps import take_samples
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
@@ -112,3 +112,20 @@ def test_short_logs_count_together():
     parts = [take_samples(log, part) for part in np.array_split(np.arange(len(log)), 12)]
     assert [finding.code for finding in check_amount(parts[2:3], lwr())] == ["W313"]
     assert check_amount(parts, lwr()) == ()
+
+
+def test_how_a_log_moves_is_looked_at_once_and_again_for_other_columns_or_another_arm():
+    asked = []
+
+    @once
+    def length(log, robot):
+        asked.append(robot.n)
+        return len(log)
+
+    log, slides = tone(0.5), replace(ONE, joints=(replace(ONE.joints[0], type="prismatic"),))
+    for again in (log, replace(log, topic="/other")):
+        assert length(again, ONE) == len(log)
+    assert len(asked) == 1
+    assert length(replace(log, q=2 * log.q), ONE) == len(log)
+    assert length(log, slides) == len(log)
+    assert len(asked) == 3

@@ -17,6 +17,7 @@ from dynid.signals.conditioned_log import condition_log
 from dynid.signals.describe import describe
 from dynid.signals.motion import check_amount
 from dynid.signals.repeats import without_copies
+from dynid.signals.same_motion import sampled
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
@@ -94,3 +95,19 @@ def test_copies_are_found_in_pieces(monkeypatch):
     (kept,), (finding,) = without_copies([log, log])
     assert len(kept) == len(log)
     assert finding.code == "W326"
+
+
+def test_the_rate_of_a_long_log_is_that_of_samples_spread_over_it(monkeypatch):
+    t = np.cumsum(np.random.default_rng(3).uniform(0.9, 1.1, 9000)) / 100
+    zeros = np.zeros((9000, 1))
+    whole = Log(t, zeros, zeros).rate
+    monkeypatch.setattr(longarrays, "USUAL", 3200)
+    assert Log(t, zeros, zeros).rate == pytest.approx(whole, rel=5e-3)
+
+
+def test_positions_are_looked_up_in_pieces_as_they_are_whole(monkeypatch):
+    t = np.cumsum(np.random.default_rng(4).uniform(0.5, 1.5, 5000)) / 100
+    q = np.column_stack([np.sin(t), np.cos(3 * t)])
+    whole = sampled(t, q)
+    monkeypatch.setattr("dynid.signals.same_motion.TOGETHER", 7)
+    np.testing.assert_array_equal(sampled(t, q), whole)
