@@ -634,7 +634,7 @@ WARNINGS: dict[str, str] = {
     "W604": "There is no display: the preview was saved as pictures instead.",
     "W606": "Limits that the robot file leaves out were assumed for the plan; `dynid record` refuses assumed rates.",
     "W605": "PyBullet is missing: distances were measured on capsules along the links, and the picture is a drawing.",
-    "W608": "The condition number at full speed is beyond what `dynid identify` accepts without --drop-weak.",
+    "W608": "Even at full speed a log of the motion would predict other motions worse than one sample measures.",
     "W607": "Interrupted: distances were measured on capsules along the links only, and nothing was drawn.",
 }
 

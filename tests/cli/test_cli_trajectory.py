@@ -185,13 +185,21 @@ def errors_of(done):
     return np.array(list(json.loads(done.out)["predicted_std_error"].values()))
 
 
-def test_twice_the_same_motion_before_makes_every_predicted_error_smaller_by_the_root_of_three(planned):
+def assert_between(factor, smaller, larger):
+    """What the prior tells stays as it was; what it does not tell changes by the whole factor."""
+    ratio = larger / smaller
+    assert np.all(ratio > 1.0 - 1e-9)
+    assert np.all(ratio < factor * (1 + 1e-6))
+    assert ratio.max() == pytest.approx(factor, rel=0.01)
+
+
+def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_the_root_of_three(planned):
     run, answer, _ = planned
     earlier = ("--earlier", "out/kuka_lwr4plus/trajectory.npz") * 2
     done = run("trajectory", "kuka_lwr4plus", *QUICK, *earlier, "--json", "-o", "third")
     assert "the new motion completes what it tells" in done.err
     alone = np.array(list(answer["predicted_std_error"].values()))
-    assert np.allclose(errors_of(done), alone / np.sqrt(3), rtol=1e-6)
+    assert_between(np.sqrt(3), errors_of(done), alone)
 
 
 def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_smaller(dynid):
@@ -201,8 +209,11 @@ def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_
     alone = errors_of(dynid(*words, "--noise", "0.1", "-o", "alone"))
     log = errors_of(dynid(*words, "--noise", "0.1", "--earlier", bag, "-o", "log"))
     result = dynid(*words, "--earlier", "before/parameters.npz", "-o", "result")
+    told = json.loads(result.out)
     assert np.all(log < alone)
-    assert np.all(errors_of(result) < alone)
+    # Why not each: bodies that were found are less uncertain than those of the prior only where they are no heavier.
+    assert np.mean(errors_of(result) < alone) > 0.8
+    assert told["unexplained_torque_nm"] > told["expected_torque_error_nm"]
     assert json.loads(result.out)["torque_noise_from"] == "as an earlier identification found it"
 
 
@@ -227,7 +238,7 @@ def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins
         answers.append(json.loads(done.out))
     errors = [np.array(list(answer["predicted_std_error"].values())) for answer in answers]
     assert [answer["torque_noise_from"] for answer in answers] == ["from the robot file"] * 2 + ["given with --noise"]
-    assert np.allclose(errors[1], 3 * errors[0], rtol=1e-6)
+    assert_between(3.0, errors[0], errors[1])
     assert np.allclose(errors[2], errors[0], rtol=1e-6)
 
 

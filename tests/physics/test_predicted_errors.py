@@ -6,17 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid import IdentifyOptions, Log, identify
 from dynid.estimation.least_squares import weighted
+from dynid.estimation.parameter_posterior import prior_information
 from dynid.estimation.stack import stack
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
+from dynid.model.base_model import BaseModel
 from dynid.model.prior import prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.sim.plant import Sensors
+from dynid.sim.plant import Sensors, read_plant
 from dynid.sim.track import track
-from dynid.trajectory.basis import basis_from
-from dynid.trajectory.feasible import bounds
+from dynid.trajectory.basis import Quintic, basis_from
+from dynid.trajectory.feasible import Shaping, bounds
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out, predict
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
@@ -56,3 +59,33 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     assert np.mean(np.abs(ratio - 1) < 0.3) > 0.85
     torque = np.sqrt(np.mean(np.einsum("kp,pq,kq->k", misses, other, misses)) / robot.n)
     assert torque == pytest.approx(predicted.torque_error, rel=0.3)
+
+
+def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_three_motions_of_another_arm():
+    """Torques of PyBullet for the LWR4+ of trajectories/lwr4plus_truth.yaml; the prior knows none of its bodies."""
+    pytest.importorskip("pybullet")
+    robot, plant = load_robot("kuka_lwr4plus"), read_plant(SHIPPED.with_name("lwr4plus_truth.yaml"))
+    model = build_model(robot)
+    base = BaseModel(model, reduce(model))
+    columns, noise = base.reduction.base, default_noise(robot)
+    other, prior = held_out(model, columns, bounds(robot)), prior_information(base)
+    ratio = []
+    for seed, alpha in enumerate((1.0, 0.6, 0.3)):
+        basis = Quintic.even(12.0, 8)
+        shaping, rng = Shaping(basis, bounds(robot, 0.1), np.zeros(1)), np.random.default_rng(seed)
+        motion = Trajectory(basis, shaping.coefficients(shaping.random(rng)), alpha).sampled(RATE)
+        with plant.arm(robot) as arm:
+            tau = np.array(
+                [arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+            )
+            tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
+        tau = tau + noise * rng.normal(size=tau.shape)
+        log = Log(motion.t, motion.q, tau, robot.joint_names, tau_unit="Nm", dh=True)
+        found = identify(robot, log, IdentifyOptions(holdout=None), base=base)
+        known = plant.parameters()
+        miss = found.theta - base.reduction.K @ np.array([known[name] for name in base.reduction.names])
+        expected = predict(model, columns, motion, noise, other, prior).torque_error
+        ratio.append(np.sqrt(miss @ other @ miss / robot.n) / expected)
+    # Why so wide: each ratio is one draw of the noise and of how far the arm is from the prior.
+    assert 0.5 < np.median(ratio) < 1.6
+    assert max(ratio) < 3.0

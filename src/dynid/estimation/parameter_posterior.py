@@ -11,16 +11,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.body_prior import COUNTED, curvature
 from dynid.estimation.least_squares import merge
+from dynid.estimation.model_error import random_states
+from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of
+from dynid.estimation.posterior import EXCITING_FREQUENCY, exciting_speed
+from dynid.model.prior import prior_base_parameters
 
 if TYPE_CHECKING:
     from dynid.estimation.model_error import ModelError
     from dynid.estimation.result import Identification
+    from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 
 #: Variance, relative to the largest in columns of equal size, below which the inverse would be of rounding.
 ROUNDING = 1e-13
+#: Least torque that a joint is thought to need before anything is measured, as a share of the largest of any joint.
+LEAST_TORQUE = 0.05
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,10 @@ def parameter_posterior(found: Identification) -> ParameterPosterior:
     Args:
         found: a result; of the plain set nothing but its rows is known.
     """
-    A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
-    if found.in_force == "physical":
+    n, p = len(found.noise), len(found.theta)
+    factors = found.factors if found.factors.size else np.zeros((n, p + 1, p + 1))
+    A = merge(factors, 1.0 / found.noise)[:-1, :-1]
+    if found.in_force == "physical" or not found.factors.size:
         worth, information = found.physical.inflation, _inverse(found.covariance)
     else:
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
@@ -75,7 +85,7 @@ def parameter_posterior(found: Identification) -> ParameterPosterior:
         worth = max(float(np.sum((A @ found.covariance) * A)) / max(1, found.rank), 1e-300)
         information = np.asarray(A.T @ A) / worth
     noise = found.noise * np.sqrt(worth)
-    rows = found.factors[:, :, :-1] / noise[:, None, None]
+    rows = factors[:, :, :-1] / noise[:, None, None]
     by_joint = rows.swapaxes(1, 2) @ rows
     if found.model_error is not None:
         told = np.linalg.solve(found.model_error.root, found.model_error.slope)
@@ -95,3 +105,32 @@ def _inverse(covariance: Floats) -> Floats:
     scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray((axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale))
+
+
+def prior_information(base: BaseModel) -> Floats:
+    """Return what is known of the base parameters before anything is measured, (p, p).
+
+    Bodies are possible and resemble the prior's; nothing else of a joint (friction, rotor) needs more torque on an
+    exciting motion than its bodies do.
+
+    Args:
+        base: model and base parameters.
+    """
+    constraints, K = constraints_of(base), base.reduction.K
+    speed = exciting_speed(base)
+    q, qd, _ = random_states(base.robot, speed, seed=1)
+    qdd = np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
+    W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
+    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
+    torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))
+    torque = np.maximum(torque, max(LEAST_TORQUE * float(torque.max()), 1e-6))
+    covariance = np.zeros((K.shape[1], K.shape[1]))
+    others = np.setdiff1d(np.arange(K.shape[1]), constraints.bodies)
+    columns = base.model.observer(others).dense(q, qd, qdd) if len(others) else np.zeros((1, base.robot.n, 0))
+    size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
+    covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
+    for columns_of_body, bent in zip(
+        constraints.bodies, curvature(constraints, constraints.prior, DEFAULT_GAMMA), strict=True
+    ):
+        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(COUNTED * bent)
+    return _inverse(K @ covariance @ K.T)

@@ -78,6 +78,7 @@ class PlanningContext:
         options: what is wanted.
         noise: standard deviation of each joint's torque, (n,) [N m or N].
         known: information matrix of earlier logs in that noise, (p, p); None without any.
+        believed: what predictions count as known: that and the prior of possible bodies, (p, p); None for nothing.
         theta: base parameters by the prior, before anything is measured, (p,).
         other: mean of P^T P over the motions that the model shall predict, (p, p).
     """
@@ -88,6 +89,7 @@ class PlanningContext:
     options: PlanOptions
     noise: Floats
     known: Floats | None
+    believed: Floats | None
     theta: Floats
     other: Floats
 
@@ -107,7 +109,11 @@ class PlanningContext:
 
 
 def planning_context(
-    base: BaseModel, options: PlanOptions, noise: Floats | None = None, known: Floats | None = None
+    base: BaseModel,
+    options: PlanOptions,
+    noise: Floats | None = None,
+    known: Floats | None = None,
+    believed: Floats | None = None,
 ) -> PlanningContext:
     """Prepare everything that motions are judged by.
 
@@ -116,6 +122,7 @@ def planning_context(
         options: what is wanted.
         noise: standard deviation of each joint's torque, (n,) [N m or N]; assumed when None.
         known: information matrix of earlier logs, (p, p); None without any.
+        believed: the same with the prior, (p, p); None for ``known``.
     """
     return PlanningContext(
         base,
@@ -124,6 +131,7 @@ def planning_context(
         options,
         default_noise(base.robot) if noise is None else noise,
         known,
+        known if believed is None else believed,
         prior_base_parameters(base.model, base.reduction, unknown=0.0),
         held_out(base.model, base.reduction.base, bounds(base.robot)),
     )

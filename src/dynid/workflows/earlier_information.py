@@ -38,17 +38,22 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     return read_trajectory(path, robot) if schema == "dynid/trajectory" else read_log(path, robot)
 
 
-def torque_noise(robot: Robot, given: Sequence[float] | None, earlier: Sequence[Earlier]) -> tuple[Floats, str]:
+def torque_noise(
+    robot: Robot, given: Sequence[float] | None, earlier: Sequence[Earlier], rate: float
+) -> tuple[Floats, str]:
     """Return each joint's torque noise from the first of its sources that there is, and that source in words.
 
     Args:
         robot: the arm.
         given: one number or one per joint [N m or N]; None to look further.
         earlier: an identification among them has found the noise.
+        rate: of the coming log's samples [Hz].
 
     Returns:
-        Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from.
+        Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from. White noise is meant: of an
+        identification, that which tells as little as its coloured residuals.
     """
+    from dynid.estimation.parameter_posterior import parameter_posterior
     from dynid.trajectory.predict import default_noise
 
     if given is not None:
@@ -60,7 +65,7 @@ def torque_noise(robot: Robot, given: Sequence[float] | None, earlier: Sequence[
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
         if isinstance(known, Identification):
-            return np.asarray(known.noise), "as an earlier identification found it"
+            return parameter_posterior(known).sample_noise(rate), "as an earlier identification found it"
     measured = robot.torque.noise is not None
     words = "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
     return default_noise(robot), words
@@ -86,6 +91,30 @@ def earlier_information(
     return total
 
 
+def believed(base: BaseModel, earlier: Sequence[Earlier], known: Floats | None) -> Floats:
+    """Return what is known of the base parameters before a motion, the prior of possible bodies included, (p, p).
+
+    Args:
+        base: model and base parameters.
+        earlier: logs, results and motions; the posterior of a physical set holds the prior already.
+        known: their information, from ``earlier_information``.
+    """
+    from dynid.estimation.parameter_posterior import prior_information
+
+    if known is None:
+        return prior_information(base)
+    held = any(isinstance(each, Identification) and each.in_force == "physical" for each in earlier)
+    return known if held else known + prior_information(base)
+
+
+def unexplained(earlier: Sequence[Earlier]) -> float | None:
+    """Return what no parameter explains by the first identification, rms of all joints [N m or N]; None without one."""
+    for known in earlier:
+        if isinstance(known, Identification) and known.expected is not None:
+            return float(np.sqrt(np.mean(known.expected.noise**2)))
+    return None
+
+
 def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progress) -> Floats:
     if isinstance(known, Identification):
         return _of_result(base, known)
@@ -93,12 +122,13 @@ def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progr
 
 
 def _of_result(base: BaseModel, found: Identification) -> Floats:
+    from dynid.estimation.parameter_posterior import parameter_posterior
+
     if tuple(found.names) != base.reduction.base_names:
         raise WrongUsage(
             f"{found.path} has other base parameters than the robot file", fix="identify again with this robot file"
         )
-    scale = 1 / np.sqrt(np.diag(found.covariance))
-    return np.asarray(np.linalg.pinv(found.covariance * np.outer(scale, scale)) * np.outer(scale, scale))
+    return parameter_posterior(found).information
 
 
 def _of_trajectory(base: BaseModel, planned: StoredTrajectory, noise: Floats) -> Floats:

@@ -25,7 +25,13 @@ from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.scene import Scene
 from dynid.units import joint_unit
-from dynid.workflows.earlier_information import Earlier, earlier_information, torque_noise
+from dynid.workflows.earlier_information import (
+    Earlier,
+    believed,
+    earlier_information,
+    torque_noise,
+    unexplained,
+)
 from dynid.workflows.gap_experiment import GapExperiment
 
 if TYPE_CHECKING:
@@ -112,6 +118,7 @@ class Plan:
         urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
         review: who accepted the motion; None when nobody has.
         outlook: how much better a second gap search will be, in words.
+        unexplained: rms torque that an earlier result leaves whatever the parameters [N m or N]; None without one.
     """
 
     robot: Robot
@@ -132,28 +139,28 @@ class Plan:
     urdf: Path | None = None
     review: Review | None = None
     outlook: tuple[str, ...] = ()
+    unexplained: float | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is worth a warning."""
-        from dynid.estimation.findings import LARGE_CONDITION
-
         assumed = assumed_limits(self.robot)
         text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
         more: tuple[Finding, ...] = ()
         more += (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
         full = next(row for row in self.alphas if row.alpha == 1.0)
-        if full.condition_scaled > LARGE_CONDITION:
+        noise = float(np.sqrt(np.mean(self.noise**2)))
+        if full.torque_error > noise:
             text = (
-                f"condition number {full.condition_scaled:.3g} at full speed with columns of equal length: identify "
-                f"asks for --drop-weak beyond {LARGE_CONDITION:g}; weakest is {self.weakest}"
+                f"{full.torque_error:.2g} {self.units[3]} to expect on other motions after a log of it even at full speed, "
+                f"more than the {noise:.2g} of noise in one sample; weakest is {self.weakest}"
             )
-            more += (Finding("W608", "warning", text, {"condition_number_scaled": full.condition_scaled}),)
+            more += (Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),)
         return (*self.clearance.findings, *more)
 
     @property
     def std_errors(self) -> dict[str, float]:
-        """Expected standard error of each base parameter, infinite where the motion shows nothing of it."""
+        """Expected standard error of each base parameter, that of the prior where the motion shows nothing of it."""
         return dict(zip(self.names, self.prediction.std_error.tolist(), strict=True))
 
     def accepted(self, *, seen: bool = True) -> Plan:
@@ -190,6 +197,7 @@ class Plan:
             "assumed_limits": list(assumed_limits(self.robot)),
             "predicted_std_error": self.std_errors,
             "expected_torque_error_nm": self.prediction.torque_error,
+            "unexplained_torque_nm": self.unexplained,
             "ladder": [asdict(row) for row in self.alphas],
             "torque_noise_nm": self.noise.tolist(),
             "torque_noise_from": self.noise_from,
@@ -283,8 +291,10 @@ class Plan:
         figures, low, high = self.prediction.figures, float(self.noise.min()), float(self.noise.max())
         excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
         size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
+        left, unit = self.unexplained, self.units[3]
+        beside = "" if left is None else f" and {left:.2g} {unit} that no parameter explains"
         error = (
-            f"torque error {self.prediction.torque_error:.2g} {self.units[3]} on other motions; weakest: {self.weakest}"
+            f"torque error {self.prediction.torque_error:.2g} {unit} on other motions{beside}; weakest: {self.weakest}"
         )
         return [
             ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
@@ -416,8 +426,9 @@ def plan_trajectory(
     begin = time.monotonic()
     base = base or base_model(robot, progress=progress)
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
-    noise, source = torque_noise(robot, options.noise, before)
-    context = planning_context(base, options, noise, earlier_information(base, before, noise, progress))
+    noise, source = torque_noise(robot, options.noise, before, options.rate)
+    known = earlier_information(base, before, noise, progress)
+    context = planning_context(base, options, noise, known, believed(base, before, known))
     experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
     candidates, found = _given_path(context, waypoints, path), None
     progress.stage("search" if candidates is None else "plan")
@@ -444,6 +455,7 @@ def plan_trajectory(
     search = _search_record(options, chosen, found)
     progress.stage("predict")
     plan = once_more(lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf))
+    plan = replace(plan, unexplained=unexplained(before))
     if experiment is not None:
         return replace(plan, outlook=experiment.outlook(plan.trajectory))
     if found is not None and not before:
@@ -465,7 +477,7 @@ def require_teaching(plan: Plan, context: PlanningContext) -> None:
 
     fast = replace(plan.trajectory, alpha=1.0).sampled(plan.options.rate)
     base = context.base
-    full = predict(base.model, base.reduction.base, fast, context.noise, context.other, context.known)
+    full = predict(base.model, base.reduction.base, fast, context.noise, context.other, context.believed)
     noise = float(np.sqrt(np.mean(context.noise**2)))
     if full.torque_error <= noise:
         return
@@ -544,7 +556,7 @@ def _predicted(
     base, options, noise = context.base, context.options, context.noise
     motion = trajectory.sampled(options.rate)
     columns = base.reduction.base
-    prediction = predict(base.model, columns, motion, noise, context.other, context.known)
+    prediction = predict(base.model, columns, motion, noise, context.other, context.believed)
     selected = None
     if options.select is not None:
         W = base.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
@@ -560,7 +572,7 @@ def _predicted(
         clearance=clearance,
         names=base.reduction.base_names,
         prediction=prediction,
-        alphas=alpha_table(trajectory, base.model, columns, noise, context.other, context.known),
+        alphas=alpha_table(trajectory, base.model, columns, noise, context.other, context.believed),
         noise=noise,
         noise_from=noise_from,
         weakest=base.reduction.base_names[int(np.argmax(cost))],
