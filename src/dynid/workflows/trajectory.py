@@ -152,8 +152,8 @@ class Plan:
         noise = float(np.sqrt(np.mean(self.noise**2)))
         if full.torque_error > noise:
             text = (
-                f"{full.torque_error:.2g} {self.units[3]} to expect on other motions after a log of it even at full speed, "
-                f"more than the {noise:.2g} of noise in one sample; weakest is {self.weakest}"
+                f"{full.torque_error:.2g} {self.units[3]} to expect on other motions after a log of it even at full "
+                f"speed, more than the {noise:.2g} of noise in one sample; weakest is {self.weakest}"
             )
             more += (Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),)
         return (*self.clearance.findings, *more)
