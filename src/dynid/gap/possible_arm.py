@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.estimation.physical_constraints import PhysicalConstraints
-from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_physical, fit_pooled, fit_sized
+from dynid.estimation.physical_parameters import constraints_of, fit_physical, fit_pooled, fit_sized
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -134,19 +134,6 @@ def least_gain(
         )
         gains.append(before - after)
     return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))
-
-
-def misfit_ratio(K: Floats, physical: PhysicalParameters, plain: Floats, factors: Floats) -> float:
-    """Return how much more the physically possible parameters leave than the plain ones, as a ratio of errors.
-
-    Args:
-        K: base parameters as combinations of all parameters, (p, c).
-        physical: the physically possible parameters.
-        plain: the plain estimate, (p,).
-        factors: triangular factors of [W tau], (n, p + 1, p + 1).
-    """
-    left = [float(np.sum((factors @ np.append(-theta, 1.0)) ** 2)) for theta in (K @ physical.x, plain)]
-    return float(np.sqrt(left[0] / max(left[1], 1e-300)))
 
 
 def _inverse(matrix: Floats) -> Floats:

@@ -223,20 +223,29 @@ def near_possible(problem: GapProblem, regression: WhitenedRegression) -> Whiten
 def problem_of_arm(logs: Sequence[ConditionedLog], base: BaseModel) -> GapProblem:
     """Arrange a search for what only an odd arm would absorb.
 
-    Each joint's noise is at least what parameters without any bounds leave: what they do not explain says nothing about
-    links.
-
     Args:
         logs: conditioned logs, all with the same filter.
         base: model and base parameters.
     """
-    found = make_problem(logs, base, None)
-    residuals = unwhitened_fit(found.segments, found.train, None)[1]
-    level = _rms(found.segments, residuals, found.train)
-    found = replace(found, noise=with_misfit(found.noise, found.segments, residuals, level), unexplained=level)
+    found = with_misfit_of_numbers(make_problem(logs, base, None))
     bare = found.regression()
     found = replace(found, arm=possible_arm(bare, base))
     return held_near_possible(found, bare)
+
+
+def with_misfit_of_numbers(problem: GapProblem) -> GapProblem:
+    """Return a problem whose noise is at least what parameters without any bounds leave of each joint.
+
+    What they do not explain says nothing about links.
+
+    Args:
+        problem: a search of what no numbers absorb.
+    """
+    residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
+    level = _rms(problem.segments, residuals, problem.train)
+    return replace(
+        problem, noise=with_misfit(problem.noise, problem.segments, residuals, level), unexplained=level
+    )
 
 
 def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:

@@ -114,11 +114,20 @@ def refusal(
         return "the disturbance of this joint does not repeat"
     return (
         _undetermined(one)
-        or ("it is not the same in all parts of the logs" if one.test.chow_p_value < SAME else "")
+        or ("it is not the same in all parts of the logs" if _differs(search, one) else "")
         or _beside_larger(effects, one)
         or _not_smaller(one, improvement)
         or _little_explained(search, effects, one)
     )
+
+
+def _differs(search: EffectSearch, one: SelectedEffect) -> bool:
+    """Return whether an effect differs between parts of the logs.
+
+    Why not where odd links would absorb it: what is seen of it beside possible ones is the little that these miss, and
+    follows the motion.
+    """
+    return search.problem.arm is None and one.test.chow_p_value < SAME
 
 
 def _undetermined(one: SelectedEffect) -> str:

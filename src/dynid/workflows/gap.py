@@ -19,6 +19,7 @@ from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_log
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
+    from dynid.gap.counterbalance import Suspicion
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -40,14 +41,13 @@ VERDICTS = {
 #: The questions, and the names that two of them had before.
 QUESTIONS = ("numbers", "arm", "changed")
 MODES = {"refit": "numbers", "frozen": "changed"}
-#: Torque error of possible links over that of any numbers from which on it is asked what only odd ones would absorb:
-#: errors of what else is missing make it up to 1.1.
-ODD = 1.15
 #: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
 EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
 #: of eight minutes take half a gigabyte.
 LONGEST = 480.0
+#: A link that would be so many times as heavy is told.
+TOLD_MASS = 2.0
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
 
@@ -514,23 +514,51 @@ class _Search:
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
-        from dynid.gap.possible_arm import misfit_ratio
+        from dynid.gap.counterbalance import NAME, suspicions
+        from dynid.model.effects.catalogue import CATALOGUE
 
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
         found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?", conditioned=conditioned)
-        result = self.result
-        ratio = misfit_ratio(result.reduction.K, result.physical, result.plain, result.factors)
-        if ratio < ODD:
+        analysis = found.analysis
+        suspected = [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
+        effects, joints = self.wanted.effects, self.wanted.joints
+        suspected = [one for one in suspected if not effects or NAME in effects if not joints or one.joint in joints]
+        if not suspected:
             return found
-        named = tuple((one.effect, one.indices) for one in found.named)
-        more = f"possible links miss {ratio:.2g} times as much as any numbers: what would only odd links absorb?"
-        why = f"{found.asked} {more}"
-        odd = self.ask("arm", logs, (), why, named, conditioned)
-        # Why other joints: what numbers cannot absorb on a joint needs no odd links.
-        taken = {where[:1] for _, where in named}
-        new = [one for one in odd.named if one.indices[:1] not in taken]
-        return odd if new else replace(found, asked=f"{why} nothing that has a name")
+        names = self.base.robot.joint_names
+        why = f"{found.asked} {_suspected(suspected, names)}: what would only odd links absorb?"
+        # Why not those: what is left of a counterbalance when links have taken up the most of it looks like a spring.
+        family, places = CATALOGUE[NAME].family, [(one.joint,) for one in suspected]
+        named = [(one.effect, one.indices) for one in found.named]
+        also = tuple(key for key in named if key[1] not in places or CATALOGUE[key[0]].family != family)
+        odd = self.ask("arm", logs, (), why, also, conditioned)
+        if any(one.effect == NAME for one in odd.named):
+            return odd
+        return replace(found, asked=f"{why} {_not_told(suspected, odd, names)}")
+
+
+def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
+    """Return why it is asked what only odd links would absorb."""
+    said = []
+    for one in suspected:
+        without, beside = one.masses
+        heavy = f" (without one, link {one.link} would weigh {without:.3g} kg, not {beside:.3g})"
+        odd = without > TOLD_MASS * beside
+        said.append(f"possible links do better beside a counterbalance of {names[one.joint]}{heavy if odd else ''}")
+    return " and ".join(said)
+
+
+def _not_told(suspected: Sequence[Suspicion], odd: Gap, names: Sequence[str]) -> str:
+    """Return why no counterbalance is named, and what would tell."""
+    if all(one.sure for one in suspected):
+        said = [one.said for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
+        return f"nothing that has a name{f' ({said[0]})' if said else ''}"
+    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
+    return (
+        f"torques alone do not tell it from heavier links: give the mass {links} from the data sheet "
+        "(known: link_mass in the robot file) and identify again"
+    )
 
 
 def _kept_error(now: float, then: float, unchanged: bool) -> str:
