@@ -48,7 +48,12 @@ class Heavy:
         """Torque of the counterbalance at axis 2, (N,) [N m]; none where the upper arm is upright."""
         lean = np.pi / 2 - q[:, 1]
         length = np.sqrt(1 - self.crank * np.cos(lean)) / np.sqrt(1 - self.crank * np.cos(1.0))
-        push = {"sine": length, "cylinder": 1.0, "spring": 0.5 + 1.5 * (length - length.min() + 0.2), "gas": length**0.7}
+        push = {
+            "sine": length,
+            "cylinder": 1.0,
+            "spring": 0.5 + 1.5 * (length - length.min() + 0.2),
+            "gas": length**0.7,
+        }
         return self.carries * self.weight * np.sin(lean) * push[self.shape] / length
 
 
@@ -101,16 +106,36 @@ def draw(seed, with_counterbalance):
         previous = after
     model.addFrame(pin.Frame("tip", parent, 0, previous, pin.FrameType.OP_FRAME))
     reach = np.radians([150, 65, 60, 150, 100, 170])
-    arm = hidden.Arm(model, np.zeros(6), np.zeros(6), centre - reach, centre + reach, np.radians([100, 90, 100, 150, 150, 200]))
+    arm = hidden.Arm(
+        model, np.zeros(6), np.zeros(6), centre - reach, centre + reach, np.radians([100, 90, 100, 150, 150, 200])
+    )
     arm.data = model.createData()
     poses = centre + rng.uniform(-1, 1, (200, 6)) * reach * 0.8
     still = arm.torque(poses, 0 * poses, 0 * poses)
     level = np.maximum(np.abs(still).max(axis=0), 0.02 * np.abs(still).max())
     arm.coulomb, arm.viscous = 0.04 * level * rng.uniform(0.5, 1.5, 6), 0.04 * level * rng.uniform(0.5, 1.5, 6)
-    weight = float(np.sqrt(np.sum(np.linalg.lstsq(np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)]), still[:, 1], rcond=None)[0][:2] ** 2)))
+    weight = float(
+        np.sqrt(
+            np.sum(
+                np.linalg.lstsq(
+                    np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)]), still[:, 1], rcond=None
+                )[0][:2]
+                ** 2
+            )
+        )
+    )
     carries = float(rng.uniform(0.5, 1.6)) if with_counterbalance else 0.0
     shape = str(rng.choice(["sine", "cylinder", "spring", "gas"]))
-    return Heavy(arm, rows, bodies, weight, carries, shape, float(rng.uniform(0.05, 0.4)), {"kind": kind, "mass": mass, "level": level, "counterweight": counterweight})
+    return Heavy(
+        arm,
+        rows,
+        bodies,
+        weight,
+        carries,
+        shape,
+        float(rng.uniform(0.05, 0.4)),
+        {"kind": kind, "mass": mass, "level": level, "counterweight": counterweight},
+    )
 
 
 def robot_table(heavy, prior, seed):

@@ -73,9 +73,7 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
     return found
 
 
-def _carrier(
-    regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns
-) -> tuple[int, tuple[float, float]]:
+def _carrier(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns) -> tuple[int, tuple[float, float]]:
     """Return the number of the link whose mass a counterbalance changes most, and its mass without and with it."""
     without, beside = (_masses(regression, arm, more) for more in ((), (one,)))
     k = int(np.argmax(np.abs(without - beside)))

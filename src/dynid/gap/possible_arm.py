@@ -25,6 +25,8 @@ MASSES = (1.0, 3.0, 10.0, 30.0)
 #: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
 #: and chance alone would be content with 12.
 LEAST_GAIN = 25.0
+#: Links are held by their prior at most so many times as firmly as by the data (information).
+STIFFEST = 1e4
 #: Directions of information below this share of the strongest are none.
 NONE = 1e-10
 
@@ -99,16 +101,21 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
 
 def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
     """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1)."""
-    rows = reduced(regression)
+    rows, bare = reduced(regression), reduced(replace(regression, effects=()))
     fit, _ = fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)
     A = rows.R @ arm.K
     H = fit.hessian - A.T @ A
     held = np.diag(H) > NONE * np.maximum(np.diag(fit.hessian), 1e-300)
-    S = arm.K[:, held] @ _inverse(H[np.ix_(held, held)]) @ arm.K[:, held].T
+    # Why in units of the data: at a bound the parabola is a wall, ten orders stiffer than what it leaves of other numbers.
+    # Those without effects: these take up what the prior knows of.
+    wide = bare.R @ arm.K[:, held]
+    spread, V = np.linalg.eigh(wide @ _inverse(H[np.ix_(held, held)]) @ wide.T)
+    root = np.sqrt(np.maximum(spread, 1 / STIFFEST))
     theta = arm.K @ fit.x
-    centre = theta + S @ (rows.R.T @ (rows.R @ theta - rows.r))
-    root = _root(_without_directions(_inverse(S), arm.K[:, ~held]))
-    return np.column_stack([root, root @ centre])
+    pull = np.linalg.lstsq(bare.R.T, rows.R.T @ (rows.R @ theta - rows.r), rcond=None)[0]
+    found = (V / root).T @ bare.R
+    found = np.column_stack([found, found @ theta + root * (V.T @ pull)])
+    return found - _along(found[:, :-1] @ arm.K[:, ~held]) @ found
 
 
 def least_gain(
@@ -143,17 +150,10 @@ def _inverse(matrix: Floats) -> Floats:
     return np.asarray(inverse / np.outer(size, size))
 
 
-def _without_directions(information: Floats, free: Floats) -> Floats:
-    """Return information with nothing known along free directions, (p, k)."""
-    if not free.size:
-        return information
-    side = information @ free
-    return np.asarray(information - side @ _inverse(free.T @ side) @ side.T)
-
-
-def _root(information: Floats) -> Floats:
-    """Return L with L^T L = information, (k, p)."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, V = np.linalg.eigh(information / np.outer(size, size))
-    seen = values > NONE * values[-1]
-    return np.asarray((V[:, seen] * np.sqrt(values[seen])).T * size)
+def _along(directions: Floats) -> Floats:
+    """Return the projection on directions, (k, m), as (k, k)."""
+    if not directions.size:
+        return np.zeros((len(directions), len(directions)))
+    U, sizes, _ = np.linalg.svd(directions, full_matrices=False)
+    U = U[:, sizes > NONE**0.5 * sizes[0]]
+    return np.asarray(U @ U.T)

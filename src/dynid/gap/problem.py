@@ -243,9 +243,7 @@ def with_misfit_of_numbers(problem: GapProblem) -> GapProblem:
     """
     residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
     level = _rms(problem.segments, residuals, problem.train)
-    return replace(
-        problem, noise=with_misfit(problem.noise, problem.segments, residuals, level), unexplained=level
-    )
+    return replace(problem, noise=with_misfit(problem.noise, problem.segments, residuals, level), unexplained=level)
 
 
 def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:

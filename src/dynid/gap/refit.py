@@ -255,7 +255,9 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
         near = whitened_columns(regression, one.effect, one.joints, [shape])
         for j in base:
             columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
-    covariance = significance_test(others, columns).covariance
+    test = significance_test(others, columns)
+    # Why: blocks of time say nothing of how far the links may be from what the prior takes them for.
+    covariance = test.covariance + test.open if regression.odd else test.covariance
     sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return replace(
         one,

@@ -7,7 +7,7 @@ of time after the other, because what an incomplete model leaves is anything but
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -160,6 +160,7 @@ class SignificanceTest:
         joint: that joint.
         gains: its gain in each block of time, (B,).
         known: its gain in rows of no time, those of a prior.
+        open: covariance of the amplitudes that rows and prior together leave, (k, k).
     """
 
     amplitudes: Floats
@@ -170,6 +171,7 @@ class SignificanceTest:
     joint: int
     gains: Floats
     known: float = 0.0
+    open: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def gain_p_value(self) -> float:
@@ -225,8 +227,10 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     joint = max(visible, key=lambda j: visible[j])
     gains = 2 * b @ beta - np.einsum("k,bkl,l->b", beta, G, beta)
     prior = 2 * known[:, k] @ amplitudes - amplitudes @ known[:, :k] @ amplitudes
+    left = np.linalg.inv(whole) / np.outer(scale, scale)
+    covariance = covariance / np.outer(scale, scale)
     return SignificanceTest(
-        amplitudes, covariance / np.outer(scale, scale), p_value, chow, visible[joint], joint, gains, float(prior)
+        amplitudes, covariance, p_value, chow, visible[joint], joint, gains, float(prior), np.asarray(left)
     )
 
 

@@ -32,6 +32,8 @@ ABSORBED_BY_ARM = 1e-8
 FEW_ROWS = 1 << 13
 #: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9
+#: The same where the prior of possible links tells apart what no row does: it knows a billionth of what rows would.
+WEAK_BESIDE_ARM = 1e-13
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class WhitenedRegression:
         length = np.sqrt(np.diag(gram))
         length = np.where(length > 0, length, 1.0)
         values, V = np.linalg.eigh(gram / np.outer(length, length))
-        kept = values > WEAK * values[-1]
+        kept = values > (WEAK_BESIDE_ARM if self.odd else WEAK) * values[-1]
         root = V[:, kept] / np.sqrt(values[kept]) / length[:, None]
         theta = root @ (root.T @ right)
         residuals = [rows.y - A @ theta for A, rows in zip(full, self.joints, strict=True)]

@@ -10,6 +10,7 @@ import twolink
 from dynid import GapOptions, IdentifyOptions, Log, earlier_logs, find_gap, identify, load_robot, validate
 from dynid.cli.terminal import plain
 from dynid.errors import NotAnArtifact, WrongUsage
+from dynid.robot import Known
 from dynid.workflows.gap import Gap, joint_indices
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
@@ -231,16 +232,29 @@ def test_two_different_questions_at_once_are_refused(result):
         find_gap(result, [], GapOptions(mode="refit", ask="changed"))
 
 
-def test_what_only_odd_links_would_absorb_is_asked_where_possible_ones_do_worse(springy, monkeypatch):
-    from dynid.gap import possible_arm
+def carried_logs():
+    """Return logs of the arm with a counterbalance of 40 N m at its shoulder."""
+    logs = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
+    for one in logs:
+        one.tau[:, 0] -= 40.0 * np.cos(one.q[:, 0])
+    return logs
 
-    logs, result = springy
-    monkeypatch.setattr(possible_arm, "misfit_ratio", lambda *of: 3.0)
-    found = find_gap(result, logs, GapOptions(effects=f"{EFFECTS},counterbalance"))
-    assert "possible links miss 3 times as much as any numbers" in found.asked
-    assert [one.effect for one in found.named] == ["spring"], "what numbers cannot absorb needs no odd links"
-    monkeypatch.setattr(possible_arm, "misfit_ratio", lambda *of: 1.05)
-    assert "odd" not in find_gap(result, logs, GapOptions(effects=EFFECTS)).asked
+
+def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_known(arm):
+    logs, options = carried_logs(), GapOptions(effects=f"{EFFECTS},counterbalance")
+    unknown = find_gap(identify(arm, logs[::2]), logs, options)
+    assert not unknown.named
+    assert (
+        "possible links do better beside a counterbalance of shoulder (without one, link 1 would weigh" in unknown.asked
+    )
+    assert "give the mass of link 1 from the data sheet" in unknown.asked
+    known = Known(link_mass=tuple((k + 1, (0.8 * mass, 1.2 * mass)) for k, mass in enumerate(twolink.MASS)))
+    (one,) = find_gap(identify(replace(arm, known=known), logs[::2]), logs, options).named
+    assert (one.effect, one.joints) == ("counterbalance", ("shoulder",))
+
+
+def test_odd_links_are_not_asked_about_where_possible_ones_do(gap):
+    assert "counterbalance" not in gap.asked
 
 
 def test_an_odd_arm_can_be_asked_about_alone(springy):
