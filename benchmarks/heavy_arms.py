@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 import hidden_effects as hidden
 

@@ -106,8 +106,8 @@ def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
     A = rows.R @ arm.K
     H = fit.hessian - A.T @ A
     held = np.diag(H) > NONE * np.maximum(np.diag(fit.hessian), 1e-300)
-    # Why in units of the data: at a bound the parabola is a wall, ten orders stiffer than what it leaves of other numbers.
-    # Those without effects: these take up what the prior knows of.
+    # Why in units of the data: at a bound the parabola is a wall, ten orders stiffer than on other numbers. Of the
+    # rows without effects: these take up what the prior knows of.
     wide = bare.R @ arm.K[:, held]
     spread, V = np.linalg.eigh(wide @ _inverse(H[np.ix_(held, held)]) @ wide.T)
     root = np.sqrt(np.maximum(spread, 1 / STIFFEST))

@@ -19,12 +19,12 @@ from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_log
 from dynid.workflows.validate import base_model_of
 
 if TYPE_CHECKING:
-    from dynid.gap.counterbalance import Suspicion
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.counterbalance import Suspicion
     from dynid.gap.significance import Key
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
