@@ -115,7 +115,7 @@ def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
     pull = np.linalg.lstsq(bare.R.T, rows.R.T @ (rows.R @ theta - rows.r), rcond=None)[0]
     found = (V / root).T @ bare.R
     found = np.column_stack([found, found @ theta + root * (V.T @ pull)])
-    return found - _along(found[:, :-1] @ arm.K[:, ~held]) @ found
+    return np.asarray(found - _along(found[:, :-1] @ arm.K[:, ~held]) @ found)
 
 
 def least_gain(
