@@ -16,8 +16,7 @@ import pytest
 
 from dynid.estimation.result import load
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
-from dynid.workflows.results import load_run
-from dynid.workflows.validate import base_model_of
+from dynid.workflows.results import base_model_of, load_run
 
 IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'

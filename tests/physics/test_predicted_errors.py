@@ -47,7 +47,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     draws = []
     for _ in range(DRAWS):
         sensors.measure(truth, robot.log_names, rng).save(tmp_path / "log.npz")
-        sources = condition_logs([load_log(tmp_path / "log.npz", robot)], model, LogOptions())
+        sources = condition_logs([load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions())
         stacked = stack(sources, model.observer(reduction.base), reduction.base_names, robot.joint_names)
         draws.append(weighted(*stacked.whole).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)

@@ -49,8 +49,8 @@ def _effects() -> Iterable[str]:
 
 
 def _codes() -> Iterable[str]:
-    from dynid.cli.explain import pages
     from dynid.errors import codes
+    from dynid.files.pages import pages
 
     return [*codes(), *pages()]
 

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from dynid.cli.completed import CODE
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import WrongUsage, codes, page, summary
-
-
-def pages() -> dict[str, Path]:
-    """Return the pages of the documentation by name, such as ``robot-file``."""
-    from dynid.files.robotfile import packaged
-
-    return {path.stem: path for path in sorted(packaged("docs").rglob("*.md"))}
+from dynid.files.pages import pages
 
 
 @dynid_command(

@@ -85,8 +85,7 @@ def run_gap(
     """
     from dynid.workflows.gap import earlier_logs, find_gap, selection_options
     from dynid.workflows.logs import load_log
-    from dynid.workflows.results import load_run
-    from dynid.workflows.validate import base_model_of
+    from dynid.workflows.results import base_model_of, load_run
 
     options = options or GapOptions()
     stored = load_run(parameters)

@@ -68,7 +68,8 @@ def run_validate(
     """Replay a log, write and print what comes out, and return the JSON answer."""
     from dynid.estimation import result
     from dynid.workflows.logs import read_log
-    from dynid.workflows.validate import base_model_of, urdf_of, validate
+    from dynid.workflows.results import base_model_of
+    from dynid.workflows.validate import urdf_of, validate
 
     options = options or ValidateOptions()
     terminal = common.terminal

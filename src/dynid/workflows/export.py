@@ -11,7 +11,7 @@ from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
-from dynid.workflows.validate import base_model_of
+from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification

@@ -16,7 +16,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import EffectSpec, Robot
 from dynid.table import Table
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, load_log
-from dynid.workflows.validate import base_model_of
+from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -281,7 +281,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
     from dynid.model.prior import prior_base_parameters
     from dynid.record.motion_checks import TorqueForecaster
     from dynid.workflows.model import base_model
-    from dynid.workflows.validate import base_model_of
+    from dynid.workflows.results import base_model_of
 
     robot, stored = run.robot, run.parameters
     source = "prior" if stored is None else str(stored.path)

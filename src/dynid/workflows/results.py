@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import NotAnArtifact
+from dynid.progress import SILENT, Progress
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
+    from dynid.model.base_model import BaseModel
 
 
 def load(path: Path | str) -> Any:  # noqa: ANN401
@@ -54,3 +56,20 @@ def load_run(run: Path) -> Identification:
 def parameters_of(run: Path) -> Path:
     """Return the parameters.npz of a run given by its folder or by the file."""
     return run / "parameters.npz" if run.is_dir() else run
+
+
+def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
+    """Return the model that a result was made with; its base parameters are those of the result, never found anew.
+
+    Args:
+        result: the result.
+        folder: where the model is kept; None keeps it in memory.
+        progress: told that the model is made.
+    """
+    from dynid.model.base_model import BaseModel
+    from dynid.workflows.model import base_model, derive_model
+
+    if folder is None:
+        return BaseModel(base_model(result.robot).model, result.reduction)
+    progress.stage("model")
+    return BaseModel(derive_model(result.robot, folder).model, result.reduction)

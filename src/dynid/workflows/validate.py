@@ -13,6 +13,7 @@ from dynid.progress import SILENT, Progress
 from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
+from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -299,23 +300,6 @@ def urdf_of(result: Identification, base: BaseModel) -> str:
     from dynid.workflows.export import ExportOptions, identified_arm
 
     return FORMATS["urdf"].text(identified_arm(result, ("urdf",), ExportOptions(), base))
-
-
-def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
-    """Return the model that a result was made with; its base parameters are those of the result, never found anew.
-
-    Args:
-        result: the result.
-        folder: where the model is kept; None keeps it in memory.
-        progress: told that the model is made.
-    """
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.model import base_model, derive_model
-
-    if folder is None:
-        return BaseModel(base_model(result.robot).model, result.reduction)
-    progress.stage("model")
-    return BaseModel(derive_model(result.robot, folder).model, result.reduction)
 
 
 def refuse_training_log(result: Identification, sha256: str, where: str, options: ValidateOptions) -> None:

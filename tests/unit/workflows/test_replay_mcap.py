@@ -12,7 +12,8 @@ import twolink
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.workflows.identify import identify
-from dynid.workflows.validate import base_model_of, urdf_of, validate
+from dynid.workflows.results import base_model_of
+from dynid.workflows.validate import urdf_of, validate
 
 KINDS = ("measured", "predicted", "residual")
 
