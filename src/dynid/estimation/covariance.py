@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.observation_rows import ObservationRows, joined, runs
+from dynid.estimation.quantiles import normal_quantile, student_quantile
 from dynid.estimation.robust import HUBER
 from dynid.longarrays import Growing, release
 from dynid.signals.filters import pulse, pulse_width
@@ -232,11 +233,9 @@ def short_log_factor(segments: Sequence[ObservationRows], bread: Floats, noise: 
 
 
 def _factor(true: Floats, judged: Floats) -> Floats:
-    from scipy import special
-
     mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
     freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
-    quantile = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
+    quantile = student_quantile(np.maximum(freedom, LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
     return np.asarray(np.sqrt(true / mean) * quantile)
 
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.box import smallest_in_box
 from dynid.estimation.least_squares import triangle
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, joined
 from dynid.estimation.stack import Stack
@@ -488,17 +489,14 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
     """
-    from scipy.optimize import minimize
-
-    gram, spans = rows.gram(), np.log([np.full(len(LARGEST), NOTHING), LARGEST])
+    gram = rows.gram()
+    start, low, high = np.log([np.full(len(LARGEST), FIRST), np.full(len(LARGEST), NOTHING), LARGEST])
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
-    start, bounds, options = np.full(len(LARGEST), np.log(FIRST)), list(spans.T), {"maxiter": STEPS}
-    found = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    return np.asarray(np.exp(found.x))
+    return np.asarray(np.exp(smallest_in_box(negative, start, low, high, STEPS)))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:

@@ -17,6 +17,7 @@ from dynid.estimation.least_squares import relative_error
 from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
+from dynid.estimation.quantiles import normal_quantile
 from dynid.files.artifact import (
     Artifact,
     read_artifact,
@@ -225,9 +226,7 @@ class Identification:
         Args:
             level: probability that the interval of a parameter holds its true value.
         """
-        from scipy.special import ndtri
-
-        half = float(ndtri(0.5 + level / 2)) * self.std_error
+        half = normal_quantile(0.5 + level / 2) * self.std_error
         return np.column_stack([self.theta - half, self.theta + half])
 
     def parameter_rows(self) -> list[dict[str, Any]]:

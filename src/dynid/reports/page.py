@@ -5,12 +5,33 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dynid.reports.evidence import Evidence
-from dynid.reports.sections import SECTIONS
-from dynid.reports.sections.verdict import lights, sentences
+from dynid.reports.sections.gap import gap
+from dynid.reports.sections.interface import Section
+from dynid.reports.sections.motion import excitation, residual, torque, unseen
+from dynid.reports.sections.next_steps import next_steps
+from dynid.reports.sections.parameters import parameters
+from dynid.reports.sections.physics import physics
+from dynid.reports.sections.verdict import lights, limits, quality, run, sentences, verdict
 from dynid.text import markdown, printable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+#: In the order of the page.
+SECTIONS = (
+    Section("Verdict", "verdict", verdict),
+    Section("What to do next", "next", next_steps),
+    Section("What was run", "run", run),
+    Section("Data quality", "quality", quality),
+    Section("Excitation", "excitation", excitation),
+    Section("Parameters", "parameters", parameters),
+    Section("Measured and predicted torque", "torque", torque),
+    Section("Unseen log", "unseen", unseen),
+    Section("Where the residual is", "residual", residual),
+    Section("Missing effects", "gap", gap),
+    Section("Physical possibility", "physics", physics),
+    Section("Limits of this result", "limits", limits),
+)
 
 
 def page(evidence: Evidence) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
+from dynid.signals.assignment import assignment
 from dynid.signals.columns import in_si, matching_columns, robot_columns
 from dynid.signals.edits import OF_ALL, Edit, pasted, said, with_edits
 from dynid.signals.gravity import expected_torque
@@ -287,8 +288,6 @@ def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
 
 def _alike(judge: Judge) -> list[int]:
     """Return the assignment of columns to joints by range of motion and size of the torque."""
-    from scipy.optimize import linear_sum_assignment
-
     robot, x = judge.robot, judge.motion.x
     have = np.std(judge.motion.tau, axis=0) + 1e-9
     carried = np.sqrt(np.mean(expected_torque(x[0], robot) ** 2, axis=0)) + 0.02
@@ -301,7 +300,7 @@ def _alike(judge: Judge) -> list[int]:
             low, high = sorted((np.array(joint.limits.position) - map_.offset[j]) * map_.sign[j])
             outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
             cost[j] += 3.0 * outside
-    return [int(k) for k in linear_sum_assignment(cost)[1]]
+    return assignment(cost)
 
 
 def _unlikely(edit: Edit) -> float:

@@ -19,6 +19,7 @@ from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
+from dynid.signals.nonnegative import nonnegative_least_squares
 from dynid.signals.ranges import OUTSIDE, beyond
 from dynid.units import POSITION
 
@@ -295,8 +296,6 @@ def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Float
         bodies: corners of the cone of each link's parameters, n of (10, points).
         weights: of the joints, (m,).
     """
-    from scipy.optimize import nnls
-
     count = sum(part[1].shape[1] for part in parts)
     rows, seen = [], 0
     for (columns, friction, tau), weight in zip(parts, weights, strict=True):
@@ -309,7 +308,7 @@ def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Float
     p = 10 * len(bodies)
     corners = np.hstack([R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]])
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
-    found = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
+    found = nonnegative_least_squares(corners / scale, R[:, -1], 10 * corners.shape[1]) / scale
     edges = np.cumsum([0, *(each.shape[1] for each in bodies)])
     theta = [each @ found[a:b] for each, a, b in zip(bodies, edges[:-1], edges[1:], strict=True)]
     left = stacked[:, -1] - stacked[:, :-1] @ np.concatenate([*theta, found[edges[-1] :]])

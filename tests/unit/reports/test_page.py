@@ -12,8 +12,7 @@ from dynid.errors import Finding
 from dynid.estimation.result import JointQuality
 from dynid.files.robotfile import load_robot
 from dynid.reports.charts import binned
-from dynid.reports.page import page, summary
-from dynid.reports.sections import SECTIONS
+from dynid.reports.page import SECTIONS, page, summary
 from dynid.reports.sections.verdict import lights, sentences
 from dynid.text import printable
 
