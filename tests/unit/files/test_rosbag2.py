@@ -130,6 +130,30 @@ def test_a_folder_without_metadata_or_with_a_wrong_one_is_read_by_its_files(log,
         np.testing.assert_array_equal(read_log(bag, robot=lwr()).q, log.q)
 
 
+@pytest.mark.parametrize("store", ["sqlite3", "mcap"])
+def test_a_recording_that_was_split_is_read_in_the_order_of_its_parts(store, log, tmp_path):
+    """The recorder begins a new file every so many bytes; the eleventh follows the tenth, not the first."""
+    suffix = ".mcap" if store == "mcap" else ".db3"
+    (tmp_path / "bag").mkdir()
+    for k in range(12):
+        part = take_samples(log, np.arange(50 * k, 50 * k + 50))
+        one = write_rosbag2(tmp_path / f"part{k}", of_ros2(part, TOPIC), store)
+        next(one.glob(f"*{suffix}")).rename(tmp_path / "bag" / f"drive_{k}{suffix}")
+    found = read_log(tmp_path / "bag", robot=lwr())
+    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(found.tau, log.tau)
+
+
+def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_path):
+    """Messages of one length that differ in more than their numbers are not decoded together."""
+    messages = of_ros2(log, TOPIC)
+    turned = of_ros2(replace(log, names=log.names[::-1], q=log.q[:, ::-1].copy(), tau=log.tau[:, ::-1].copy()), TOPIC)
+    mixed = [b if 100 <= k < 200 or k % 7 == 0 else a for k, (a, b) in enumerate(zip(messages, turned, strict=True))]
+    found = read_log(write_mcap(tmp_path / "a.mcap", mixed, "ros2"), robot=lwr())
+    np.testing.assert_array_equal(found.q, log.q)
+    np.testing.assert_array_equal(found.tau, log.tau)
+
+
 def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
     bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
     for part in bag.glob("*.db3"):
