@@ -163,7 +163,11 @@ def template(names: Sequence[str]) -> dict[str, str]:
 def snippet(patterns: Mapping[str, str]) -> str:
     """Return patterns as they stand in a robot file."""
     order = ("time", "name", "position", "velocity", "effort", "reference")
-    inside = ", ".join(f"{key}: {json.dumps(patterns[key], ensure_ascii=not patterns[key].isprintable())}" for key in order if key in patterns)
+    inside = ", ".join(
+        f"{key}: {json.dumps(patterns[key], ensure_ascii=not patterns[key].isprintable())}"
+        for key in order
+        if key in patterns
+    )
     return f"columns: {{{inside}}}"
 
 
