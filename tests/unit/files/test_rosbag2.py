@@ -150,8 +150,9 @@ def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_
     turned = of_ros2(replace(log, names=log.names[::-1], q=log.q[:, ::-1].copy(), tau=log.tau[:, ::-1].copy()), TOPIC)
     mixed = [b if 100 <= k < 200 or k % 7 == 0 else a for k, (a, b) in enumerate(zip(messages, turned, strict=True))]
     found = read_log(write_mcap(tmp_path / "a.mcap", mixed, "ros2"), robot=lwr())
-    np.testing.assert_array_equal(found.q, log.q)
-    np.testing.assert_array_equal(found.tau, log.tau)
+    places = [found.names.index(name) for name in log.names]
+    np.testing.assert_array_equal(found.q[:, places], log.q)
+    np.testing.assert_array_equal(found.tau[:, places], log.tau)
 
 
 def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
