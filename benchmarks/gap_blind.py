@@ -7,17 +7,19 @@ finished cases are kept in the JSON file and skipped when it is run again. The s
 table that is shown comes from another one.
 """
 
-import argparse
-import json
+import tempfile
 import time
 import zlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 
+import heavy_arms as heavy
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate
+from dynid.estimation.least_squares import relative_error
 from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock, replays
@@ -29,15 +31,24 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.robot import Coulomb
+from dynid.robot import Body, Coulomb, Known, Prior
 from dynid.signals.conditioned_log import condition_log
 from dynid.signals.stamps import with_even_clock
+from dynid.workflows.gap import find_gap
+from dynid.workflows.identify import identify
+from resumable import parser_of, run_cases
 
 CUTOFF = 10.0
 #: Where each effect can be seen: joints (0-based) that carry it well on these arms.
 JOINTS = (1, 2, 3, 4)
 #: What the arm has anyway and the model is left without.
 LACKING = ("viscous", "coulomb")
+#: Effects that are hidden as a part, beside a rest on the same joint that is in no catalogue.
+PARTS = (
+    "asymmetric_viscous", "load_friction", "position_friction", "torque_ripple", "nonlinear_viscous", "joint_coupling",
+    "torque_crosstalk",
+)  # fmt: skip
+RESTS = ("odd_cross", "load_viscous", "sum_angle", "dead_band", "ringing")
 _MODELS = {}
 
 
@@ -64,6 +75,21 @@ def sources_of(logs, model):
     return found
 
 
+def crude(robot, arm, rng):
+    """Return a robot whose prior bodies are wrong by 30 to 50 % in mass, place and inertia."""
+    truth = hidden.truth_of(arm)
+    return replace(robot, prior=Prior(links=tuple(wrong_body(*body, rng) for body in truth)))
+
+
+def wrong_body(mass, com, inertia, rng):
+    """Return a body of which mass and size are wrong by 30 to 50 %."""
+    heavier, wider = np.exp(rng.choice([-1, 1], 2) * rng.uniform(0.3, 0.5, 2))
+    turn = rng.normal(size=3)
+    com = com + 0.4 * np.linalg.norm(com) * turn / np.linalg.norm(turn)
+    tensor = (inertia * heavier * wider)[np.triu_indices(3)]
+    return Body(float(mass * heavier), tuple(map(float, com)), tuple(map(float, tensor)))
+
+
 def draw(set_name, k, seed=0):
     """Return what is hidden in the k-th case of a set: [(effect, joint)], size, arm, what else is odd about the logs."""
     rng = np.random.default_rng([k, zlib.crc32(set_name.encode()), seed])
@@ -72,6 +98,19 @@ def draw(set_name, k, seed=0):
     joint = int(rng.choice(JOINTS))
     if set_name == "clean":
         return [("torque_offset", joint)], 0.0, arm, hidden.DECOYS[k % len(hidden.DECOYS)]
+    if set_name == "crude":
+        nothing = k % 3 == 2
+        name = "torque_offset" if nothing else str(rng.choice(hidden.CATALOGUE[:18]))
+        joint = (
+            max(joint, 2)
+            if name == "motor_inertia"
+            else int(rng.choice([1, 3]))
+            if name == "joint_elasticity"
+            else joint
+        )
+        return [(name, joint)], 0.0 if nothing else max(size, 1.2), arm, "plain"
+    if set_name == "partial":
+        return [(PARTS[k % len(PARTS)], joint), (str(rng.choice(RESTS)), joint)], max(size, 2.0), arm, "plain"
     if set_name == "outside":
         return [(hidden.OUTSIDE[k % len(hidden.OUTSIDE)], joint)], max(size, 2.0), arm, "plain"
     if set_name == "changed":
@@ -97,6 +136,9 @@ def draw(set_name, k, seed=0):
 def logs_of(effects, size, arm, seed, extra="plain", **options):
     """Return logs with one effect, or with the torques of two added to the same motion and noise."""
     cases = [hidden.Case(arm, name, joint, size, seed, extra) for name, joint in effects]
+    if len(cases) == 2 and cases[1].effect in RESTS:
+        share = np.random.default_rng([seed, 15]).uniform(0.15, 0.5)
+        cases[1].size *= np.sqrt((1 - share) / share)
     logs = hidden.simulate(cases[0], **options)
     if len(cases) == 2:
         other = hidden.simulate(cases[1], **options)
@@ -112,11 +154,14 @@ def known_of(base, arm, seed):
     return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None)), sources
 
 
+def visible_cases(cases):
+    """Return the cases that have a name."""
+    return [case for case in cases if case.size and case.effect not in hidden.OUTSIDE]
+
+
 def truth_of(cases, n):
     places = []
-    for case in cases:
-        if case.size == 0 or case.effect in hidden.OUTSIDE:
-            continue
+    for case in visible_cases(cases):
         if case.effect in hidden.WHOLE_ARM:
             places.append((case.effect, ()))
         elif case.effect in ("joint_coupling", "torque_crosstalk"):
@@ -127,6 +172,8 @@ def truth_of(cases, n):
 
 
 def run(set_name, k, seed=0):
+    if set_name == "counterbalance":
+        return run_heavy(k, seed)
     effects, size, arm, extra = draw(set_name, k, seed)
     number = 10_000 + 97 * k + zlib.crc32(set_name.encode()) % 9973 + 1_000_003 * seed
     base = model_of(arm, effects[0] if effects[0][0] in LACKING else None)
@@ -134,11 +181,21 @@ def run(set_name, k, seed=0):
     logs, cases = logs_of(effects, size, arm, number, extra)
     start = time.process_time()
     sources = sources_of(logs, base.model)
-    seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False, earlier=earlier)
+    if set_name == "crude":
+        # Why the whole: which set is in force, and which questions are asked, is decided there.
+        robot = crude(base.robot, arm, np.random.default_rng([number, 3]))
+        recorded = [Log(*one, robot.joint_names) for one in logs]
+        seen = find_gap(identify(robot, recorded), recorded).analysis
+    else:
+        seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False, earlier=earlier)
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.search.before - 1, 0))
     joint = int(np.argmax(visible))
-    size_seen = visible.max() if len(cases) == 1 else min(visible_alone(base, e, size, arm, number) for e in effects)
+    size_seen = (
+        visible.max()
+        if len(cases) == 1 or set_name == "partial"
+        else min(visible_alone(base, e, size, arm, number) for e in effects)
+    )
     row = {
         "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
         "truth": truth_of(cases, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
@@ -146,16 +203,51 @@ def run(set_name, k, seed=0):
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
         "equals": [[[name, list(place)] for name, place in f.rivals] for f in seen.verdict.named],
+        "sizes": [[f.name, list(f.joints), f.values, f.std_errors] for f in seen.verdict.named],
+        "true": [[*place, size] for place, size in zip(truth_of(cases, base.robot.n), map(hidden.sizes_of, visible_cases(cases)), strict=True)],
         "visible": float(size_seen), "joint": joint, "seconds": seconds,
         "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.wander.tolist()],
         "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
         "chi": [seen.search.before.round(2).tolist(), seen.search.after.round(2).tolist(), seen.search.between_reversals.round(2).tolist()],
     }  # fmt: skip
-    if row["truth"] and outcome(row) == "exact":
+    if row["truth"] and outcome(row) == "exact" and set_name in ("single", "double", "changed", "messy"):
         row["oracle"] = oracle_of(effects, size, arm, number, extra, known).tolist()
         if k % 3 == 0:
             row["simulated"] = simulated(seen)
     return row
+
+
+def run_heavy(k, seed):
+    """Look at a heavy arm with a counterbalance, or without, from the recordings to what is said."""
+    number, carries, prior = 1000 * seed + k // 2, k % 2 == 0, heavy.PRIORS[(k // 2) % 3]
+    drawn = heavy.draw(number, carries)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "heavy.yaml"
+        path.write_text(yaml.safe_dump(heavy.robot_table(drawn)))
+        robot = load_robot(path)
+    rng = np.random.default_rng([number, 6])
+    if prior == "crude":
+        robot = replace(robot, prior=Prior(links=tuple(wrong_body(*body, rng) for body in drawn.bodies)))
+    if prior == "masses":
+        masses = tuple((i + 1, (0.9 * m, 1.1 * m)) for i, (m, _, _) in enumerate(drawn.bodies))
+        robot = replace(robot, known=Known(link_mass=masses))
+    logs = [Log(*one, robot.joint_names) for one in heavy.simulate(drawn, number, trajectories=2)]
+    result = identify(robot, logs)
+    theta = [result.reduction.K @ result.physical.x, result.plain]
+    start = time.process_time()
+    seen = find_gap(result, logs)
+    return {
+        "set": "counterbalance", "k": k, "seed": seed, "arm": f"{drawn.facts['kind']} {drawn.facts['mass']:.0f} kg",
+        "extra": prior, "truth": [["counterbalance", [1]]] if carries else [], "size": drawn.carries,
+        "hidden": [["counterbalance" if carries else "nothing", 1]], "counterweight": drawn.facts["counterweight"],
+        "misfit": float(np.divide(*(relative_error(result.factors, one) for one in theta))),
+        "verdict": seen.verdict, "named": [[f.effect, list(f.indices)] for f in seen.named],
+        "closest": [[f.effect, list(f.indices), f.said] for f in seen.closest],
+        "equals": [[] for f in seen.named], "asked": seen.asked, "visible": 1.0, "joint": 1,
+        "told": "torques alone do not tell" in seen.asked,
+        "sizes": [[f.effect, list(f.indices), f.values, f.std_errors] for f in seen.named],
+        "true": [["counterbalance", [1], drawn.sizes()]] if carries else [], "seconds": time.process_time() - start,
+    }  # fmt: skip
 
 
 def visible_alone(base, effect, size, arm, seed):
@@ -198,6 +290,8 @@ def outcome(row):
             return "ambiguous"
     if named - truth:
         return "wrong" if not named & truth else "right and a wrong one"
+    if not named and row.get("told"):
+        return "not told apart"
     if named == truth:
         if row["set"] == "outside":
             return "exact" if row["verdict"] == "unexplained" or row["visible"] < SEEN else "not seen"
@@ -212,6 +306,7 @@ WORDS = (
     "ambiguous",
     "part of it",
     "nothing named",
+    "not told apart",
     "not seen",
     "right and a wrong one",
     "wrong",
@@ -219,6 +314,7 @@ WORDS = (
 SETS = {
     "clean": ((-1, 1e9),), "single": ((1, 1e9), (0.5, 1), (-1, 0.5)), "double": ((1, 1e9), (-1, 1)),
     "changed": ((0.5, 1e9), (-1, 0.5)), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
+    "crude": ((-1, 1e9),), "partial": ((-1, 1e9),), "counterbalance": ((-1, 1e9),),
 }  # fmt: skip
 #: Visible size from which something outside the catalogue should be seen: twice the power of a clean joint's limit.
 SEEN = 0.5
@@ -240,7 +336,43 @@ def table(rows):
             )
             counts = [sum(outcome(r) == word for r in some) for word in WORDS]
             lines.append(f"| {name} | {band} | {len(some)} | {' | '.join(map(str, counts))} |")
-    return "\n".join([*lines, "", *figures(rows), "", *misses(rows)])
+    return "\n".join([*lines, "", *carried(rows), *figures(rows), "", *misses(rows)])
+
+
+def carried(rows):
+    """Return what was said of heavy arms, by what is known of their links."""
+    rows = [r for r in rows if r["set"] == "counterbalance"]
+    if not rows:
+        return []
+    lines = ["| heavy arms | known of the links | possible links miss | arms | named | not told apart | nothing said |"]
+    lines += ["|---" * 7 + "|"]
+    for there, what in ((True, "with a counterbalance"), (False, "without")):
+        for prior in heavy.PRIORS:
+            for low, high, ratio in ((0, 3, "less than 3 times as much"), (3, 1e9, "3 times as much and more")):
+                some = [
+                    r for r in rows if bool(r["truth"]) == there and r["extra"] == prior and low <= r["misfit"] < high
+                ]
+                named = sum(["counterbalance", [1]] in r["named"] for r in some)
+                told = sum(r["told"] for r in some)
+                if some:
+                    lines.append(
+                        f"| {what} | {prior} | {ratio} | {len(some)} | {named} | {told} | {len(some) - named - told} |"
+                    )
+    return [*lines, ""]
+
+
+def intervals(rows):
+    """Return (error, standard error) of each true size that was named at its place."""
+    found = []
+    for r in rows:
+        said = {(name, tuple(place)): (values, errors) for name, place, values, errors in r.get("sizes", [])}
+        for name, place, true in r.get("true", []):
+            values, errors = said.get((name, tuple(place)), ({}, {}))
+            pairs = [
+                (values[x] - true[x], errors[x]) for x in true if x in values and np.isfinite(errors.get(x, np.inf))
+            ]
+            found += [(r["set"], *pair) for pair in pairs]
+    return found
 
 
 def figures(rows):
@@ -259,6 +391,21 @@ def figures(rows):
         lines.append(
             f"Closed held-out gap over what an oracle closes that knows the truth, {len(closed)} exact cases: median "
             f"{np.median(closed):.3f}, tenth percentile {np.quantile(closed, 0.1):.3f}."
+        )
+    pairs = intervals(rows)
+    if pairs:
+        inside = np.mean([abs(error) < 1.96 * sigma for _, error, sigma in pairs])
+        lines.append(f"True sizes inside their 95 % intervals: {100 * inside:.0f} % of {len(pairs)}.")
+    partial = [r for r in rows if r["set"] == "partial"]
+    if partial:
+        right = [
+            any(name == r["truth"][0][0] and place == r["truth"][0][1] for name, place in r["named"]) for r in partial
+        ]
+        near = [all(abs(error) < 2 * sigma for _, error, sigma in intervals([r])) for r in partial]
+        other = [any([name, place] not in r["truth"] for name, place in r["named"]) for r in partial]
+        lines.append(
+            f"Effects that are 15 to 50 % of their joint's gap: named in {sum(right)} of {len(partial)}, with the size within two "
+            f"standard errors in {sum(a and b for a, b in zip(right, near, strict=True))}; a stand-in in {sum(other)}."
         )
     if replays:
         ratio = np.array([after / before for before, after in replays])
@@ -281,40 +428,31 @@ def misses(rows):
 
 
 def order():
-    """Mix the sets: of every 15 cases six single, two clean, double, changed and outside, one messy."""
+    """Mix the sets: of every 20 cases six single, two clean, double, changed, outside, counterbalance and partial."""
     count = dict.fromkeys(SETS, 0)
-    mix = "single clean single double single changed outside single clean single double single changed outside messy"
+    mix = (
+        "single clean single double single changed outside counterbalance partial crude "
+        "single clean single double single changed outside counterbalance partial messy"
+    )
     while True:
         for name in mix.split():
             yield name, count[name]
             count[name] += 1
 
 
+def line(row):
+    return (
+        f"{row['set']:8} {row['k']:3} {row['hidden']} {row['extra']} visible {row['visible']:.2f} -> {row['named']} {row['verdict']} "
+        f"[{outcome(row)}] {row['closest']} {row['seconds']:.1f} s"
+    )
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("gap_blind.json"))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=90.0)
-    parser.add_argument("--cases", type=int, default=500)
-    parser.add_argument("--only", help="one set")
-    parser.add_argument("--table", type=Path)
+    parser = parser_of(__doc__, "gap_blind.json", 90.0, 500)
+    parser.add_argument("--only", choices=SETS)
     args = parser.parse_args()
-    rows = json.loads(args.out.read_text()) if args.out.exists() else []
-    done = {(r["set"], r["k"], r["seed"]) for r in rows}
-    end = time.monotonic() + 60 * args.minutes
-    for name, k in order():
-        if time.monotonic() > end or len(rows) >= args.cases:
-            break
-        if (name, k, args.seed) in done or (args.only and name != args.only):
-            continue
-        row = run(name, k, args.seed)
-        rows.append(row)
-        args.out.write_text(json.dumps(rows))
-        print(f"{name:8} {k:3} {row['hidden']} {row['extra']} visible {row['visible']:.2f} -> {row['named']} {row['verdict']} "
-              f"[{outcome(row)}] {row['closest']} {row['seconds']:.1f} s", flush=True)  # fmt: skip
-    print(table(rows))
-    if args.table:
-        args.table.write_text(table(rows) + "\n")
+    cases = ((args.only, k) for k in range(args.cases)) if args.only else order()
+    run_cases(args, cases, run, line, table)
 
 
 if __name__ == "__main__":

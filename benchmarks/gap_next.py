@@ -7,10 +7,8 @@ equally well, ``dynid trajectory --for-gap`` plans a motion of 20 s at full spee
 logs are searched again; beside it, for comparison, another motion of the generator of the same length.
 """
 
-import argparse
-import json
 import time
-from pathlib import Path
+from itertools import count
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from dynid.gap.record import record_of
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.trajectory import plan_trajectory
+from resumable import parser_of, run_cases
 
 #: What is mistaken for something else when a motion is poor: drag of a neighbour when both neighbours move in step, and
 #: a function of place when the travel is small.
@@ -55,7 +54,7 @@ def said(seen):
     }  # fmt: skip
 
 
-def run(k, seed):
+def run(_, k, seed):
     case, shrink, between = draw(k, seed)
     poor = {"shrink": shrink, "in_step": between}
     base = blind.model_of(case.arm)
@@ -130,31 +129,23 @@ def table(rows):
     return "\n".join(lines)
 
 
+def line(row):
+    told = {w: (row[w]["named"], outcome(row, w)) for w in ("first", "second", "usual") if w in row}
+    return f"{row['k']} {row['truth']} {row['size']:.1f} {told} {row.get('outlook', '')}"
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("gap_next.json"))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--cases", type=int, default=200)
+    parser = parser_of(__doc__, "gap_next.json", 30.0, 200)
     parser.add_argument("--ambiguous", type=int, default=20, help="end when so many were ambiguous")
-    parser.add_argument("--table", type=Path)
     args = parser.parse_args()
-    rows = json.loads(args.out.read_text()) if args.out.exists() else []
-    done = {(r["k"], r["seed"]) for r in rows}
-    end = time.monotonic() + 60 * args.minutes
-    for k in range(args.cases):
-        if time.monotonic() > end or sum("second" in r for r in rows) >= args.ambiguous:
-            break
-        if (k, args.seed) in done:
-            continue
-        row = run(k, args.seed)
-        rows.append(row)
-        args.out.write_text(json.dumps(rows))
-        told = {w: (row[w]["named"], outcome(row, w)) for w in ("first", "second", "usual") if w in row}
-        print(k, row["truth"], round(row["size"], 1), told, row.get("outlook", ""), flush=True)
-    print(table(rows))
-    if args.table:
-        args.table.write_text(table(rows) + "\n")
+    run_cases(
+        args,
+        (("", k) for k in count()),
+        run,
+        line,
+        table,
+        lambda rows: sum("second" in r for r in rows) >= args.ambiguous,
+    )
 
 
 if __name__ == "__main__":

@@ -55,6 +55,13 @@ class Heavy:
         }
         return self.carries * self.weight * np.sin(lean) * push[self.shape] / length
 
+    def sizes(self):
+        """Return the wave over the whole turn that comes nearest to it, as the catalogue writes it [N m]."""
+        q = np.linspace(self.arm.lower[1], self.arm.upper[1], 200)[:, None] * np.ones((1, 2))
+        A = np.column_stack([np.sin(q[:, 1]), np.cos(q[:, 1]), np.ones(200)])
+        a, b, _ = np.linalg.lstsq(A, -self.assists(q), rcond=None)[0]
+        return {"a": float(a), "b": float(b)}
+
 
 def table_of(kind, size):
     """DH rows (a, twist, d) of an arm, standard convention [m, rad], and centres of its joints' travel [rad]."""
@@ -137,16 +144,17 @@ def draw(seed, with_counterbalance):
     )
 
 
-def robot_table(heavy, prior, seed):
-    """Return the robot file's content: geometry, and what is known of the links."""
-    rng = np.random.default_rng([seed, 4177])
-    table = {
-        "name": "heavy", "convention": "standard", "angle_unit": "deg", "gravity": [0, 0, -9.81],
-        "joints": [{"name": f"joint_{k + 1}", "a": float(a), "twist": float(t), "d": float(d)} for k, (a, t, d) in enumerate(heavy.rows)],
+def robot_table(heavy):
+    """Return the robot file's content: the geometry alone."""
+    joints = [
+        {"name": f"joint_{k}", "a": float(a), "twist": float(t), "d": float(d)}
+        for k, (a, t, d) in enumerate(heavy.rows, 1)
+    ]
+    return {
+        "name": "heavy", "convention": "standard", "angle_unit": "deg", "gravity": [0, 0, -9.81], "joints": joints,
         "torque": {"source": "motor_torque"}, "coulomb": {"shape": "smooth", "velocity": 0.3},
         "driver": {"kind": "generic", "topic": "/joint_states"},
     }  # fmt: skip
-    return table, rng
 
 
 def simulate(heavy, seed, trajectories=3, repeats=2, seconds=20.0, noise=0.004):

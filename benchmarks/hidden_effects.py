@@ -200,6 +200,31 @@ def shape_of(case, rng, arm):
     }  # fmt: skip
 
 
+def sizes_of(case):
+    """Return the true sizes of what a simulated case hid, by the catalogue's parameters; {} where it has another law."""
+    s, amount = case.facts, case.facts.get("amount", 0.0)
+    h, turn = np.cos(s["phase"]), np.sin(s["phase"])
+    found = {
+        "torque_offset": {"c": amount}, "asymmetric_viscous": {"a": amount}, "load_friction": {"a": amount},
+        "torque_gain": {"g": amount}, "motor_inertia": {"Im": amount}, "end_stop": {"a": amount},
+        "torque_crosstalk": {"a": amount}, "joint_coupling": {"a": amount, "b": 0.5 * amount},
+        "nonlinear_viscous": {"p": s["p"]}, "position_friction": {"a": amount * h, "b": -amount * turn},
+        "stribeck": {"a": amount, "vs": s["vs"]}, "coulomb_change": {"c": amount}, "viscous_change": {"v": amount},
+    }  # fmt: skip
+    whole = {"encoder_offset": "offset", "joint_elasticity": "compliance", "torque_delay": "delay"}
+    if case.effect in whole:
+        return {whole[case.effect]: float(case.size * s["scale_of"])}
+    return {name: float(value) for name, value in found.get(case.effect, {}).items()}
+
+
+def truth_of(name):
+    """Return mass, centre of mass and inertia about it of each true link of an arm, in its DH frame."""
+    links = yaml.safe_load((ROOT / "trajectories" / TRUTH[name]).read_text())["links"]
+    places = [[["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]] * len(links)
+    tensors = [[[b["inertia_com"][x] for x in row] for row in place] for b, place in zip(links, places, strict=True)]
+    return [(b["mass"], np.array(b["com"]), np.array(i)) for b, i in zip(links, tensors, strict=True)]
+
+
 def partner(case, n):
     """The other joint of a pair."""
     other = case.joint + (1 if case.seed % 2 else -1)
@@ -421,6 +446,7 @@ def simulate(
                     scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9), overlooked(extra, tau, case)
                 )
             tau = tau + (case.size if hide else 0.0) * scale * extra
+            s |= {"amount": case.size * scale, "scale_of": scale_of(case, arm)}
             wander = disturbance(case, t, rng)
             if wander is not None and hide:
                 tau[:, case.joint] += case.size * 0.3 * white[case.joint] * wander

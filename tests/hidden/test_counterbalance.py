@@ -1,0 +1,37 @@
+"""Counterbalances of heavy arms of a generator that shares no code with the search (Pinocchio, cylinders of several kinds)."""
+
+import pytest
+import yaml
+
+import gap_blind
+import heavy_arms as heavy
+from dynid.files.robotfile import load_robot
+from dynid.gap.analysis import on_one_clock
+from dynid.gap.counterbalance import suspicions
+from dynid.gap.problem import make_problem
+from dynid.model.base_model import BaseModel
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+
+
+def suspected(tmp_path, seed, with_counterbalance):
+    drawn = heavy.draw(seed, with_counterbalance)
+    path = tmp_path / "heavy.yaml"
+    path.write_text(yaml.safe_dump(heavy.robot_table(drawn)))
+    model = build_model(load_robot(path))
+    base = BaseModel(model, reduce(model))
+    logs = heavy.simulate(drawn, seed, trajectories=2, repeats=1, seconds=12.0)
+    return suspicions(make_problem(on_one_clock(gap_blind.sources_of(logs, model)), base, None), [])
+
+
+@pytest.mark.parametrize(("seed", "sure"), [(15, True), (13, False)])
+def test_it_is_sure_where_the_first_axes_are_apart_and_likely_where_they_cross(tmp_path, seed, sure):
+    """Axis 1 of the first arm is 0.2 m before axis 2: the torques of the first tell what the second carries."""
+    (one,) = suspected(tmp_path, seed, True)
+    assert (one.joint, one.sure) == (1, sure)
+
+
+@pytest.mark.parametrize("seed", [11, 15])
+def test_an_arm_without_one_is_not_suspected_even_with_a_counterweight(tmp_path, seed):
+    assert heavy.draw(seed, False).facts["counterweight"] is (seed == 11)
+    assert suspected(tmp_path, seed, False) == []
