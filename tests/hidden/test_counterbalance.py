@@ -1,4 +1,4 @@
-"""Counterbalances of heavy arms of a generator that shares no code with the search (Pinocchio, cylinders of several kinds)."""
+"""Counterbalances of heavy arms of a generator that shares no code with the search (Pinocchio, several kinds)."""
 
 import pytest
 import yaml
