@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import PackageMissing, WrongUsage
+from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
 from dynid.log import Log
 from dynid.motion import Motion
 from dynid.options import Options, option
@@ -186,21 +186,38 @@ def _effect_torque(
     for spec in specs:
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)
         named = replace(spec, joints=tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers))
-        effect = checked(named, robot)
+        try:
+            effect = checked(named, robot)
+        except WrongRobotFile as error:
+            if spec in robot.effects:
+                raise
+            what = error.what.removeprefix("effects: ")
+            raise WrongUsage(f"--effect: {what}", fix=_template(spec) or "dynid explain effects lists them") from error
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
         shape = {name: named.parameters[name] for name in effect.shape_units}
         names = list(effect.amplitudes(shape))
         missing = [name for name in names if name not in named.parameters]
         if missing:
-            raise WrongUsage(
-                f"--effect {effect.name} needs {', '.join(missing)}", fix=f"{effect.name}@JOINT:{names[0]}=1"
-            )
+            raise WrongUsage(f"--effect: {effect.name} needs parameters {', '.join(missing)}", fix=_template(spec))
         for joints in joints_of(named, effect, robot):
             columns = effect.columns(path, joints, shape)
             rows = list(effect.rows(joints, robot.n))
             torque[:, rows] += np.tensordot([named.parameters[name] for name in names], columns, axes=1).T
     return torque
+
+
+def _template(spec: EffectSpec) -> str:
+    """Return an option with all the numbers that an effect of the catalogue needs, "" for one that is not there."""
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    effect = CATALOGUE.get(spec.effect)
+    if effect is None:
+        return ""
+    shape = {name: spec.parameters.get(name, 1.0) for name in effect.shape_units}
+    values = shape | {name: spec.parameters.get(name, 1.0) for name in effect.amplitudes(shape)}
+    joints = "" if effect.scope == "arm" else f"@{','.join(spec.joints) or 'JOINT'}"
+    return f"--effect {spec.effect}{joints}:{','.join(f'{name}={value:g}' for name, value in values.items())}"
 
 
 def motion_of(path: Path, robot: Robot) -> Motion:

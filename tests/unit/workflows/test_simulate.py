@@ -7,8 +7,10 @@ import pytest
 
 from dynid.errors import PackageMissing, WrongUsage
 from dynid.files.robotfile import load_robot
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
 from dynid.robot import Body, Prior
+from dynid.workflows.model import base_model
 from dynid.workflows.simulate import SimulateOptions, simulate
 
 BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
@@ -19,6 +21,11 @@ def arm():
     robot = load_robot("scara")
     bodies = tuple(Body(2.0 + k, (0.05, 0.01, 0.02), (0.02, 0.0, 0.0, 0.03, 0.0, 0.04)) for k in range(robot.n))
     return replace(robot, prior=Prior(links=bodies), tool=None, effects=())
+
+
+@pytest.fixture(scope="module")
+def base(arm):
+    return base_model(arm)
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +95,20 @@ def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion):
 def test_an_effect_without_its_numbers_is_refused(arm, motion, text):
     with pytest.raises(WrongUsage):
         simulate(arm, motion, BARE, effects=(text,))
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"torque_delay"}))
+def test_a_refused_effect_of_the_catalogue_is_answered_with_one_that_works(arm, base, motion, name):
+    joints = {"joint": "@2", "pair": "@2,1", "arm": ""}[CATALOGUE[name].scope]
+    with pytest.raises(WrongUsage) as caught:
+        simulate(arm, motion, BARE, base=base, effects=(f"{name}{joints}",))
+    plain = simulate(arm, motion, BARE, base=base)
+    bent = simulate(arm, motion, BARE, base=base, effects=(caught.value.fix.removeprefix("--effect "),))
+    assert np.isfinite(bent.torque).all()
+    # The second joint carries no weight that backlash could move in, and never comes to the stop.
+    assert np.abs(bent.torque - plain.torque).max() > 0 or name in ("backlash", "end_stop")
+
+
+def test_an_effect_that_is_not_there_is_answered_with_one_of_a_like_name(arm, motion):
+    with pytest.raises(WrongUsage, match="did you mean 'spring'"):
+        simulate(arm, motion, BARE, effects=("sprign@2:k1=3",))
