@@ -116,12 +116,30 @@ def load(ros: bool) -> None:
             import_ros(name)
 
 
+def derive(*names: str) -> None:
+    """Derive the models of arms that many tests take; commands then store them as if they had derived them."""
+    from dynid.files.robotfile import load_robot
+    from dynid.model import regressor
+    from dynid.model.store import key_of
+
+    build = regressor.build_model
+    rigid = {key_of(robot): build(robot).rigid for robot in map(load_robot, names)}
+
+    def kept_or_built(robot):
+        found = rigid.get(key_of(robot))
+        return build(robot) if found is None else regressor.Model(robot, found)
+
+    regressor.build_model = kept_or_built
+
+
 def serve(place: str, ros: bool) -> None:
     """Fork a child for each request until standard input ends."""
     import gc
 
     # Why: as dynid sets it, and a process of one thread may be forked.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    # Why first: others then import the function that knows them.
+    derive("kuka_lwr4plus", "kinova_gen2")
     load(ros)
     gc.freeze()
     listener = socket.socket(socket.AF_UNIX)
