@@ -253,3 +253,48 @@ def names(rng: np.random.Generator, original: bytes) -> bytes:
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()
+
+
+#: Headings of tables of other programs; N stands for a number, J for a joint.
+STYLES = (
+    ("t", "q_J", "tau_J"), ("Zeit [s]", "q N [deg]", "Drehmoment N [Nm]"), ("%time", "field.position{N}", "field.effort{N}"), ("__time", "/joint_states/J/position", "/joint_states/J/effort"),
+    ("timestamp", "actual_q_N", "actual_current_N"), ("", "joint_N_position", "joint_N_torque"), ("secs;nsecs", "position_N", "effort_N"), ("time_ms", "aN", "bN"), ("Index", "qN", "iN"),
+)  # fmt: skip
+DATES = (
+    "2024-03-14 15:09:{}", "14.03.2024 15:09:{}", "3/14/2024 15:09:{}", "15:09:{}", "2024-03-14T15:09:{}Z", "9999-12-31T23:59:{}-14:00", "0000-00-00 00:00:{}", "999:59:{}",
+    "2024-02-30 1:00:{}", "14/14/2024 15:09:{}", "-2024-03-14 15:09:{}", "2024-03-14 15:09:{}.999999999999", "15:09:{},{}", "٢٠٢٤-03-14 15:09:{}",
+)  # fmt: skip
+
+
+def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
+    """Return a table as another program writes it: dates, decimal commas, groups, units, empty rows, two columns of stamps."""
+    rows = [[float(cell) for cell in line.split(",")] for line in original.strip().split("\n")[1 : int(rng.choice([3, 30, 200, 900]))]]
+    time, position, effort = STYLES[rng.integers(len(STYLES))]
+    more = int(rng.choice([2, 2, 2, 1, 7, 40]))
+    head = time.split(";") + [
+        form.replace("N", str(k + 1)).replace("J", ("shoulder", "elbow", "x" * 99)[min(k, 2)]) for form in (position, effort) for k in range(more)
+    ]
+    date = DATES[rng.integers(len(DATES))] if rng.random() < 0.4 else ""
+    kind, comma = rng.integers(0, 6), rng.random() < 0.3
+
+    def cell(value: float) -> str:
+        text = f"{value:,.6f}" if kind == 0 else repr(value * (1e9 if kind == 1 else 1))
+        return text.translate(str.maketrans(",.", ".,")) if comma else text
+
+    lines = []
+    for row in rows:
+        stamp = [str(int(row[0])), str(int(row[0] % 1 * 1e9))] if ";" in time else [date.format(f"{row[0] % 60:09.6f}", 1) if date else cell(row[0])]
+        lines.append([*stamp, *(cell(row[1 + k % 2]) for k in range(more)), *(cell(row[3 + k % 2]) for k in range(more))])
+    for _ in range(rng.integers(0, 3)):
+        place, column = int(rng.integers(len(lines))), int(rng.integers(len(head)))
+        lines[place][column] = str(rng.choice(["", "-", "N/A", "#REF!", "1'000,5", "1.2.3", "12:00", "=1+1", "0x1", "٣", "1e400", "--", " ", '"', "1\u202f000"]))
+    if rng.random() < 0.2:
+        lines.insert(0, [str(rng.choice(["[s]", "[rad]", "[Nm]", "(deg)", "", "mA"])) for _ in head])
+    if rng.random() < 0.2:
+        lines[int(rng.integers(len(lines)))] = []
+    if rng.random() < 0.1:
+        head = [f"{'1_' * 40}{k}" for k in range(len(head))]
+    delimiter = ";" if comma else str(rng.choice([",", ";", "\t", "|", " "]))
+    text = "\n".join(delimiter.join(line) for line in [head, *lines])
+    how = str(rng.choice(["utf-8", "utf-8", "utf-16", "utf-16-le", "cp1252", "utf-8-sig", "utf-32"]))
+    return text.encode(how, "replace")[: None if rng.random() < 0.9 else -1]

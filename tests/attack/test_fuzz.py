@@ -51,6 +51,7 @@ KINDS = {
     "result": ("out/parameters.npz", structured.result, 400, ["check {}", "validate {} other.npz", "export {} --format urdf", "export {} --format python", "export {} --format c", "export {} --format matlab", "export {} --format yaml", "export {} --format sdf", "export {} --format mjcf", "report out", "gap {} other.npz --no-apply", "compare {} {}", "identify arm.yaml other.npz --update {} --out out", "identify arm.yaml other.npz --payload-from {} --out out", "compare out --baseline {} --csv out/a.csv --latex out/a.tex --junit out/a.xml"]),
     "motion": ("out/trajectory.npz", structured.result, 100, ["check {}", "trajectory arm.yaml --from-trajectory {} --preview none --out out", "simulate arm.yaml {} --out out", "record arm.yaml {} --dry-run --out out"]),
     "robot keys": ("arm.yaml", richer.robot_keys, 600, ["check {}", "model {} --out out", "identify {} log.npz --out out", "identify {} log.csv --out out", "parameters {} log.npz --out out --no-identify", "simulate {} out/trajectory.npz --out out", "trajectory {} plan.yaml --preview none --out out", "trajectory {} --seconds 1 --preview none --out out", "check {} log.mcap", "record {} out/trajectory.npz --dry-run --out out", "identify {} log.npz --out out --method idim-iv"]),
+    "spreadsheet": ("log.csv", richer.spreadsheet, 300, ["check {}", "check {} --robot arm.yaml", "identify arm.yaml {} --out out", "convert {} --to out/x.npz", "convert {} --robot arm.yaml --to out/x.mcap"]),
     "batch keys": ("batch.yaml", richer.batch_keys, 250, ["run {} --out out/b", "run {} --out out/b --junit out/j.xml", "run {} --out out/b --json-lines", "check {}"]),
     "fleet": ("runs.csv", richer.fleet_list, 200, ["fleet {} --out out/f", "fleet {} out --out out/f"]),
     "run file": ("out/run.yaml", richer.run_file, 150, ["model arm.yaml --out out", "identify --from out/run.yaml --out out", "report out", "check out", "compare out"]),
@@ -61,7 +62,7 @@ KINDS = {
     "validation": ("out/validation/other/estimatedmotion.npz", structured.result, 100, ["check {}", "report out"]),
 }  # fmt: skip
 ORDER = list(KINDS)
-TEXT = (mutate.text, structured.document, structured.urdf, structured.table, richer.robot_keys, richer.batch_keys, richer.fleet_list, richer.run_file,
+TEXT = (mutate.text, structured.document, structured.urdf, structured.table, richer.robot_keys, richer.spreadsheet, richer.batch_keys, richer.fleet_list, richer.run_file,
         richer.record)  # fmt: skip
 
 

@@ -64,6 +64,8 @@ def poses(count: int) -> str:
 #: What is wrong: file, content or what makes it, command, status, part of the message.
 CASES = {
     "a million columns": ("log.csv", "t," + ",".join(f"q_{k}" for k in range(10**6)), "check log.csv --robot arm.yaml", 3, "one line of a text log"),
+    "512 columns of 40 numbers each": ("log.csv", "t," + ",".join(f"{'q' if k % 2 else 'tau'}_{k // 2}{'_1_2' * 20}" for k in range(511)) + ("\n" + "1," * 511 + "1") * 30, "check log.csv", 0, ""),
+    "an angle of 1e308": ("arm.urdf", URDF.replace('rpy="1.5708 0 0"', 'rpy="1e308 0 0"'), "import arm.urdf --out out/a.yaml", 3, "finite numbers below"),
     "a line of 1 GB": ("log.csv", sparse, "check log.csv --robot arm.yaml", 3, "one line of a text log"),
     "a megabyte of aliases": ("arm.yaml", ROBOT + "effects: [&w {effect: x}, " + "*w, " * 300_000 + "]", "check arm.yaml", 3, "bytes for a YAML"),
     "aliases that double forty times": ("arm.yaml", ROBOT + "x0: &x0 [a, a]\n" + "".join(f"x{k}: &x{k} [*x{k - 1}, *x{k - 1}]\n" for k in range(1, 40)), "check arm.yaml", 3, "unknown key 'x0'"),

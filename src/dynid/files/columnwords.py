@@ -92,11 +92,15 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
 def _paired(families: dict[str, frozenset[str]]) -> dict[str, str]:
     """Return the best families of positions and torques that have the same members, and what goes with them."""
     told = {pattern: _meaning(pattern) for pattern in families}
+    # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
+    efforts: dict[frozenset[str], str] = {}
+    for pattern in sorted((p for p in families if told[p][0] == "effort"), key=lambda p: told[p][1]):
+        efforts.setdefault(families[pattern], pattern)
     pairs = [
-        (told[p][1] + told[e][1], p, e)
-        for p in families if told[p][0] in ("position", "joint")
-        for e in families if told[e][0] == "effort" and families[e] == families[p] and len(families[p]) > 1
-    ]  # fmt: skip
+        (told[p][1] + told[efforts[families[p]]][1], p, efforts[families[p]])
+        for p in families
+        if told[p][0] in ("position", "joint") and families[p] in efforts and len(families[p]) > 1
+    ]
     if not pairs:
         return {}
     _, position, effort = min(pairs, key=lambda each: each[0])

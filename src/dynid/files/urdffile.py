@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import WrongUrdf
 from dynid.files.robotkeys import SNAP_RAD, SNAP_STEP
-from dynid.files.yamlfile import closest
+from dynid.files.yamlfile import LARGEST, closest
 from dynid.robot import Body, Limits, rotation_rpy
 from dynid.text import shell
 
@@ -195,9 +195,15 @@ def _named(element: ET.Element) -> str:
 
 def _numbers(text: str, count: int) -> Floats:
     values = np.array([float(word) for word in text.split()])
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
-        raise ValueError(f"'{text}' should be {count} finite numbers")
+    # Why not only finite: powers and shares of larger numbers are not.
+    if values.shape != (count,) or not np.all(np.abs(values) < LARGEST):
+        raise ValueError(f"'{text[:80]}' should be {count} finite numbers below {LARGEST:g}")
     return values
+
+
+def _number(element: ET.Element | None, key: str) -> float:
+    """Return a number of an element, 0 where there is none."""
+    return float(_numbers(element.get(key, "0"), 1)[0]) if element is not None else 0.0
 
 
 def _pose(element: ET.Element | None, clean: Callable[[float], float]) -> Floats:
@@ -228,7 +234,7 @@ def _body(link: ET.Element) -> Body | None:
     if entries is not None:
         for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
             i, j = "xyz".index(name[1]), "xyz".index(name[2])
-            tensor[i, j] = tensor[j, i] = float(entries.get(name, "0"))
+            tensor[i, j] = tensor[j, i] = _number(entries, name)
     return Body.of(m, pose[:3, 3], pose[:3, :3] @ tensor @ pose[:3, :3].T)
 
 
@@ -255,8 +261,8 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         origin=_pose(joint.find("origin"), (lambda angle: angle) if exact else _snapped),
         axis=axis,
         limits=_limits(joint.find("limit"), kind),
-        damping=float(dynamics.get("damping", "0")) if dynamics is not None else 0.0,
-        friction=float(dynamics.get("friction", "0")) if dynamics is not None else 0.0,
+        damping=_number(dynamics, "damping"),
+        friction=_number(dynamics, "friction"),
     )
 
 
@@ -265,5 +271,7 @@ def _limits(element: ET.Element | None, kind: str) -> Limits:
         return Limits()
     lower, upper = (float(element.get(key, "0")) for key in ("lower", "upper"))
     velocity, effort = (float(element.get(key, "0")) for key in ("velocity", "effort"))
-    position = (lower, upper) if kind != "continuous" and lower < upper else None
-    return Limits(position, velocity if velocity > 0 else None, None, effort if effort > 0 else None)
+    # Why: some files write an infinite or huge number for a joint without a limit.
+    position = (lower, upper) if kind != "continuous" and -LARGEST < lower < upper < LARGEST else None
+    most = (value if 0 < value < LARGEST else None for value in (velocity, effort))
+    return Limits(position, next(most), None, next(most))
