@@ -268,11 +268,16 @@ DATES = (
 
 def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
     """Return a table as another program writes it: dates, decimal commas, groups, units, empty rows, two columns of stamps."""
-    rows = [[float(cell) for cell in line.split(",")] for line in original.strip().split("\n")[1 : int(rng.choice([3, 30, 200, 900]))]]
+    rows = [
+        [float(cell) for cell in line.split(",")]
+        for line in original.strip().split("\n")[1 : int(rng.choice([3, 30, 200, 900]))]
+    ]
     time, position, effort = STYLES[rng.integers(len(STYLES))]
     more = int(rng.choice([2, 2, 2, 1, 7, 40]))
     head = time.split(";") + [
-        form.replace("N", str(k + 1)).replace("J", ("shoulder", "elbow", "x" * 99)[min(k, 2)]) for form in (position, effort) for k in range(more)
+        form.replace("N", str(k + 1)).replace("J", ("shoulder", "elbow", "x" * 99)[min(k, 2)])
+        for form in (position, effort)
+        for k in range(more)
     ]
     date = DATES[rng.integers(len(DATES))] if rng.random() < 0.4 else ""
     kind, comma = rng.integers(0, 6), rng.random() < 0.3
@@ -283,11 +288,37 @@ def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
 
     lines = []
     for row in rows:
-        stamp = [str(int(row[0])), str(int(row[0] % 1 * 1e9))] if ";" in time else [date.format(f"{row[0] % 60:09.6f}", 1) if date else cell(row[0])]
-        lines.append([*stamp, *(cell(row[1 + k % 2]) for k in range(more)), *(cell(row[3 + k % 2]) for k in range(more))])
+        stamp = (
+            [str(int(row[0])), str(int(row[0] % 1 * 1e9))]
+            if ";" in time
+            else [date.format(f"{row[0] % 60:09.6f}", 1) if date else cell(row[0])]
+        )
+        lines.append(
+            [*stamp, *(cell(row[1 + k % 2]) for k in range(more)), *(cell(row[3 + k % 2]) for k in range(more))]
+        )
     for _ in range(rng.integers(0, 3)):
         place, column = int(rng.integers(len(lines))), int(rng.integers(len(head)))
-        lines[place][column] = str(rng.choice(["", "-", "N/A", "#REF!", "1'000,5", "1.2.3", "12:00", "=1+1", "0x1", "٣", "1e400", "--", " ", '"', "1\u202f000"]))
+        lines[place][column] = str(
+            rng.choice(
+                [
+                    "",
+                    "-",
+                    "N/A",
+                    "#REF!",
+                    "1'000,5",
+                    "1.2.3",
+                    "12:00",
+                    "=1+1",
+                    "0x1",
+                    "٣",
+                    "1e400",
+                    "--",
+                    " ",
+                    '"',
+                    "1\u202f000",
+                ]
+            )
+        )
     if rng.random() < 0.2:
         lines.insert(0, [str(rng.choice(["[s]", "[rad]", "[Nm]", "(deg)", "", "mA"])) for _ in head])
     if rng.random() < 0.2:

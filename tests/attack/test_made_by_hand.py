@@ -96,6 +96,8 @@ CASES = {
     "a job at a URL of a URL": ("batch.yaml", job(logs="reference://::file:///etc/passwd"), "run batch.yaml --out out", 3, "no URL of a recording"),
     "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
     "one effect twice": ("arm.yaml", effects("effect: viscous", "effect: viscous"), "check arm.yaml", 3, "viscous is there twice on elbow"),
+    "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "parameters known"),
+    "an arm with effects": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: backlash, parameters: {b: 0.01}"), "trajectory arm.yaml --seconds 1 --preview none --out out", 0, "planned without"),
     "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
     "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
     "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),

@@ -14,6 +14,7 @@ import queue
 import signal
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -129,6 +130,8 @@ def optimise(
                     break
                 with suppress(queue.Empty):
                     start, met = reports.get(timeout=min(max(left, 0.1), 0.5))
+                    if isinstance(met, Exception):
+                        raise met
                     if met is None:
                         finished.add(start)
                     else:
@@ -226,6 +229,13 @@ def _work(problem: PlanProblem, search: PlanOptions, first: int, step: int, repo
     """Search from the starts of every ``step``-th lane and report the best so far of each."""
     children.end_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        _search(problem, search, first, step, reports)
+    except Exception:  # noqa: BLE001 - Why all: a search that nobody hears of would look like one that found nothing.
+        reports.put((first, RuntimeError(traceback.format_exc())))
+
+
+def _search(problem: PlanProblem, search: PlanOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
     if search.replay is not None:
         start, last = search.replay
         objective = ExcitationObjective(problem.of_start(start))

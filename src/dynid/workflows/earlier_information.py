@@ -124,11 +124,18 @@ def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progr
 def _of_result(base: BaseModel, found: Identification) -> Floats:
     from dynid.estimation.parameter_posterior import parameter_posterior
 
-    if tuple(found.names) != base.reduction.base_names:
+    names = {name: k for k, name in enumerate(found.names)}
+    if not set(base.reduction.base_names) <= set(names):
         raise WrongUsage(
             f"{found.path} has other base parameters than the robot file", fix="identify again with this robot file"
         )
-    return parameter_posterior(found).information
+    # Why some: a motion is planned without the effects of the robot file, whatever they are.
+    some = [names[name] for name in base.reduction.base_names]
+    others = [k for k in names.values() if k not in some]
+    information = parameter_posterior(found).information
+    shared = information[np.ix_(some, others)]
+    rest = shared @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ shared.T if others else 0.0
+    return np.asarray(information[np.ix_(some, some)] - rest)
 
 
 def _of_trajectory(base: BaseModel, planned: StoredTrajectory, noise: Floats) -> Floats:

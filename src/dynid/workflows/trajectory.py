@@ -424,7 +424,7 @@ def plan_trajectory(
 
     options = replace(options, **changes)
     begin = time.monotonic()
-    base = base or base_model(robot, progress=progress)
+    base = _plain(base or base_model(robot, progress=progress), progress)
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
     noise, source = torque_noise(robot, options.noise, before, options.rate)
     known = earlier_information(base, before, noise, progress)
@@ -490,6 +490,19 @@ def require_teaching(plan: Plan, context: PlanningContext) -> None:
         reasons.insert(0, f"it has {plan.options.duration:g} s")
     error = f"{full.torque_error:.2g} N m to expect on other motions after a log of it at full speed"
     raise PlanTeachesLittle(f"{error}, more than the {noise:.2g} N m of noise in one sample: {', '.join(reasons)}")
+
+
+def _plain(base: BaseModel, progress: Progress) -> BaseModel:
+    """Return the base model that motions are planned with: without the effects of the robot file.
+
+    Why: some effects follow the whole motion, and none has a slope that a search could go down.
+    """
+    from dynid.workflows.model import base_model
+
+    if not base.robot.effects:
+        return base
+    progress.stage("effects", "the motion is planned without those of the robot file")
+    return base_model(replace(base.robot, effects=()))
 
 
 def _given_path(
@@ -644,7 +657,7 @@ def review_trajectory(
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
-    context = planning_context(base or base_model(robot, progress=progress), options)
+    context = planning_context(_plain(base or base_model(robot, progress=progress), progress), options)
     trajectory = trajectory_of(stored)
     require_within_limits(context.check(trajectory), options.margin)
     shown = _shown(drawing or Drawing(), context, trajectory)

@@ -207,6 +207,16 @@ def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
     assert reduction.rank == reduce(model).rank + 1
 
 
+def test_two_waves_on_one_joint_have_names_of_their_own_and_one_effect_twice_is_an_error(model):
+    def with_waves(*k):
+        effects = tuple(EffectSpec("torque_ripple", (model.robot.joint_names[2],), {"k": each}) for each in k)
+        return replace(model, robot=replace(model.robot, effects=effects)).parameter_names[-4:]
+
+    assert with_waves(7.0, 14.0) == ("torque_ripple3_a", "torque_ripple3_b", "torque_ripple3_a_2", "torque_ripple3_b_2")
+    with pytest.raises(WrongRobotFile, match="torque_ripple is there twice on"):
+        with_waves(7.0, 7.0)
+
+
 def test_an_unknown_effect_is_an_error_with_a_suggestion(model):
     robot = replace(model.robot, effects=(EffectSpec("stribek", ("lwr_2_joint",)),))
     with pytest.raises(WrongRobotFile, match="did you mean 'stribeck'"):
