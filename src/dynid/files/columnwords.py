@@ -91,6 +91,7 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
 
 def _paired(families: dict[str, frozenset[str]]) -> dict[str, str]:
     """Return the best families of positions and torques that have the same members, and what goes with them."""
+    families = {pattern: each for pattern, each in families.items() if len(each) > 1}
     told = {pattern: _meaning(pattern) for pattern in families}
     # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
     efforts: dict[frozenset[str], str] = {}

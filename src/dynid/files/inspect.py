@@ -36,6 +36,11 @@ class Joints:
     log: Log
 
     @property
+    def has_torques(self) -> bool:
+        """Whether any effort is a number."""
+        return bool(np.isfinite(self.log.tau).any())
+
+    @property
     def units(self) -> dict[str, str]:
         """Likely units of ``position`` and ``effort``."""
         q, tau = self.log.q, self.log.tau
@@ -72,12 +77,13 @@ class Inspected:
         """Return the part of a robot file that reads this recording, "" where nothing can be told."""
         if not self.joints:
             return f"driver:\n  kind: generic\n  {tablelog.snippet(self.patterns)}" if self.patterns else ""
-        chosen = max(self.joints, key=lambda each: len(each.log))
+        # Why torques first: commands are published as joint states too, and more often.
+        chosen = max(self.joints, key=lambda each: (each.has_torques, len(each.log)))
         lines = ["driver:", "  kind: generic"]
         if chosen.topic:
             lines.append(f"  topic: {yaml_word(chosen.topic)}")
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
-        if chosen.topic and not np.isfinite(chosen.log.tau).any() and arrays:
+        if chosen.topic and not chosen.has_torques and arrays:
             lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
         if chosen.log.names and (not self.patterns or "name" in self.patterns or "{name}" in self.patterns["position"]):
             names = ", ".join(map(yaml_word, chosen.log.names))

@@ -233,12 +233,13 @@ def inspected(path: Path, options: LogOptions) -> Checked:
     described = []
     for each in found.joints:
         log, units = each.log, each.units
+        effort = units["effort"] if each.has_torques else "no torques"
         rate = (len(log) - 1) / log.duration if log.duration > 0 else 0.0
         span = [float(value) for value in log.q.max(axis=0) - log.q.min(axis=0)]
         lines += [
             ("joints", f"{each.topic} {', '.join(log.names) or f'{log.n} without names'}".strip()),
             ("samples", f"{len(log)}, {log.duration:.1f} s, {rate:.1f} Hz"),
-            ("units", f"likely {units['position']} (span {max(span):.2f}) and {units['effort']}"),
+            ("units", f"likely {units['position']} (span {max(span):.2f}) and {effort}"),
         ]
         described.append(
             {

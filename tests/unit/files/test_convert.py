@@ -14,7 +14,7 @@ from dynid.workflows.check import inspected
 from dynid.workflows.convert import convert
 from dynid.workflows.logs import LogOptions
 from makelogs import lwr, lwr_log
-from recordings import of_ros2, write_rosbag2
+from recordings import of_ros2, ros2_state, stamps, write_rosbag2
 
 TOPIC = "/lwr/joint_states"
 
@@ -78,6 +78,15 @@ def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
     robot = parse_robot(text, tmp_path / "x.yaml")
     assert robot.log_names == log.names
     assert robot.driver.topic == TOPIC
+
+
+def test_joint_states_with_torques_go_before_commands_that_come_more_often(log, tmp_path):
+    few = take_samples(log, np.arange(0, 300, 3))
+    commands = [("/commands", ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    messages = sorted([*of_ros2(few, TOPIC), *commands], key=lambda entry: entry[1])
+    found = inspected(write_rosbag2(tmp_path / "bag", messages), LogOptions())
+    assert f"topic: {TOPIC}" in found.facts["snippet"]
+    assert ["no torques" in text for label, text in found.description if label == "units"] == [False, True]
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])
