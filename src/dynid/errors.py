@@ -344,10 +344,10 @@ class JointStill(DynidError):
 
 
 class PoorlyExcited(DynidError):
-    """The condition number of the observation matrix is very large."""
+    """What the log leaves open would cost the plain estimate half of the torque of an exciting motion, or more."""
 
     code, status = "E402", ExitStatus.DATA
-    why = "noise is amplified by that factor"
+    why = "some parameters are known only through what is left of noise"
     fix = "plan a better motion: dynid trajectory ROBOT --optimise"
 
 

@@ -18,7 +18,7 @@ from dynid.estimation.findings import (
 )
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
 from dynid.estimation.model_error import ModelError, squares
-from dynid.estimation.posterior import Posterior, contradicts, expected_error, physical_posterior
+from dynid.estimation.posterior import Posterior, contradicts, expected_error, physical_posterior, uncertainty
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined
@@ -170,7 +170,8 @@ def estimate(
     in_force, choice = _in_force(stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
     physical = in_force == "physical"
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
-    excitation = excitation_findings(stack, plain, drop_weak=drop_weak or physical)
+    cost = uncertainty(base, plain.covariance, post.theta)
+    excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
     sets = _sets(base, plain, post)

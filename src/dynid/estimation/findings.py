@@ -17,7 +17,10 @@ from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 
-#: Beyond this condition number with normalised columns, a percent of noise becomes tens of percent of parameter.
+#: Torque error on an exciting motion that what a log leaves open costs, from which on it counts as poorly excited [%].
+#: A condition number would hang on the choice of base columns.
+POOR = 50.0
+#: Beyond this condition number with normalised columns a plain estimate contradicts no possible arm.
 LARGE_CONDITION = 1000.0
 #: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
 CONTRADICTION = 1.5
@@ -97,12 +100,13 @@ def _reason(base: BaseModel, stack: Stack, k: int) -> str:
     return f"{joint.name} covers {max(spans):.2g} {unit} only, so gravity and speed change little"
 
 
-def excitation_findings(stack: Stack, plain: Fit, *, drop_weak: bool) -> tuple[Finding, ...]:
+def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: bool) -> tuple[Finding, ...]:
     """Say when the logs do not determine all base parameters, or some only through what is left of noise.
 
     Args:
         stack: the stacked logs.
         plain: their fit.
+        cost: torque error on an exciting motion that its uncertain parameters cost [%].
         drop_weak: go on nevertheless.
 
     Raises:
@@ -119,12 +123,16 @@ def excitation_findings(stack: Stack, plain: Fit, *, drop_weak: bool) -> tuple[F
             raise RankDeficient(text, fix=fix)
         return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
     condition = plain.solution.condition_number_scaled
-    if condition > LARGE_CONDITION:
-        text = f"condition number {condition:.0f} (good: below 100): parameters are {condition / 100:.0f} x noisier"
+    if cost > POOR:
+        text = (
+            f"what this log hardly tells of the parameters costs the plain estimate {cost:.3g} % of the torque of an "
+            f"exciting motion; condition number {condition:.0f} (good: below 100)"
+        )
         if not drop_weak:
             fix = "plan a motion that tells more: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
             raise PoorlyExcited(text, fix=fix)
-        return (Finding("W402", "warning", text, {"condition_number_scaled": condition}),)
+        evidence = {"expected_percent": cost, "condition_number_scaled": condition}
+        return (Finding("W402", "warning", text, evidence),)
     return ()
 
 

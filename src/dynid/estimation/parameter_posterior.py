@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation.body_prior import COUNTED, curvature
 from dynid.estimation.least_squares import merge
-from dynid.estimation.model_error import random_states
 from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of
-from dynid.estimation.posterior import EXCITING_FREQUENCY, exciting_speed
+from dynid.estimation.posterior import exciting_states
 from dynid.model.prior import prior_base_parameters
 
 if TYPE_CHECKING:
@@ -117,9 +116,7 @@ def prior_information(base: BaseModel) -> Floats:
         base: model and base parameters.
     """
     constraints, K = constraints_of(base), base.reduction.K
-    speed = exciting_speed(base)
-    q, qd, _ = random_states(base.robot, speed, seed=1)
-    qdd = np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
+    q, qd, qdd = exciting_states(base)
     W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
     theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
     torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))

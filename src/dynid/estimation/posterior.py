@@ -18,6 +18,7 @@ from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.model_error import (
     GROUP_NAMES,
     NOTHING,
+    STATES,
     WANTED,
     ModelError,
     Whitened,
@@ -53,6 +54,8 @@ LARGE_WANTED, SUSPECTS, MOST_FREE = 10.0, 3, 3
 NONE = np.full(len(GROUP_NAMES), NOTHING)
 #: Rms speed of an exciting motion, as a share of the velocity limits, and its mean frequency [Hz].
 EXCITING_SPEED, EXCITING_FREQUENCY = 0.2, 0.3
+#: States of it that tell how uncertain a log leaves it.
+FEW_STATES = 200
 #: Rms speed of a joint without a velocity limit: turning [rad/s], sliding [m/s].
 FREE_SPEED = {True: 0.5, False: 0.1}
 
@@ -239,9 +242,7 @@ def expected_error(
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
     noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else BEYOND)
     observer = base.model.observer(base.reduction.base)
-    speed = exciting_speed(base)
-    q, qd, _ = random_states(base.robot, speed, seed=1)
-    qdd = np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
+    q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)
     tau = W @ theta
     if error is None:
@@ -258,10 +259,24 @@ def expected_error(
     )
 
 
-def exciting_speed(base: BaseModel) -> Floats:
-    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
+def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float:
+    """Return the torque error on an exciting motion that uncertain parameters cost [%], whatever the base columns are.
+
+    Args:
+        base: model and base parameters.
+        covariance: of the parameters, (p, p).
+        reference: possible parameters, whose torques on that motion are 100 %, (p,).
+    """
+    W = base.model.observer(base.reduction.base).dense(*exciting_states(base, FEW_STATES))
+    return _percent(np.sum((W @ covariance_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
+
+
+def exciting_states(base: BaseModel, count: int = STATES) -> tuple[Floats, Floats, Floats]:
+    """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
     limits = [(joint.limits.velocity, joint.revolute) for joint in base.robot.joints]
-    return np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
+    speed = np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
+    q, qd, _ = random_states(base.robot, speed, count, seed=1)
+    return q, qd, np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
 
 
 def _percent(error: float, torque: float) -> float:
