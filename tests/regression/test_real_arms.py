@@ -4,11 +4,13 @@ These numbers come from recordings and say what an earlier run reached; the boun
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from gap_real import ball_torque, read
 
 from dynid.estimation import result
 from dynid.estimation.observation_rows import rows_of
@@ -16,7 +18,7 @@ from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters
 from dynid.robot import Body
-from dynid.workflows.gap import find_gap
+from dynid.workflows.gap import GapOptions, find_gap
 from dynid.workflows.identify import IdentifyOptions, identify
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
 from dynid.workflows.validate import ValidateOptions, validate
@@ -142,6 +144,26 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     assert unseen[1].relative_error_percent == pytest.approx(2.83, abs=0.08)
     alone = [validate(r, runs_of_the_lwr[3], ValidateOptions(residual_model=False)) for r in (before, after)]
     assert alone[1].relative_error_percent < 0.98 * alone[0].relative_error_percent
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_load_put_on_or_taken_off_between_two_motions_of_a_ur10_has_its_mass_inside_its_interval(
+    recordings, direction
+):
+    """A ball of 2.805 kg, whose torques Pinocchio gives: model from the first 60 % of the log, change in the rest."""
+    mass, centre, arm = 2.805, np.array([0.01, 0.02, 0.04]), load_robot("ur10")
+    parts = [read(recordings / f"ur10_salerno/exc.npz:{share}", arm) for share in ("0:0.6", "0.6:1")]
+    loaded = 1 if direction > 0 else 0
+    part = parts[loaded]
+    parts[loaded] = replace(part, tau=part.tau + mass * ball_torque(arm, part.t, part.q), qd=None)
+    kept = identify(arm, parts[0], IdentifyOptions(holdout=None, drop_weak=True))
+    gap = find_gap(kept, [parts[1]], GapOptions(ask="changed"), earlier=[parts[0]])
+    assert [one.effect for one in gap.named] == ["payload"]
+    found, error = gap.named[0].values, gap.named[0].std_errors
+    truth = direction * mass * np.array([1.0, *centre])
+    for name, true in zip(("m", "mcx", "mcy", "mcz"), truth, strict=True):
+        assert abs(found[name] - true) < 1.96 * error[name]
+    assert error["m"] < 0.1
 
 
 def test_intervals_of_two_runs_agree(results_of_the_lwr):

@@ -58,11 +58,13 @@ class IdentifiedPayload:
         std_error: of mass [kg], centre of mass [m] and inertia xx, xy, xz, yy, yz, zz [kg m^2], (10,).
         misfit: how much worse the change of the base parameters is explained by a body than its errors allow; 1 is
             as expected. Errors are widened by its root.
+        covariance: of mass, first moments and inertia about the frame's origin, ``body.parameters()``, (10, 10).
     """
 
     body: Body
     std_error: Floats
     misfit: float
+    covariance: Floats
 
     @property
     def numbers(self) -> Floats:
@@ -285,7 +287,8 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
         fit = fit_pooled(R, r, make_constraints(parameters, _ball(x).parameters()))[0]
         x = fit.x
     J = _shown_by(fit.x)
-    return IdentifiedPayload(body_of(fit.x), np.sqrt(np.diagonal(J @ fit.covariance @ J.T)), misfit)
+    covariance = fit.covariance
+    return IdentifiedPayload(body_of(fit.x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit, covariance)
 
 
 def _ball(phi: Floats) -> Body:
@@ -297,7 +300,7 @@ def _ball(phi: Floats) -> Body:
 
 
 def _shown(x: Floats) -> Floats:
-    return IdentifiedPayload(body_of(x), np.zeros(10), 0.0).numbers
+    return IdentifiedPayload(body_of(x), np.zeros(10), 0.0, np.zeros((10, 10))).numbers
 
 
 def _shown_by(x: Floats) -> Floats:

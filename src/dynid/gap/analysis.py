@@ -283,8 +283,11 @@ def replays(
         effects: what it found.
         regression: refitted with these effects.
     """
+    # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
+    old = [k for k, s in enumerate(problem.segments) if problem.change is None or not s.fresh]
+    kept = replace(problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old])
     try:
-        before = simulate_held_out(problem, problem.regression(nuisance=False), [])
+        before = simulate_held_out(problem, kept.regression(nuisance=False), [])
         after = simulate_held_out(search.problem, regression, with_columns(effects)) if effects else before
     except PackageMissing:
         return None

@@ -16,6 +16,7 @@ from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats
+from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.model.reference import model_torques
 from dynid.signals.conditioned_log import arm_motion
 from dynid.sim.replay import Replay, replay
@@ -46,12 +47,18 @@ def simulate_held_out(
         return None
     p = base.reduction.rank
     theta = nearest_possible(base, regression.fit.theta[:p], regression.fit.inverse[:p, :p])
+    carried = [one for one in selected if one.name == "payload" and base.robot.n in body_columns(base.model.parameters)]
+    theta = theta + sum((load_parameters(base, one) for one in carried), np.zeros(p))
     segment = rows.log.segments[0]
     first, last = rows.t[problem.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
     motion = arm_motion(segment, rows.log.filter, base.model, model_torques(base.model, base.reduction, theta))
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
     extra = own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
+    # Why not as a torque: what is carried moves with the arm, which is lighter without it and follows noise further.
+    extra -= effect_torque(
+        motion, carried, np.array([one.values[name] for one in carried for name in one.amplitudes])
+    ).T
     tau = segment.tau[part] - extra[part]
     some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
     if least_inertia(base, theta, segment.q[some]) < LEAST_INERTIA:
@@ -70,6 +77,22 @@ def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floa
     """
     R, K = information_root(covariance), base.reduction.K
     return np.asarray(K @ fit_pooled(R @ K, R @ theta, constraints_of(base))[0].x)
+
+
+def load_parameters(base: BaseModel, load: SelectedEffect) -> Floats:
+    """Return by how much a load on the last link changes the base parameters, (p,).
+
+    Args:
+        base: model and base parameters.
+        load: the effect, with values; where its inertia is not known, its mass is taken to be in one point.
+    """
+    m, *first = (load.values.get(name, 0.0) for name in BODY_PARAMETERS[:4])
+    c = np.array(first) / m if m else np.zeros(3)
+    J = m * (c @ c * np.eye(3) - np.outer(c, c))
+    body = np.array([m, *first, *J[np.triu_indices(3)]])
+    if all(name in load.values for name in BODY_PARAMETERS):
+        body = np.array([load.values[name] for name in BODY_PARAMETERS])
+    return np.asarray(base.reduction.K[:, body_columns(base.model.parameters)[base.robot.n]] @ body)
 
 
 def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:

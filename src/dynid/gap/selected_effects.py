@@ -67,6 +67,11 @@ class SelectedEffect:
         return abs(self.values[name] - null) / error
 
     @property
+    def amplitudes(self) -> list[str]:
+        """Names of its amplitudes."""
+        return list(self.effect.amplitudes(self.shape))
+
+    @property
     def units(self) -> dict[str, str]:
         """Units of its parameters by name."""
         return self.effect.amplitudes(self.shape) | dict(self.effect.shape_units)

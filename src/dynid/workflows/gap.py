@@ -489,6 +489,7 @@ class _Search:
             now = relative_error(conditioned, self.base, self.result.theta)
             then = relative_error(before, self.base, self.result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
+            analysis = self._weighed(analysis, logs) if earlier else analysis
         made_from = str(self.result.path) if self.result.path.name else ""
         record = record_of(analysis, self.base.robot, question, why, made_from)
         return _with_methods(
@@ -499,6 +500,28 @@ class _Search:
             before=tuple(earlier),
             signals=options,
         )
+
+    def _weighed(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
+        """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
+        from dynid.errors import DynidError
+        from dynid.estimation.payload import find_payload
+        from dynid.gap.loads import named_load, weighed
+        from dynid.workflows.identify import IdentifyOptions, identify
+
+        load, result = named_load(analysis), self.result
+        if load is None or result.robot.torque.relative:
+            return analysis
+        options = IdentifyOptions(
+            holdout=None, drop_weak=True, cutoff=result.cutoff or None, delay=result.delay, exclude=self.options.exclude
+        )
+        try:
+            now = identify(self.base.robot, logs, options, base=self.base)
+            # Why the other way round: what was taken off hung there when the model was identified.
+            loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
+            return weighed(analysis, load, find_payload(loaded, bare))
+        except DynidError:
+            # Why nothing is said: the load is there, and the search has numbers of its own.
+            return analysis
 
     def conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""

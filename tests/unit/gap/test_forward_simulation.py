@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+import twolink
 from dynid.files.robotfile import load_robot
-from dynid.gap.forward_simulation import least_inertia, nearest_possible
+from dynid.gap.forward_simulation import least_inertia, load_parameters, nearest_possible
+from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
@@ -44,3 +47,22 @@ def test_fitted_parameters_of_an_arm_stay(arm):
     sigma = 1e-4 * (1 + np.abs(truth))
     found = nearest_possible(base, truth, np.diag(sigma**2))
     assert np.abs((found - truth) / sigma).max() < 0.5
+
+
+def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(twolinks, monkeypatch):
+    """A mass in a point beyond the tip of the forearm, whose frame is at the tip: 0.3 m from the elbow."""
+    m, beyond = 0.7, 0.05
+    _, q, qd, qdd = twolink.motion(1, 2.0)
+    bare = twolink.torque(q, qd, qdd)
+    (m1, m2), (r1, r2), (i1, i2) = twolink.MASS, twolink.COM, twolink.INERTIA
+    at, both = 0.3 + beyond, m2 + m
+    r = (m2 * r2 + m * at) / both
+    monkeypatch.setattr(twolink, "MASS", (m1, both))
+    monkeypatch.setattr(twolink, "COM", (r1, r))
+    monkeypatch.setattr(twolink, "INERTIA", (i1, i2 + m2 * (r2 - r) ** 2 + m * (at - r) ** 2))
+    load = SelectedEffect(
+        CATALOGUE["payload"], (), {"form": 4.0}, None, 0.0, values={"m": m, "mcx": m * beyond, "mcy": 0.0, "mcz": 0.0}
+    )
+    base = twolinks.base
+    W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
+    assert W @ load_parameters(base, load) == pytest.approx(twolink.torque(q, qd, qdd) - bare, abs=1e-9)
