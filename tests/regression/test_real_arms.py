@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from gap_real import ball_torque, read
 
 from dynid.estimation import result
 from dynid.estimation.observation_rows import rows_of
@@ -22,6 +21,7 @@ from dynid.workflows.gap import GapOptions, find_gap
 from dynid.workflows.identify import IdentifyOptions, identify
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
 from dynid.workflows.validate import ValidateOptions, validate
+from gap_real import ball_torque, read
 
 pytestmark = pytest.mark.data
 
