@@ -12,6 +12,7 @@ from dynid.errors import Finding
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.text import visible
+from dynid.threads import one_thread
 from dynid.units import joint_unit
 from dynid.workflows.logs import LogOptions, checked_log, read_log
 from dynid.workflows.robots import load_robot
@@ -62,6 +63,7 @@ class Checked:
         return "\n".join(visible(f"{label:<10} {text}") for label, text in lines)
 
 
+@one_thread
 def check(
     paths: Sequence[str | Path],
     robot: Robot | None = None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import WrongUsage
 from dynid.options import share_or_none
 from dynid.table import Table
+from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -195,6 +196,7 @@ class RunComparison:
         )
 
 
+@one_thread
 def compare(
     results: Sequence[Identification],
     *,

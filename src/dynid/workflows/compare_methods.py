@@ -12,6 +12,7 @@ from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.table import Table
+from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions
 from dynid.workflows.parameters import observe
 
@@ -130,6 +131,7 @@ class MethodComparison:
         }
 
 
+@one_thread
 def compare_methods(
     robot: Robot,
     logs: Log | Sequence[Log],

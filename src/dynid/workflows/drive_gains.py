@@ -11,6 +11,7 @@ from dynid.errors import WrongUsage
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
 from dynid.workflows.model import base_model
 
@@ -27,6 +28,7 @@ def needs_gains(robot: Robot, log: Log) -> bool:
     return robot.torque.source == "motor_current" or in_amperes(log, robot)
 
 
+@one_thread
 def find_drive_gains(
     robot: Robot,
     logs: Log | Sequence[Log],

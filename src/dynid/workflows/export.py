@@ -11,6 +11,7 @@ from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
+from dynid.threads import one_thread
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
@@ -152,6 +153,7 @@ class ExportedModel:
         }
 
 
+@one_thread
 def export(
     result: Identification,
     path: Path | str,

@@ -15,6 +15,7 @@ from dynid.options import option, share
 from dynid.progress import SILENT, Progress
 from dynid.robot import EffectSpec, Robot
 from dynid.table import Table
+from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, load_log
 from dynid.workflows.results import base_model_of
 
@@ -386,6 +387,7 @@ def _with_methods(record: GapRecord, **more: Any) -> Gap:  # noqa: ANN401
     return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, **more)
 
 
+@one_thread
 def find_gap(
     result: Identification,
     logs: Log | Sequence[Log],

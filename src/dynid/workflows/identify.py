@@ -12,6 +12,7 @@ from dynid.log import Log
 from dynid.options import option, share
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
 from dynid.workflows.parameters import Observations, observe, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
@@ -85,6 +86,7 @@ class IdentifyOptions(PriorOptions, LogOptions):
     drop_weak: bool = option(False, "Go on when the log does not determine all parameters, or only just.")
 
 
+@one_thread
 def identify(
     robot: Robot,
     logs: Log | Sequence[Log] | Observations,
@@ -271,6 +273,7 @@ def answer_of(found: Identification) -> dict[str, Any]:
     }
 
 
+@one_thread
 def find_payload(loaded: Identification, unloaded: Identification) -> IdentifiedPayload:
     """Return the body that the loaded arm has in addition on its last link.
 
@@ -286,6 +289,7 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     return payload.find_payload(loaded, unloaded)
 
 
+@one_thread
 def sensitivity(
     result: Identification,
     logs: Log | Sequence[Log],

@@ -13,6 +13,7 @@ from dynid.log import Log
 from dynid.options import Options, delay_or_auto, frequency_or_auto, intervals, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from dynid.model.regressor import Model
@@ -72,6 +73,7 @@ def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions())
         return logs.read_log(Path(path), robot=robot, topic=options.topic, rate=options.rate)
 
 
+@one_thread
 def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
     """Return a recording in DH quantities of an arm, checked; its ``findings`` say what was noticed.
 
@@ -87,6 +89,7 @@ def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(),
     return checked_log(read_log(path, robot, options), robot, options, identify=identify)
 
 
+@one_thread
 def checked_log(
     log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True, alone: bool = True
 ) -> Log:

@@ -12,6 +12,7 @@ from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.text import whole_number
+from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
@@ -271,6 +272,7 @@ def reduce_model(
     return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
 
 
+@one_thread
 def base_model(
     robot: Robot, folder: Path | None = None, progress: Progress = SILENT, *, options: ModelOptions = ModelOptions()
 ) -> BaseModel:

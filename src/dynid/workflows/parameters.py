@@ -12,6 +12,7 @@ from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals.repeats import without_copies
+from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log
 from dynid.workflows.model import base_model
 
@@ -121,6 +122,7 @@ class Observations:
         return path
 
 
+@one_thread
 def observe(
     robot: Robot,
     logs: Log | Sequence[Log],
@@ -177,6 +179,7 @@ def stack_logs(
     )
 
 
+@one_thread
 def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) -> Observations:
     """Read what ``Observations.save`` wrote.
 

@@ -26,6 +26,7 @@ from dynid import limits
 from dynid.errors import Finding, LogTooShort, SameRecording, WorkerDiffers, WrongUsage
 from dynid.options import delay_or_auto, frequency_or_auto
 from dynid.progress import SILENT, Progress
+from dynid.threads import one_thread
 from dynid.version import __version__
 from dynid.workflows.cluster import Of, Pool, Task
 from dynid.workflows.logs import LogOptions, checked_log, read_log
@@ -117,6 +118,7 @@ class Folded:
     samples: int
 
 
+@one_thread
 def identify_in_pieces(
     arm: Arm,
     logs: Sequence[Path],

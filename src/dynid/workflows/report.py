@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.progress import SILENT, Progress
+from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
@@ -57,6 +58,7 @@ class Report:
         return f"{sentences}<ul>{lights}</ul>"
 
 
+@one_thread
 def report(result: Identification, *, progress: Progress = SILENT) -> Report:
     """Make the report of a result and of what lies beside its file: validations, stack, search for missing effects.
 

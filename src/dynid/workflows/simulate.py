@@ -18,6 +18,7 @@ from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.text import whole_number
+from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
@@ -89,6 +90,7 @@ class Simulation:
         }
 
 
+@one_thread
 def simulate(
     robot: Robot,
     motion: Motion,

@@ -21,6 +21,7 @@ from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.table import Table
+from dynid.threads import one_thread
 from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.scene import Scene
@@ -375,6 +376,7 @@ def show_in_window(robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Pat
         yield
 
 
+@one_thread
 def plan_trajectory(
     robot: Robot,
     options: PlanOptions = PlanOptions(),  # noqa: B008

@@ -11,6 +11,7 @@ from dynid.log import Log
 from dynid.options import option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
+from dynid.threads import one_thread
 from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 from dynid.workflows.results import base_model_of
@@ -243,6 +244,7 @@ class Validation:
         return write_motion_figures(folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}")
 
 
+@one_thread
 def validate(
     result: Identification,
     log: Log,

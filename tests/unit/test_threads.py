@@ -1,0 +1,51 @@
+"""Linear algebra has one thread while dynid computes, and as many as before afterwards."""
+
+import inspect
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import dynid
+from dynid.progress import Silent
+from dynid.threads import one_thread
+
+
+def threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+@pytest.fixture
+def two_threads():
+    with threadpool_limits(limits=2, user_api="blas"):
+        yield threads()
+
+
+def test_threads_come_back_after_the_work_and_after_a_mistake(two_threads):
+    assert one_thread(threads)() == {1}
+    assert threads() == two_threads
+
+    @one_thread
+    def wrong():
+        raise ValueError
+
+    with pytest.raises(ValueError):
+        wrong()
+    assert threads() == two_threads
+
+
+def test_every_public_function_that_computes_has_one_thread():
+    free = {"load", "load_robot", "earlier_logs"}
+    functions = {name for name in dynid.__all__ if inspect.isfunction(getattr(dynid, name))}
+    assert {name for name in functions if not hasattr(getattr(dynid, name), "__wrapped__")} == free
+
+
+def test_what_is_told_on_the_way_is_told_with_one_thread(two_threads):
+    seen = []
+
+    class Probe(Silent):
+        def stage(self, name, text=""):
+            seen.append(threads())
+
+    dynid.base_model(dynid.load_robot("kuka_lwr4plus"), progress=Probe())
+    assert seen
+    assert all(one == {1} for one in seen)
