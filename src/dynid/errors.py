@@ -562,6 +562,14 @@ class WorkerDiffers(DynidError):
     fix = "install the same dynid on all workers, and run from a folder that all of them have"
 
 
+class OutOfMemory(DynidError):
+    """The machine has no memory left for what was asked."""
+
+    code, status = "E611", ExitStatus.MACHINE
+    why = "nothing was written: numbers from part of a log would be other ones"
+    fix = "give a shorter log or fewer effects, end other programs, or use another machine"
+
+
 class StaleCache(DynidError):
     """A model was made from another version of the robot file, and --frozen forbids to rebuild it."""
 

@@ -105,6 +105,8 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
     said = ended.out + ended.err
     if "Traceback" in said or "internal error" in said:
         found.append("traceback")
+    if "E611" in said:
+        found.append("beyond its memory")
     # Why not a list: escape sequences, and characters that reorder or hide text, are all that is not printable.
     if not said.replace("\n", "").isprintable():
         found.append("control characters on the terminal")

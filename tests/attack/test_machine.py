@@ -148,6 +148,17 @@ def test_run_yaml_that_is_no_file_is_no_trap(place, folder):
     assert ended.status in (0, 2, 3, 6), ended
 
 
+def test_without_memory_a_command_says_so_and_writes_nothing(folder):
+    def nothing(*words: object, **more: object) -> None:
+        raise MemoryError("Unable to allocate 2 TiB")
+
+    words = ["identify", "arm.yaml", "log.csv", "--out", "out/new", *FLAGS]
+    ended = run(words, folder, prepare=lambda: setattr(np.linalg, "qr", nothing))
+    looked_at(ended, folder / "out" / "new", {6})
+    assert "error[E611] there is not enough memory: Unable to allocate 2 TiB" in ended.err
+    assert not (folder / "out" / "new" / "parameters.npz").exists()
+
+
 @pytest.mark.parametrize("stream", [1, 2])
 def test_a_terminal_on_a_full_disk_is_no_crash(stream, folder):
     def full() -> None:

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 import click
 
 from dynid.cli import failure
-from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, WrongUsage
+from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, OutOfMemory, WrongUsage
 from dynid.version import __version__
 
 
@@ -201,6 +201,8 @@ def run(args: Sequence[str]) -> int:
             if not failure.is_users(error):
                 return failure.crash(error, told)
             return failure.report(failure.os_error(error), told)
+        except MemoryError as error:
+            return failure.report(OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), told)
         except Exception as error:  # noqa: BLE001
             return failure.crash(error, told)
 
