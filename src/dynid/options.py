@@ -94,20 +94,26 @@ class Options:
 
     def __post_init__(self) -> None:
         for declared in fields(self):
-            said = declaration_of(declared)
-            value = getattr(self, declared.name)
-            if said.read is not None:
-                object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
-            elif said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
-                raise WrongUsage(
-                    f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}"
-                )
-            low, high = said.bounds
-            if (low is not None and value < low) or (high is not None and value > high):
-                limits = " and ".join(
-                    f"{word} {bound:g}" for word, bound in (("at least", low), ("at most", high)) if bound is not None
-                )
-                raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}")
+            try:
+                self._read(declared)
+            except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+                what = f"{flag_of(declared)} {getattr(self, declared.name)!r:.60} is not possible: {error}"
+                raise WrongUsage(what, fix=declaration_of(declared).help) from error
+
+    def _read(self, declared: Field[Any]) -> None:
+        said = declaration_of(declared)
+        value = getattr(self, declared.name)
+        if said.read is not None:
+            object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
+        elif said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
+            raise WrongUsage(f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}")
+        low, high = said.bounds
+        # Why so: what is not a number is neither below nor above.
+        if (low is not None and not value >= low) or (high is not None and not value <= high):
+            limits = " and ".join(
+                f"{word} {bound:g}" for word, bound in (("at least", low), ("at most", high)) if bound is not None
+            )
+            raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}")
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynid.errors import DynidError, Finding
+from dynid.errors import DynidError, Finding, WrongUsage
 from dynid.log import Log
 from dynid.options import Options, delay_or_auto, frequency_or_auto, intervals, option
 from dynid.progress import SILENT, Progress
@@ -145,8 +145,18 @@ def condition_logs(
 
 
 def as_list(logs: Log | Iterable[Log]) -> list[Log]:
-    """Return one or several logs as a list."""
-    return [logs] if isinstance(logs, Log) else list(logs)
+    """Return one or several logs as a list.
+
+    Raises:
+        WrongUsage: there are none, or something else is among them.
+    """
+    found = [logs] if isinstance(logs, Log) else list(logs)
+    for each in found:
+        if not isinstance(each, Log):
+            raise WrongUsage(f"{each!r:.60} is no log", fix="dynid.load_log(path, robot)")
+    if not found:
+        raise WrongUsage("no log is given", fix="[dynid.load_log(path, robot)]")
+    return found
 
 
 @contextmanager

@@ -1,0 +1,69 @@
+"""What a notebook may hand over: numbers that no arm gives are errors of the catalogue, options of any kind are answered, names are text."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from inputs import ROBOT, motion
+
+import dynid
+from dynid.errors import DynidError, WrongUsage
+
+LOG = motion(4)
+#: Logs that no arm gives: time, positions, torques.
+LOGS = {
+    "no time": lambda t, q, tau: (np.full_like(t, np.nan), q, tau),
+    "no positions": lambda t, q, tau: (t, q * np.nan, tau),
+    "infinite torques": lambda t, q, tau: (t, q, tau * np.inf),
+    "1e300": lambda t, q, tau: (t, q * 1e300, tau * 1e300),
+    "1e-300": lambda t, q, tau: (t, q * 1e-300, tau * 1e-300),
+    "whole numbers": lambda t, q, tau: (t, q.astype(int), tau.astype(int)),
+    "complex": lambda t, q, tau: (t, q * 1j, tau),
+    "objects": lambda t, q, tau: (t, q.astype(object), tau),
+    "backwards": lambda t, q, tau: (t[::-1], q, tau),
+    "one sample": lambda t, q, tau: (t[:1], q[:1], tau[:1]),
+    "none": lambda t, q, tau: (t[:0], q[:0], tau[:0]),
+    "ten joints": lambda t, q, tau: (t, np.tile(q, 5), np.tile(tau, 5)),
+    "one dimension": lambda t, q, tau: (t, q[:, 0], tau[:, 0]),
+    "three dimensions": lambda t, q, tau: (t, q[None], tau[None]),
+    "text": lambda t, q, tau: (t, q.astype(str), tau),
+    "dates": lambda t, q, tau: (np.arange(len(t)).astype("M8[s]"), q, tau),
+}
+VALUES = (
+    None, float("nan"), float("inf"), "", "\0", b"x", [], {}, (), object(), np.zeros(3), np.zeros((0, 2)), np.array(["a"]), 10**400, "9" * 5000, len,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.yaml"
+    path.write_text(ROBOT)
+    return dynid.load_robot(path)
+
+
+@pytest.mark.parametrize("case", LOGS)
+def test_a_log_that_no_arm_gives_is_an_error_of_the_catalogue(case, arm):
+    with np.errstate(all="ignore"), pytest.raises(DynidError):
+        dynid.identify(arm, [dynid.Log(*LOGS[case](LOG.t, LOG.q, LOG.tau))])
+
+
+@pytest.mark.parametrize("logs", [[], (), {}, "log.npz", [None], np.zeros(3)], ids=repr)
+def test_what_is_no_log_is_said_to_be_none(logs, arm):
+    with pytest.raises(WrongUsage, match="no log"):
+        dynid.identify(arm, logs)
+
+
+@pytest.mark.parametrize("name", ["cutoff", "method", "holdout", "delay", "rate", "exclude"])
+def test_an_option_of_any_kind_is_taken_or_refused_in_a_sentence(name):
+    for value in VALUES:
+        try:
+            dynid.IdentifyOptions(**{name: value})
+        except WrongUsage as mistake:
+            assert mistake.what.startswith(f"--{name}")
+
+
+def test_names_are_text_in_a_notebook():
+    name = "<script>alert(1)</script>\x1b[31m\u202e"
+    html = dynid.Log(LOG.t, LOG.q, LOG.tau, (name, "elbow"))._repr_html_()
+    assert "<script" not in html
+    assert html.isprintable()
