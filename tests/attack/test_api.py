@@ -55,11 +55,14 @@ def test_what_is_no_log_is_said_to_be_none(logs, arm):
 
 @pytest.mark.parametrize("name", ["cutoff", "method", "holdout", "delay", "rate", "exclude"])
 def test_an_option_of_any_kind_is_taken_or_refused_in_a_sentence(name):
+    refused = []
     for value in VALUES:
         try:
             dynid.IdentifyOptions(**{name: value})
         except WrongUsage as mistake:
-            assert mistake.what.startswith(f"--{name}")
+            refused.append(mistake.what)
+    assert refused
+    assert all(what.startswith(f"--{name}") for what in refused)
 
 
 def test_names_are_text_in_a_notebook():
