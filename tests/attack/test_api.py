@@ -53,7 +53,7 @@ def test_what_is_no_log_is_said_to_be_none(logs, arm):
         dynid.identify(arm, logs)
 
 
-@pytest.mark.parametrize("name", ["cutoff", "method", "holdout", "delay", "rate", "exclude"])
+@pytest.mark.parametrize("name", ["cutoff", "method", "holdout", "delay", "exclude"])
 def test_an_option_of_any_kind_is_taken_or_refused_in_a_sentence(name):
     refused = []
     for value in VALUES:
