@@ -106,8 +106,8 @@ def hac_covariances(
         )
     series = [each.whole() for each in growing]
     lags = automatic_lags(series) if lags is None else lags
-    scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
     if bread is None:
+        scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     covariance = uncorrected = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
     if instants <= SHORT:

@@ -27,6 +27,8 @@ CHUNK = 512
 RANK_TOLERANCE = 1e-8
 #: Length of a column, relative to the longest, that is nothing but rounding.
 ROUNDING = 1e-15
+#: Rows that a joint must have beyond the parameters that they were spent on, before they say how noisy it is.
+LEAST_LEFT = 1.0
 #: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
 #: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
 UNSEEN, LARGEST_INFLATION = 2.0, 60.0
@@ -277,8 +279,9 @@ def _joint_noise(factors: Floats, counts: Ints, theta: Floats, noise: Floats, co
     scaled = factors[:, :, :-1] / noise[:, None, None]
     spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
     rms = joint_rms(factors, counts, theta)
-    freedom = np.array([_freedom(N, used) for N, used in zip(counts, spent, strict=True)])
-    return np.asarray(np.maximum(rms * np.sqrt(counts / freedom), _floor(factors, counts)))
+    # Why: what a joint's few rows leave of its noise says nothing once as many parameters were fitted to them.
+    found = rms * np.sqrt(counts / np.maximum(counts - spent, LEAST_LEFT))
+    return np.asarray(np.maximum(np.where(counts - spent > LEAST_LEFT, found, noise), _floor(factors, counts)))
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:

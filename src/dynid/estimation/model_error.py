@@ -62,6 +62,9 @@ WANTED = 4.0
 FAR = 5.0
 #: Random states inside the limits over which the columns are made orthogonal to the parameters.
 STATES = 1500
+#: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
+#: [rad/s], sliding [m/s].
+EXCITING_SPEED, FREE_SPEED = 0.2, {True: 0.5, False: 0.1}
 #: Reach of a joint without position limits: turning [rad], sliding [m].
 FREE_REACH = {True: np.pi, False: 0.3}
 
@@ -197,6 +200,12 @@ def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, proj
     D = shapes.copy()
     D[:, :, -1] *= np.abs(W @ reference)
     return np.asarray(D / scale - np.einsum("mjp,jpk->mjk", W, projection, optimize=True))
+
+
+def exciting_speed(robot: Robot) -> Floats:
+    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
+    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
+    return np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
 
 
 def random_states(robot: Robot, speed: Floats, count: int = STATES, seed: int = 0) -> tuple[Floats, Floats, Floats]:
@@ -345,7 +354,8 @@ def whitened_rows(
     speed = _rms_speed(stack.logs, len(stack.joints))
     factors = _folded(stack, speed, reference, noise, robust)
     counts = np.maximum(stack.whole[1], 1)
-    scale = np.maximum(np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None], 1e-9)
+    scale = np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None]
+    scale = np.where(scale > 1e-9, scale, 1.0)  # a joint without rows has no columns of unit size
     projection = _projection(base, speed, reference, scale)
     weight = 1.0 / (noise * np.sqrt(inflation))
     factors = _changed(factors, scale, projection) * weight[:, None, None]
@@ -467,8 +477,12 @@ def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
 
 
 def _projection(base: BaseModel, speed: Floats, reference: Floats, scale: Floats) -> Floats:
-    """Regress the columns on the parameters over random states inside the limits, (n, p, k)."""
-    q, qd, qdd = random_states(base.robot, speed)
+    """Regress the columns on the parameters over random states inside the limits, (n, p, k).
+
+    Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
+    with the speed of another motion without bounds.
+    """
+    q, qd, qdd = random_states(base.robot, np.maximum(speed, exciting_speed(base.robot)))
     observer = base.model.observer(base.reduction.base)
     W = observer.dense(q, qd, qdd)
     D = shapes_of(q, qd, observer.coulomb_sign(qd), speed)

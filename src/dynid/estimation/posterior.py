@@ -25,6 +25,7 @@ from dynid.estimation.model_error import (
     best_size,
     covariance_root,
     evidence_gain,
+    exciting_speed,
     model_error,
     orthogonal,
     random_states,
@@ -52,12 +53,10 @@ NOISE_FREE = 1e-6
 LARGE_WANTED, SUSPECTS, MOST_FREE = 10.0, 3, 3
 #: Sizes of the groups without any model error.
 NONE = np.full(len(GROUP_NAMES), NOTHING)
-#: Rms speed of an exciting motion, as a share of the velocity limits, and its mean frequency [Hz].
-EXCITING_SPEED, EXCITING_FREQUENCY = 0.2, 0.3
+#: Mean frequency of an exciting motion [Hz].
+EXCITING_FREQUENCY = 0.3
 #: States of it that tell how uncertain a log leaves it.
 FEW_STATES = 200
-#: Rms speed of a joint without a velocity limit: turning [rad/s], sliding [m/s].
-FREE_SPEED = {True: 0.5, False: 0.1}
 
 
 @dataclass(frozen=True)
@@ -273,8 +272,7 @@ def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float
 
 def exciting_states(base: BaseModel, count: int = STATES) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
-    limits = [(joint.limits.velocity, joint.revolute) for joint in base.robot.joints]
-    speed = np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
+    speed = exciting_speed(base.robot)
     q, qd, _ = random_states(base.robot, speed, count, seed=1)
     return q, qd, np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
 

@@ -21,6 +21,9 @@ SPIKE = 6.0
 #: a kurtosis of 5; one percent of spikes gives 20 and more.
 SPIKE_SHARE, KURTOSIS = 1e-3, 8.0
 
+#: Rows of a joint below which their middle is no noise: a joint that hardly moves has as many as it has parameters.
+FEW = 20
+
 
 @dataclass(frozen=True)
 class Spikes:
@@ -58,7 +61,7 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
         beyond += np.sum(np.abs(scaled) > SPIKE, axis=0)
         count = count + part.mask.sum(axis=0)
     one, two, three, four = moments[1:] / np.maximum(count, 1)
-    variance = np.maximum(two - one**2, np.finfo(float).tiny)
+    variance = np.maximum(two - one**2, 1e-150)
     fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
     return Spikes(beyond / np.maximum(count, 1), fourth / variance**2)
 
@@ -76,7 +79,7 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
     """
     theta, rounds = np.array(start.theta, dtype=float), 0
     while True:
-        noise = robust_noise(rows, theta)
+        noise = np.where(start.counts < FEW, start.noise, robust_noise(rows, theta))
         factors, _ = joint_factors(_weighted(rows, theta, noise))
         solution = solve(merge(factors, 1.0 / noise))
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
