@@ -132,7 +132,7 @@ def test_what_the_default_misses_on_a_run_that_was_not_fitted(
 def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_motion(
     runs_of_the_lwr, results_of_the_lwr
 ):
-    """Run 3 was never seen. The joint that is named gains a quarter, no other 5 % worse, parameters alone are better."""
+    """Run 3 was never seen. The joint that is named gains a quarter, no other loses 5 %, parameters alone gain."""
     before = results_of_the_lwr[(1, 2)]
     gap = find_gap(before, [runs_of_the_lwr[k] for k in (1, 2)])
     assert [(one.effect, one.indices) for one in gap.named] == [("spring", (6,))]
