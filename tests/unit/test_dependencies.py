@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 CALLED = {"yaml": "pyyaml", "PIL": "matplotlib", "markupsafe": "jinja2", "dask": "distributed"}
 #: What is taken where it is there, from the system or the user's environment.
 FOUND = {
+    "mujoco",
     "pandas",
     "rospy",
     "rosgraph",
