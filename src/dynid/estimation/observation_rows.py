@@ -283,10 +283,13 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
     """
     found = []
     for joint in range(segment.coulomb_sign.shape[1]):
-        minus = np.concatenate([np.signbit(segment.coulomb_sign[part, joint]) for part in spans(len(segment))])
-        k = np.flatnonzero(minus[1:] != minus[:-1])
-        sign, after = segment.coulomb_sign[k, joint], segment.coulomb_sign[k + 1, joint]
-        times = segment.t[k] + sign / (sign - after) * (segment.t[k + 1] - segment.t[k])
+        pieces = [np.zeros(0)]
+        for part in spans(len(segment) - 1):
+            around = slice(part.start, part.stop + 1)
+            sign, t = segment.coulomb_sign[around, joint], segment.t[around]
+            k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
+            pieces.append(t[k] + sign[k] / (sign[k] - sign[k + 1]) * (t[k + 1] - t[k]))
+        times = np.concatenate(pieces)
         first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
         found.append(np.add.reduceat(times, first) / np.diff(first, append=len(times)) if len(times) else times)
     return tuple(found)

@@ -1,17 +1,20 @@
-"""Run a straight-line program on many samples at once with NumPy, without generating code.
+"""Run a straight-line program on many samples at once, without generating code.
 
 The program is bound to a robot's geometry, constants are folded, registers are reused as soon as their value is dead,
-and then the list of array operations is run on blocks of samples small enough to stay in the processor's cache.
+and then the list of array operations is run on blocks of samples small enough to stay in the processor's cache: with
+NumPy, or by the compiled interpreter (``compiled``), to the same bits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model.compiled import TOGETHER, CompiledProgram, interpreter
 from dynid.model.kinematics import geometry
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
@@ -86,7 +89,26 @@ class Kernel:
             for op, lhs, rhs, out in self._steps
         ]
         self._loads = [(self._pool[register[slot]], name) for slot, name in self._moving]
+        self._register, self._entry = register, entry
         self._copied = [(self._entries[e], place(slot)) for e, slot in copies]
+
+    @cached_property
+    def _program_in_numbers(self) -> CompiledProgram:
+        """The program for the compiled interpreter: rows of registers, then of entries, then of constants."""
+        first, constants = len(self._pool) + len(self._entries), dict[float, int]()
+
+        def row(slot: int) -> int:
+            value = self._value[slot]
+            if value is not None:
+                return first + constants.setdefault(value, len(constants))
+            return len(self._pool) + self._entry[slot] if slot in self._entry else self._register[slot]
+
+        calls = [(op, row(lhs), row(lhs if op == NEG else rhs), row(out)) for op, lhs, rhs, out in self._steps]
+        outputs = [row(slot) for slot in self._outputs]
+        pool = np.zeros((first + len(constants), TOGETHER))
+        pool[first:] = np.array(list(constants))[:, None]
+        table = np.array(calls, dtype=np.int32).reshape(-1, 4)
+        return CompiledProgram(table, pool, len(self._loads), np.array(outputs, dtype=np.int32))
 
     def _moves(self, slot: int) -> bool:
         return self._value[slot] is None
@@ -119,10 +141,13 @@ class Kernel:
         Returns:
             Entries in the order of ``rows`` and ``cols``, (E, B); overwritten by the next call.
         """
-        count = len(q)
+        count, library = len(q), interpreter(len(q))
         for target, name in self._loads:
             target[:count] = moving_input(name, self._robot, q, qd, qdd)
             target[count:] = 0.0
+        if library is not None:
+            self._program_in_numbers.run(library, self._pool, self._entries, count)
+            return self._entries[:, :count]
         for ufunc, a, b, out in self._calls:
             ufunc(a, b, out)
         for target, source in self._copied:
