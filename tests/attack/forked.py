@@ -20,6 +20,12 @@ DOCUMENTED = {0, 1, 2, 3, 4, 5, 6, 7}
 MARKUP = re.compile(r"<script[^>]*>\s*alert|<img[^>]+onerror|HACKED_MARKUP[^&<]*<b>", re.I)
 
 
+#: Files of results that people look at on a terminal, and inputs among them; what would steer it, or turn the text around.
+SHOWN = {".md", ".csv", ".tex", ".html", ".xml", ".urdf", ".sdf", ".log", ".svg", ".c", ".py", ".m"}
+GIVEN = {"log.csv", "way.csv", "runs.csv", "arm.urdf"}
+STEERING = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]|\xe2\x80[\xaa-\xae]")
+
+
 @dataclass
 class Ended:
     words: list[str]
@@ -120,6 +126,8 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
             found.append(f"executed: {name}")
         if ".dynid-" in path.name or path.name.startswith("dynid-"):
             found.append(f"litter: {name}")
+        if path.suffix in SHOWN and path.name not in GIVEN and path.is_file() and STEERING.search(path.read_bytes()):
+            found.append(f"control characters in {name}")
         if path.is_file() and path.suffix == ".html" and MARKUP.search(path.read_text(errors="replace")):
             found.append(f"live markup in {name}")
     now = contents(folder)

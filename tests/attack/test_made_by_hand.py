@@ -102,6 +102,8 @@ CASES = {
     "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
     "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),
     "an arm with one run": ("runs.csv", "result,arm,time\nout,a,2026-01-01\n", "fleet runs.csv --out out/f", 0, "no arm has the three runs"),
+    "a name that steers the terminal": ("batch.yaml", job(logs="\x1b[31m\u202e.npz", name="\x1b]0;x\x07"), "run batch.yaml --out out --junit out/j.xml --log-file out/said.log", 3, "no such file"),
+    "a robot that steers the terminal": ("arm.yaml", ROBOT.replace("a: 0.4", 'a: "\\e[31m"'), "check arm.yaml --log-file out/said.log", 3, "E2"),
     "a log file that nobody reads": ("said", os.mkfifo, "check arm.yaml --log-file said", 6, "a pipe that nobody reads"),
     "an output that is a pipe": ("pipe.csv", os.mkfifo, "convert log.npz --to pipe.csv", 6, "no regular file"),
 }  # fmt: skip

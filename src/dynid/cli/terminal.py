@@ -105,7 +105,7 @@ class Terminal:
         """Close the copy; what ended the run is its last line."""
         if self._copy is not None:
             if error is not None:
-                self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
+                self._copied(visible(f"{getattr(error, 'code', type(error).__name__)} {error}"))
             self._copy.close()
 
     @property
