@@ -139,7 +139,9 @@ def place() -> Path:
 
 def compiler() -> str | None:
     """Return the C compiler of this machine, None where there is none."""
-    return shutil.which("cc") if os.name == "posix" else None
+    found = shutil.which("cc") if os.name == "posix" else None
+    # Why: where the path of programs names the current folder, a cc that came with somebody's logs would run.
+    return found if found is not None and Path(found).is_absolute() else None
 
 
 def kept() -> ctypes.CDLL | None:

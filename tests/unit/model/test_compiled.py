@@ -95,3 +95,12 @@ def test_a_program_keeps_to_its_rows():
     for wrong in ([[0, 0, 1, 3]], [[0, -1, 1, 2]]):
         with pytest.raises(ValueError, match="rows"):
             CompiledProgram(np.array(wrong, dtype=np.int32), pool, 2, outputs)
+
+
+def test_a_compiler_of_the_current_folder_is_none(tmp_path, monkeypatch):
+    (tmp_path / "cc").write_text("#!/bin/sh\ntouch HACKED\n")
+    (tmp_path / "cc").chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    for path in (".", "", f".{os.pathsep}/nowhere"):
+        monkeypatch.setenv("PATH", path)
+        assert compiled.compiler() is None
