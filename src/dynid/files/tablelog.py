@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing
 from dynid.files.columnwords import stamps_of, suggested, unit_of, usual_joints
+from dynid.files.datestamps import seconds_of
 from dynid.files.dialect import Dialect, dialect_of
 from dynid.files.textlog import BLOCK, lines_of, positive_rate
 from dynid.log import Log
@@ -366,6 +367,11 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
     if pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind):
         # Unit: whole numbers of the column's own unit; what they are in seconds is told by their step.
         column = column.cast(pyarrow.int64())
+    elif pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
+        stamps = [seconds_of(word or "") for word in column.to_pylist()]
+        if None in stamps:
+            raise LogLayout(f"{path.name}: column '{name}' holds words, no numbers", where=str(path))
+        return np.array([whole + part for whole, part in filter(None, stamps)])
     elif not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
         raise LogLayout(f"{path.name}: column '{name}' holds {kind}, no numbers", where=str(path))
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)

@@ -174,13 +174,14 @@ def test_joints_are_taken_by_their_names_where_a_table_holds_them(tmp_path):
     np.testing.assert_array_equal(robot_columns(read_log(path, robot=robot), robot).q, Q[:, [2, 0, 1]])
 
 
-@pytest.mark.parametrize("index", ["unnamed", "named", "dates", "rows"])
+@pytest.mark.parametrize("index", ["unnamed", "named", "dates", "words", "rows"])
 def test_a_parquet_of_pandas_is_read_with_its_index(index, tmp_path):
     pandas = pytest.importorskip("pandas")
     path = tmp_path / "log.parquet"
     frame = pandas.DataFrame(np.hstack([Q, TAU]), columns=[*each("q_{}"), *each("tau_{}")])
     frame.index = {
         "unnamed": pandas.Index(T), "named": pandas.Index(T, name="time"),
+        "words": pandas.Index(dated("%Y-%m-%dT%H:%M:%S.%f+01:00"), name="time"),
         "dates": pandas.DatetimeIndex([START + timedelta(seconds=t) for t in T]), "rows": frame.index,
     }[index]  # fmt: skip
     if index == "rows":
