@@ -244,7 +244,7 @@ def run_heavy(k, seed):
         "verdict": seen.verdict, "named": [[f.effect, list(f.indices)] for f in seen.named],
         "closest": [[f.effect, list(f.indices), f.said] for f in seen.closest],
         "equals": [[] for f in seen.named], "asked": seen.asked, "visible": 1.0, "joint": 1,
-        "told": "torques alone do not tell" in seen.asked,
+        "told": "give the mass" in seen.asked,
         "sizes": [[f.effect, list(f.indices), f.values, f.std_errors] for f in seen.named],
         "true": [["counterbalance", [1], drawn.sizes()]] if carries else [], "seconds": time.process_time() - start,
     }  # fmt: skip

@@ -12,17 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.estimation.physical_parameters import fit_sized
-from dynid.gap.possible_arm import LEAST_GAIN, MASSES, PossibleArm, least_gain, possible_arm, reduced
+from dynid.gap.possible_arm import (
+    LEAST_GAIN,
+    MASSES,
+    PossibleArm,
+    imitated_counterbalances,
+    least_gain,
+    possible_arm,
+    reduced,
+)
 from dynid.gap.problem import GapProblem, with_misfit_of_numbers
 from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import candidates_at, score_candidate
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
-from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
-
-NAME = "counterbalance"
-#: Visible share of its power up to which links imitate a counterbalance: what they cannot is found without asking.
-IMITATED = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,20 +58,15 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
         problem: a search of what no numbers absorb.
         selected: effects that it found.
     """
-    base, effect = problem.base, CATALOGUE[NAME]
     regression = with_selected(with_misfit_of_numbers(problem).regression(), selected)
-    arm = possible_arm(regression, base)
+    arm = possible_arm(regression, problem.base)
     found = []
-    for joints in effect.candidate_joints(base.robot.n):
-        for candidate in candidates_at(regression, effect, joints):
-            if score_candidate(regression, candidate).visibility > IMITATED:
-                continue
-            one = {j: C[0] for j, C in candidate.columns.items()}
-            price = len(effect.units) * float(np.log(sum(len(e) for e in regression.fit.e)))
-            gain = least_gain(regression, arm, one, MASSES[:1]) - price
-            if gain >= LEAST_GAIN:
-                least = least_gain(regression, arm, one) - price
-                found.append(Suspicion(joints[0], gain, least, *_carrier(regression, arm, one)))
+    for joint, one in imitated_counterbalances(regression, problem.base).items():
+        price = len(one[joint]) * float(np.log(sum(len(e) for e in regression.fit.e)))
+        gain = least_gain(regression, arm, one, MASSES[:1]) - price
+        if gain >= LEAST_GAIN:
+            least = least_gain(regression, arm, one) - price
+            found.append(Suspicion(joint, gain, least, *_carrier(regression, arm, one)))
     return found
 
 

@@ -16,8 +16,10 @@ import numpy as np
 
 from dynid.estimation.physical_constraints import PhysicalConstraints
 from dynid.estimation.physical_parameters import constraints_of, fit_physical, fit_pooled, fit_sized
+from dynid.gap.significance import candidates_at, score_candidate
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 
 #: Masses of the prior's links that a name has to outlive, times those that fit best beside it.
@@ -25,6 +27,9 @@ MASSES = (1.0, 3.0, 10.0, 30.0)
 #: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
 #: and chance alone would be content with 12.
 LEAST_GAIN = 25.0
+COUNTERBALANCE = "counterbalance"
+#: Visible share of its power up to which links imitate a counterbalance: what they cannot is found without asking.
+IMITATED = 0.1
 #: Links are held by their prior at most so many times as firmly as by the data (information).
 STIFFEST = 1e4
 #: Directions of information below this share of the strongest are none.
@@ -73,6 +78,16 @@ def possible_arm(regression: WhitenedRegression, base: BaseModel) -> PossibleArm
     return PossibleArm(K, fit_sized(rows.R @ K, rows.r, given)[1], given)
 
 
+def imitated_counterbalances(regression: WhitenedRegression, base: BaseModel) -> dict[int, EffectColumns]:
+    """Return the columns of the counterbalances that links imitate, by joint."""
+    effect, found = CATALOGUE[COUNTERBALANCE], {}
+    for joints in effect.candidate_joints(base.robot.n):
+        for candidate in candidates_at(regression, effect, joints):
+            if score_candidate(regression, candidate).visibility <= IMITATED:
+                found[joints[0]] = {j: C[0] for j, C in candidate.columns.items()}
+    return found
+
+
 def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
     """Return the rows of a search without its prior, reduced to the base parameters.
 
@@ -97,6 +112,14 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
     root = np.sqrt(values[seen])
     r = V[:, seen].T @ (kept[:p, p] / size) / root
     return ReducedRows(root[:, None] * V[:, seen].T * size, r, float(kept[p, p] - r @ r))
+
+
+def best_possible(regression: WhitenedRegression, base: BaseModel) -> Floats:
+    """Return rows [L, L theta0] that hold base parameters at the best possible arm, (k, p + 1)."""
+    K, rows = base.reduction.K, reduced(regression)
+    theta = K @ fit_sized(rows.R @ K, rows.r, constraints_of(base))[0].x
+    found = np.sqrt(STIFFEST) * reduced(replace(regression, effects=())).R
+    return np.column_stack([found, found @ theta])
 
 
 def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:

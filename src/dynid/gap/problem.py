@@ -12,7 +12,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.change import ChangeTest, change_test
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
-from dynid.gap.possible_arm import PossibleArm, possible_arm, prior_rows
+from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
@@ -217,6 +217,12 @@ def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapP
 def near_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
     """Return a regression held near the best possible arm beside its effects."""
     rows = prior_rows(regression, possible_arm(regression, problem.base))
+    return replace(regression, prior=_wide(rows, regression.size))
+
+
+def at_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
+    """Return a regression held at the best possible arm beside its effects, exactly fitted."""
+    rows = best_possible(regression, problem.base)
     return replace(regression, prior=_wide(rows, regression.size))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.physical_constraints import pseudo_inertia
 from dynid.gap.noise import NoiseModel
-from dynid.gap.problem import GapProblem, near_possible
+from dynid.gap.problem import GapProblem, at_possible, near_possible
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
@@ -367,6 +367,9 @@ def _held_residuals(
     regression = fitted_with(problem, selected)
     if in_force is not None:
         regression = near_possible(problem, regression)
+    elif problem.arm is not None:
+        # Why not as it is searched: the parabola is wide, and lets links be what no arm has.
+        regression = at_possible(problem, regression)
     theta = regression.fit.theta[: problem.base.reduction.rank]
     held = cut(problem.segments, problem.held)
     torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]

@@ -14,7 +14,7 @@ import numpy as np
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect, with_selected
 from dynid.gap.significance import Key, candidates_at, score_candidate, significance_test, whitened_columns
-from dynid.gap.stepwise_selection import clearly_better, contains, refined
+from dynid.gap.stepwise_selection import clearly_better, contains, refined, told_apart
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
 
@@ -36,7 +36,7 @@ def _settled(problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEf
     fits = {key: _best_fit(regression, key) for key in (one.key, *one.rivals)}
     own, best = fits[one.key], max(fits.values(), key=lambda fit: fit.score)
     chosen = best if clearly_better(best, own) else own
-    alike = [key for key, fit in fits.items() if key != chosen.key and not clearly_better(chosen, fit)]
+    alike = [key for key, fit in fits.items() if key != chosen.key and not told_apart(chosen, fit)]
     rivals = tuple(key for key in alike if not contains(fits[key], chosen))
     if chosen is own:
         return replace(one, rivals=rivals)

@@ -174,11 +174,16 @@ class SignificanceTest:
     open: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
+    def gain(self) -> float:
+        """Drop of the whitened sum of squares."""
+        return float(self.gains.sum()) + self.known
+
+    @property
     def gain_p_value(self) -> float:
         """Chance of such a gain when there is no effect and the rows are as noisy as they are taken for."""
         from scipy import special
 
-        return float(special.chdtrc(len(self.amplitudes), max(float(self.gains.sum()) + self.known, 0.0)))
+        return float(special.chdtrc(len(self.amplitudes), max(self.gain, 0.0)))
 
 
 def significance_test(regression: WhitenedRegression, columns: EffectColumns) -> SignificanceTest:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.possible_arm import LEAST_GAIN, least_gain
+from dynid.gap.possible_arm import COUNTERBALANCE, LEAST_GAIN, imitated_counterbalances, least_gain
 from dynid.gap.problem import GapProblem, held_near_possible
 from dynid.gap.selected_effects import SelectedEffect, stepped
 from dynid.gap.significance import (
@@ -36,6 +36,8 @@ FEWEST_TESTS = 150
 #: units of the difference's own spread over blocks of time (Vuong 1989), which is what 12 comes to when all that is
 #: left is noise, and more when what is left is what the model lacks.
 EQUAL, SURE = 12.0, 1.73
+#: Chance of what further freedom explains, below which it is of use.
+BY_CHANCE = 0.05
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
 #: Candidates that are refined before they are compared: refinement moves the order by a few places, and costs time.
@@ -145,6 +147,9 @@ class StepwiseSelection:
 
         Where the strongest on a joint is large but not sure, weaker ones there would only stand in for it.
         """
+        odd = self._least_odd()
+        if odd is not None:
+            return odd
         ranked = self._ranked(self.regression, self.selected)
         if not self.visibility:
             for score, c in ranked:
@@ -168,13 +173,40 @@ class StepwiseSelection:
                     return None
                 ranked = [(score, c) for score, c in ranked if c.key not in self.barred]
 
+    def _least_odd(self) -> SelectedEffect | None:
+        """Return the counterbalance without which links would be oddest, where they imitate it and none would do.
+
+        Why not by its score: the parabola of the prior is wide, and knows nothing of where possible links end.
+        """
+        if self.problem.arm is None:
+            return None
+        found = []
+        for joint, columns in imitated_counterbalances(self.regression, self.problem.base).items():
+            key = COUNTERBALANCE, (joint,)
+            place = next((c for c in self.candidates if c.key == key and key not in self.barred), None)
+            if place is not None and key not in {one.key for one in self.selected}:
+                test = significance_test(self.regression, columns)
+                one = SelectedEffect(place.effect, place.joints, dict(place.shapes[0]), test, 0.0)
+                self._columns[_form(one)] = dict(columns)
+                found.append(replace(one, score=self._worth(self.regression, one)))
+        best = max(found, key=lambda one: one.score, default=None)
+        return best if best is not None and best.score >= LEAST_GAIN else None
+
+    def _exact(self, one: SelectedEffect) -> bool:
+        """Return whether an effect is judged by exact fits of possible links."""
+        return self.problem.arm is not None and one.name == COUNTERBALANCE
+
+    def _worth(self, regression: WhitenedRegression, one: SelectedEffect) -> float:
+        """Return how much an effect brings beside possible links, exactly fitted, after its price."""
+        assert self.problem.arm is not None
+        gain = least_gain(regression, self.problem.arm, self._columns_of(one))
+        return gain - one.freedom * float(np.log(sum(len(e) for e in regression.fit.e)))
+
     def _possible_absorbs(self, one: SelectedEffect) -> bool:
         """Return whether a possible arm, exactly fitted, absorbs an effect, for some masses of the prior's links."""
         if self.problem.arm is None or one.effect.name == "torque_delay":
             return False
-        gain = least_gain(self.regression, self.problem.arm, self._columns_of(one))
-        price = one.freedom * float(np.log(sum(len(e) for e in self.regression.fit.e)))
-        return gain - price < LEAST_GAIN
+        return self._worth(self.regression, one) < LEAST_GAIN
 
     def _simplest(self, best: SelectedEffect, others: Sequence[SelectedEffect]) -> SelectedEffect:
         """Return what has the least freedom among those that the best is not clearly better than."""
@@ -216,6 +248,8 @@ class StepwiseSelection:
         for k, old in enumerate(list(self.selected)):
             if len(self.selected) == 1:
                 return
+            if self._exact(old):
+                continue
             rest = [one for one in self.selected if one is not old]
             regression = self._with(rest)
             ranked = [pair for pair in self._ranked(regression, rest) if pair[1].effect.name != "torque_delay"]
@@ -230,12 +264,14 @@ class StepwiseSelection:
     def _eliminate(self) -> None:
         """Drop what is no longer needed; a dropped name is barred, otherwise the search need not end."""
         while len(self.selected) > 1:
-            tested = []
-            for one in self.selected:
-                rest = self._with([other for other in self.selected if other is not one])
-                tested.append(replace(one, test=significance_test(rest, self._columns_of(one))))
+            tested, failing = [], []
+            for old in self.selected:
+                rest = self._with([other for other in self.selected if other is not old])
+                one = replace(old, test=significance_test(rest, self._columns_of(old)))
+                tested.append(one)
+                if not (self._worth(rest, one) >= LEAST_GAIN if self._exact(one) else self._passes(one)):
+                    failing.append(one)
             self.selected = tested
-            failing = [one for one in tested if not self._passes(one)]
             if not failing:
                 return
             worst = min(failing, key=lambda one: one.test.visible_rms)
@@ -273,7 +309,7 @@ class StepwiseSelection:
                 near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
             near = [(s, c) for s, c in near if score_candidate(self.regression, c).gain < INSTEAD * s.gain][:RIVALS]
             refined = [self._refined(regression, s, c) for s, c in near]
-            rivals = tuple(r.key for r in refined if not clearly_better(own, r) and not contains(r, own))
+            rivals = tuple(r.key for r in refined if not told_apart(own, r) and not contains(r, own))
             # Why not own: another form may have as much evidence, but the regression holds the columns of this one.
             self.selected[k] = replace(selected, score=own.score, rivals=rivals)
 
@@ -321,6 +357,20 @@ def clearly_better(one: SelectedEffect, other: SelectedEffect) -> bool:
         return lead > EQUAL
     spread = np.std(one.test.gains - other.test.gains) * np.sqrt(len(one.test.gains))
     return bool(lead > max(EQUAL, SURE * spread))
+
+
+def told_apart(one: SelectedEffect, rival: SelectedEffect) -> bool:
+    """Return whether an effect is clearly better than a rival, and not for its smaller freedom alone.
+
+    A rival whose further freedom explains more than chance would is not refuted by the price of that freedom.
+    """
+    from scipy import special
+
+    more = rival.freedom - one.freedom
+    gained = rival.test.gain - one.test.gain
+    if more > 0 and special.chdtrc(more, max(gained, 0.0)) < BY_CHANCE:
+        return False
+    return clearly_better(one, rival)
 
 
 def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:

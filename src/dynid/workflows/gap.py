@@ -47,6 +47,8 @@ EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
 #: of eight minutes take half a gigabyte.
 LONGEST = 480.0
+#: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
+LOOKALIKES = ("torque_offset", "spring", "end_stop")
 #: A link that would be so many times as heavy is told.
 TOLD_MASS = 2.0
 #: A joint with a larger share of the disagreement of all joints is told.
@@ -539,8 +541,8 @@ class _Search:
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
-        from dynid.gap.counterbalance import NAME, suspicions
-        from dynid.model.effects.catalogue import CATALOGUE
+        from dynid.gap.counterbalance import suspicions
+        from dynid.gap.possible_arm import COUNTERBALANCE
 
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
@@ -548,19 +550,20 @@ class _Search:
         analysis = found.analysis
         suspected = [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
         effects, joints = self.wanted.effects, self.wanted.joints
-        suspected = [one for one in suspected if not effects or NAME in effects if not joints or one.joint in joints]
+        suspected = [
+            one for one in suspected if not effects or COUNTERBALANCE in effects if not joints or one.joint in joints
+        ]
         if not suspected:
             return found
         names = self.base.robot.joint_names
         why = f"{found.asked} {_suspected(suspected, names)}: what would only odd links absorb?"
-        # Why not those: what is left of a counterbalance when links have taken up the most of it looks like a spring.
-        family, places = CATALOGUE[NAME].family, [(one.joint,) for one in suspected]
+        places = [(one.joint,) for one in suspected]
         named = [(one.effect, one.indices) for one in found.named]
-        also = tuple(key for key in named if key[1] not in places or CATALOGUE[key[0]].family != family)
+        also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
         odd = self.ask("arm", logs, (), why, also, conditioned)
-        if any(one.effect == NAME for one in odd.named):
+        if any(one.effect == COUNTERBALANCE for one in odd.named):
             return odd
-        return replace(found, asked=f"{why} {_not_told(suspected, odd, names)}")
+        return replace(found, asked=f"{why} {_not_told(suspected, odd)}")
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
@@ -574,15 +577,15 @@ def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
     return " and ".join(said)
 
 
-def _not_told(suspected: Sequence[Suspicion], odd: Gap, names: Sequence[str]) -> str:
+def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     """Return why no counterbalance is named, and what would tell."""
-    if all(one.sure for one in suspected):
-        said = [one.said for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
-        return f"nothing that has a name{f' ({said[0]})' if said else ''}"
+    said = [one.said for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
     links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
+    sure = all(one.sure for one in suspected)
+    what = "only absurd links do as well" if sure else "torques alone do not tell it from heavier links"
     return (
-        f"torques alone do not tell it from heavier links: give the mass {links} from the data sheet "
-        "(known: link_mass in the robot file) and identify again"
+        f"{what}{f' ({said[0]})' if said else ''}: give the mass {links} from the data sheet (known: link_mass in the "
+        "robot file) and identify again"
     )
 
 

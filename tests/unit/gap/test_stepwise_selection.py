@@ -12,6 +12,7 @@ from dynid.gap.stepwise_selection import (
     StepwiseSelection,
     clearly_better,
     contains,
+    told_apart,
     wanted_effects,
 )
 from dynid.model.effects.catalogue import CATALOGUE
@@ -93,7 +94,7 @@ def test_what_nothing_imitates_has_no_rivals(twolinks, on_joint):
 
 
 def one(score, gains, name="torque_offset", joints=(0,)):
-    test = SimpleNamespace(gains=np.asarray(gains), amplitudes=np.zeros(1))
+    test = SimpleNamespace(gains=np.asarray(gains), amplitudes=np.zeros(1), gain=float(np.sum(gains)))
     return SelectedEffect(CATALOGUE[name], joints, {}, test, score)
 
 
@@ -104,6 +105,14 @@ def test_a_lead_is_clear_when_it_is_large_and_does_not_come_from_few_blocks():
     assert clearly_better(one(EQUAL + 1, even), one(0.0, np.zeros(40)))
     assert not clearly_better(one(EQUAL - 1, even), one(0.0, np.zeros(40)))
     assert not clearly_better(one(EQUAL + 1, few), one(0.0, np.zeros(40)))
+
+
+@pytest.mark.parametrize(("gained", "apart"), [(3.0, True), (5.0, False)])
+def test_a_rival_is_not_refuted_by_the_price_of_freedom_that_is_of_use(gained, apart):
+    """One parameter more is worth 3.84 by chance in one of twenty cases; its price here is 20 more than that."""
+    own, wide = one(100.0, np.full(40, 10.0)), one(80.0, np.full(40, 10.0 + gained / 40), "nonlinear_viscous")
+    assert wide.freedom == own.freedom + 1
+    assert told_apart(own, wide) is apart
 
 
 def test_a_wider_form_is_no_rival_of_a_narrower_one():
