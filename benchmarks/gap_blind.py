@@ -398,11 +398,11 @@ def figures(rows):
         lines.append(f"True sizes inside their 95 % intervals: {100 * inside:.0f} % of {len(pairs)}.")
     partial = [r for r in rows if r["set"] == "partial"]
     if partial:
-        right = [
-            any(name == r["truth"][0][0] and place == r["truth"][0][1] for name, place in r["named"]) for r in partial
-        ]
+        truth = [[(name, tuple(place)) for name, place in r["truth"]] for r in partial]
+        named = [[(name, tuple(place)) for name, place in r["named"]] for r in partial]
+        right = [true[0] in said for true, said in zip(truth, named, strict=True)]
         near = [all(abs(error) < 2 * sigma for _, error, sigma in intervals([r])) for r in partial]
-        other = [any([name, place] not in r["truth"] for name, place in r["named"]) for r in partial]
+        other = [any(one not in true for one in said) for true, said in zip(truth, named, strict=True)]
         lines.append(
             f"Effects that are 15 to 50 % of their joint's gap: named in {sum(right)} of {len(partial)}, with the size within two "
             f"standard errors in {sum(a and b for a, b in zip(right, near, strict=True))}; a stand-in in {sum(other)}."

@@ -23,7 +23,7 @@ from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_sele
 from dynid.gap.significance import significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
 from dynid.gap.verdict import unrepeatable
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
@@ -186,19 +186,21 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
     return Wording(tuple(found), tuple(proofs), tuple(clues))
 
 
-def best_formula_gain(regression: WhitenedRegression, joint: int) -> float:
-    """Return how much the best short formula explains of a joint, whether it would be told or not.
+def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectColumns) -> tuple[float, float]:
+    """Return how much the best short formula explains of a joint, told or not, and how much an effect does beside it.
 
     Args:
         regression: the rows, with what explains part of them already.
         joint: 0-based.
+        one: columns of the effect.
     """
     terms, _, _ = _greedy(regression, joint)
     if not terms:
-        return 0.0
+        return 0.0, 0.0
     revolute = [one.revolute for one in regression.segments[0].motion.robot.joints]
     columns = {joint: _columns(regression, joint, Formula(formula_text(terms), revolute, joint))}
-    return float(significance_test(regression, columns).gains.sum())
+    beside = significance_test(regression.with_effects([*regression.effects, columns]), one)
+    return significance_test(regression, columns).gain, beside.gain
 
 
 def _formula_of(

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynid.gap.formulas import best_formula_gain
+from dynid.gap.formulas import best_formula_gains
 from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import SegmentRows, cut, segments_of, with_reference
 from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import candidates_at, score_candidate
+from dynid.gap.significance import candidates_at, score_candidate, whitened_columns
 from dynid.gap.stepwise_selection import SelectionOptions, contains, wanted_effects
 from dynid.gap.whitened_regression import WhitenedRegression, whitened_regression
 from dynid.model.effects.interface import Floats
@@ -34,6 +34,8 @@ RIVAL = 0.6
 CUTOFFS, MOVED = (0.5, 2.0), 0.2
 #: Largest gain of the best short formula over its own: .2 to 1.04 for right names, 1.36 to 8.9 for stand-ins.
 FORMULA = 1.2
+#: Share of its gain that a right name keeps beside a formula that explains more: that is the rest, and it is itself.
+BESIDE_FORMULA = 0.7
 
 
 def doubt(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
@@ -59,9 +61,14 @@ def doubt(search: EffectSearch, effects: Sequence[SelectedEffect], one: Selected
     moved = [change_of_size(problem, [*rest, one], share) for share in CUTOFFS]
     if max(moved) > MOVED:
         return f"its size changes by {100 * max(moved):.0f} % with the cut-off; {100 * MOVED:.0f} % are allowed"
-    more = best_formula_gain(regression, one.test.joint) / max(float(one.test.gains.sum()), 1e-12)
-    if more > FORMULA:
-        return f"a short formula explains {more:.1f} times as much; {FORMULA:g} times is allowed"
+    columns = whitened_columns(regression, one.effect, one.joints, [one.shape])
+    gains = best_formula_gains(regression, one.test.joint, {j: C[0] for j, C in columns.items()})
+    more, kept = (gain / max(one.test.gain, 1e-12) for gain in gains)
+    if more > FORMULA and kept < BESIDE_FORMULA:
+        return (
+            f"a short formula explains {more:.1f} times as much ({FORMULA:g} times is allowed) and leaves it "
+            f"{100 * kept:.0f} % ({100 * BESIDE_FORMULA:.0f} % are needed)"
+        )
     return ""
 
 

@@ -80,7 +80,8 @@ def possible_arm(regression: WhitenedRegression, base: BaseModel) -> PossibleArm
 
 def imitated_counterbalances(regression: WhitenedRegression, base: BaseModel) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
-    effect, found = CATALOGUE[COUNTERBALANCE], {}
+    effect = CATALOGUE[COUNTERBALANCE]
+    found: dict[int, EffectColumns] = {}
     for joints in effect.candidate_joints(base.robot.n):
         for candidate in candidates_at(regression, effect, joints):
             if score_candidate(regression, candidate).visibility <= IMITATED:
