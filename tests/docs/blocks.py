@@ -16,6 +16,8 @@ from itertools import takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+#: Recordings of a real arm, beside the project: pages that name this folder are run where it is there.
+RECORDINGS = ROOT.parent / "shared" / "data" / "kuka_lwr4plus"
 FENCE = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 #: What may differ between two machines: numbers, hashes, times.
 VARIABLE = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|\b[0-9a-f]{6,}\b")
@@ -49,8 +51,9 @@ def commands(text):
 
 def folder_for(path, dynid="-m dynid"):
     """Make a folder as a reader has it in a clone of the project, with ``dynid`` on the path."""
-    for name in ("robots", "trajectories"):
-        (path / name).symlink_to(ROOT / name)
+    # Why a copy: what a page applies is written beside its robot file.
+    shutil.copytree(ROOT / "robots", path / "robots")
+    (path / "trajectories").symlink_to(ROOT / "trajectories")
     (path / "bin").mkdir()
     for name, words in (("dynid", dynid), ("python3", "")):
         program = path / "bin" / name
@@ -60,6 +63,7 @@ def folder_for(path, dynid="-m dynid"):
     (path / "work").mkdir()
     for name in ("robots", "trajectories"):
         (path / name).rename(path / "work" / name)
+    (path / "work" / "recordings").symlink_to(RECORDINGS)
     return path
 
 

@@ -52,6 +52,8 @@ CONSTANT = 1e-3
 PARTS, FOLLOWED = 12, 0.1
 #: Bins in which the quantity that an effect follows is sought.
 BINS = 24
+#: By how much more of its power an effect has to follow time than anything else.
+TIME_LEAD = 0.1
 
 
 @dataclass(frozen=True)
@@ -477,7 +479,10 @@ def held_out_effect(
         quantities[f"speed of {name} [{unit}/s]"] = np.concatenate([s.qd[:, j] for s in held])[use]
         load = np.concatenate([s.tau[:, j] for s in held])[use]
         quantities[f"torque of {name} [{robot.joints[j].torque_unit}]"] = load
-    follows = max(quantities, key=lambda name: _follows(quantities[name], torque))
+    shares = {name: _follows(x, torque) for name, x in quantities.items()}
+    # Why: on seconds of a smooth motion every torque is also one of time.
+    shares["time [s]"] -= TIME_LEAD
+    follows = max(shares, key=lambda name: shares[name])
     return HeldOutEffect(t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows)
 
 
