@@ -35,7 +35,9 @@ def lines(pair: Pair) -> list[str]:
         own = ", ".join(f"{100 * (ratio[j] - 1):+.0f} %" for j in sorted(joints))
         totals = [" -> ".join(f"{v.relative_error_percent:.2f}" for v in both) for both in (seen, alone)]
         named = ", ".join(f"{one.effect}, {one.where}" for one in gap.named)
-        found.append(f"| {pair.name} | {named} | {name} | {' | '.join(totals)} | {own} | {100 * (max(others) - 1):+.0f} % |")
+        found.append(
+            f"| {pair.name} | {named} | {name} | {' | '.join(totals)} | {own} | {100 * (max(others) - 1):+.0f} % |"
+        )
     return found
 
 
