@@ -77,7 +77,7 @@ def is_whole(path: Path) -> bool:
             with zipfile.ZipFile(path) as archive:
                 return archive.testzip() is None
         if path.suffix in (".yaml", ".yml"):
-            return yaml.safe_load(raw) is not None
+            return yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)) is not None
         if path.suffix == ".json":
             return json.loads(raw) is not None
         if path.suffix in (".urdf", ".xml", ".svg", ".sdf"):
