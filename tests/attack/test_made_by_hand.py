@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import shutil
 import tempfile
@@ -156,6 +157,19 @@ def test_a_strange_environment_is_no_crash(case, originals, tmp_path):
     )
     assert ended.status in statuses, ended
     assert "internal error" not in ended.err
+
+
+@pytest.mark.parametrize("fact", ["cutoff", "rate", "delay", "first_step"])
+@pytest.mark.parametrize("value", ["Infinity", "NaN", "-1e300", "1e300"])
+def test_a_stack_with_a_filter_that_is_none_is_damaged(fact, value, originals, tmp_path):
+    shutil.copytree(originals, tmp_path / "work")
+    path = tmp_path / "work" / "out" / "fullnumericregressor.npz"
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = re.sub(rf'"{fact}": [^,}}]+', f'"{fact}": {value}', str(arrays["header"]))
+    np.savez(path, **{**arrays, "header": np.array(header)})
+    ended = run(["identify", "arm.yaml", "--out", "out", "--no-input", "--force"], tmp_path / "work")
+    assert (ended.status, "error[E321]" in ended.err) == (3, True), ended
 
 
 @pytest.mark.parametrize("columns", ["²", "9" * 5000, "-5", "0", "x"])

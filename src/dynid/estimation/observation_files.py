@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid import limits
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, require_shape, write_artifact
 from dynid.longarrays import joined
@@ -21,6 +22,8 @@ from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
 
 SCHEMA = "dynid/fullnumericregressor/1"
+#: Steps of thinning and seconds of delay are below this.
+_MOST = 1e6
 _ARRAYS = tuple(field.name for field in fields(Segment))
 
 
@@ -71,8 +74,11 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
         logs = []
         for k, s in enumerate(h["sources"]):
             chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
-            if not (chosen.rate > 0 and chosen.cutoff > 0 and chosen.first_step > 0 and chosen.second_step > 0):
-                raise ValueError("its filter has no rate")
+            steps, delay = (chosen.first_step, chosen.second_step), float(s["delay"])
+            if not 0 < chosen.cutoff < chosen.rate <= limits.limit("rate_hz") or not all(0 < k < _MOST for k in steps):
+                raise ValueError("its filter is none")
+            if not abs(delay) < _MOST:
+                raise ValueError("its torques are later than its motion")
             logs.append(
                 ConditionedLog(
                     [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
@@ -80,7 +86,7 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
                     str(s["name"]),
                     str(s["path"]),
                     str(s["sha256"]),
-                    float(s["delay"]),
+                    delay,
                 )
             )
         return logs, h
