@@ -30,6 +30,8 @@ from dynid.signals.same_motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 
+#: Expected torque error on an exciting motion over that of the plain set up to which a set is clearly better.
+CLEARLY = 0.75
 #: A parameter that differs from its prior by less than this share has not moved.
 UNCHANGED = 1e-9
 #: Kinds of parameters that no real arm has with a minus sign.
@@ -167,7 +169,7 @@ def estimate(
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
     post = physical_posterior(base, plain, stack, residual_model=residual_model, size=size)
-    in_force, choice = _in_force(stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
+    in_force, choice = _in_force(base, stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
     physical = in_force == "physical"
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
@@ -309,11 +311,11 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
 
 
-def _in_force(stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[str, str]:
+def _in_force(base: BaseModel, stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[str, str]:
     """Decide which parameters are in force, and say why.
 
     The plain estimate describes the motion that it was fitted to best, and other motions badly; only where no possible
-    arm comes near the data is something missing that it holds better.
+    arm comes near the data, and the log determines all parameters well, is something missing that it holds better.
     """
     if method != "auto":
         return "plain", "the estimator was chosen by hand"
@@ -329,7 +331,14 @@ def _in_force(stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[s
     # Why: few rows that many parameters were fitted to contradict nothing.
     if plain.solution.condition_number_scaled > LARGE_CONDITION:
         return "physical", f"the log determines no other set ({figures})"
-    return "plain", f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
+    expected = {}
+    for key, (theta, covariance, error) in _sets(base, plain, post).items():
+        rms, _ = _of_squares(stack, squares(stack, theta, error))
+        expected[key] = expected_error(base, stack, theta, covariance, error, rms).exciting_percent
+    missing = f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
+    if expected["physical"] < CLEARLY * expected["plain"]:
+        return "physical", f"{missing}; on other motions a possible arm is expected to be better all the same"
+    return "plain", missing
 
 
 def controller_of(base: BaseModel) -> Controller | None:
