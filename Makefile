@@ -3,7 +3,7 @@
 #              keep time and mostly wait, so the others give way to them meanwhile; the exact ones run alone; each up to
 #              three times, because a busy machine may not let them
 # make attack  10000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
-# make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 10 minutes
+# make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
 # make docs-serve   the same pages on http://127.0.0.1:8000, with search

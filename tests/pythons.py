@@ -151,7 +151,7 @@ def main() -> None:
                 given.store.write_text(json.dumps(rows))
     cells = ("Python", "numpy", "pybullet", "install", "demo", "plan", "gap search", "remark")
     lines = [HEADER, "|" + " --- |" * len(cells)]
-    lines += ["| " + " | ".join(rows[v].get(cell, "-") or " " for cell in cells) + " |" for v in sorted(rows, key=len)]
+    lines += ["| " + " | ".join(rows[v].get(cell, "-") or " " for cell in cells) + " |" for v in sorted(rows)]
     intro = "# Current Pythons\n\n`make test-pythons` installs dynid with every Python that is there and runs it. "
     intro += "Seconds are those of the processor.\n\n"
     if given.write:
