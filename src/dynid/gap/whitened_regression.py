@@ -175,7 +175,7 @@ class WhitenedRegression:
         return total
 
     def prior_products(self, P: Floats) -> Floats:
-        """Return what the prior rows tell of candidates, whose columns are zero there before the baseline is fitted.
+        """Return what the prior of links tells of candidates, whose columns are zero there before a fit.
 
         Args:
             P: products of the candidates' columns with the basis of all columns, (k, r).
@@ -183,7 +183,8 @@ class WhitenedRegression:
         Returns:
             Gram matrix of the projected columns in the prior rows, and products with what is left of these, (k, k + 1).
         """
-        if self.prior is None:
+        # Why not what an earlier identification knows: it is overconfident; tests of what has changed go by the logs.
+        if self.prior is None or not self.odd:
             return np.zeros((len(P), len(P) + 1))
         p = self.size
         C = -self.prior[:, :-1] @ (self.fit.root[:p] @ P.T)
