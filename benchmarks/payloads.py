@@ -28,7 +28,10 @@ from real_arms import part
 GAINS = {"exact": (0.0, False), "all alike": (0.05, False), "each its own": (0.05, True)}
 WORST_GAIN = 0.08
 #: What the arms have and the model lacks.
-HIDDEN = {"nothing": (), "ripple, load friction": ("ripple", "load")}
+HIDDEN = {
+    "nothing": (), "ripple, load friction": ("ripple", "load"), "angles, Stribeck": ("angle", "stribeck"),
+    "springs, delay": ("spring", "delay"),
+}  # fmt: skip
 #: Mass of loads [kg].
 MASSES = (0.2, 5.0)
 #: Seconds and share of the fastest speed, without and with a load.
@@ -216,6 +219,10 @@ def main() -> None:
             some = [case for case in cases if case[:2] == (how, hidden)]
             if some:
                 print(row(f"{how}, {hidden}", some))
+    for how in GAINS:
+        some = [case for case in cases if case[0] == how]
+        if some:
+            print(row(f"{how}, all", some))
     if cases:
         print(row("all", cases))
     if len(sys.argv) > 1 and sys.argv[1] != "-":

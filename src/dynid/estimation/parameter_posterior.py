@@ -37,7 +37,7 @@ class ParameterPosterior:
     Attributes:
         theta: mean of the base parameters, (p,).
         information: inverse of their covariance, zero along what nothing tells, (p, p).
-        by_joint: information of each joint's rows, in which what the residual model may explain is left out, (n, p, p).
+        by_joint: information of each joint's rows, (n, p, p).
         error: the residual model for these parameters; None without.
         noise: of a row, whitened with which rows are worth one independent row each, (n,) [N m or N].
         rate: how many rows a second has [Hz]; 0 where that is not known.
@@ -86,9 +86,6 @@ def parameter_posterior(found: Identification) -> ParameterPosterior:
     noise = found.noise * np.sqrt(worth)
     rows = factors[:, :, :-1] / noise[:, None, None]
     by_joint = rows.swapaxes(1, 2) @ rows
-    if found.model_error is not None:
-        told = np.linalg.solve(found.model_error.root, found.model_error.slope)
-        by_joint = by_joint - told.swapaxes(1, 2) @ told
     return ParameterPosterior(found.theta, information, by_joint, found.model_error, noise, _rate(found))
 
 

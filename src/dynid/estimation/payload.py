@@ -35,7 +35,9 @@ RADIUS = 0.08
 #: Mass of that ball when the data say nothing or less than nothing [kg].
 LEAST_MASS = 0.05
 #: Share of the variance of the torque's scale that all joints have in common: one data sheet, one ageing.
-COMMON_GAIN = 0.5
+COMMON_GAIN = 0.75
+#: Information of a joint, relative to the largest, that makes parameters which no row tells move with all joints alike.
+UNTOLD = 1e-9
 #: By how much the torque scale of a real arm's joint differs between two recordings, as a share: its sensors and drives
 #: get warm. Chosen on recordings of the LWR4+, in which a scale 0.5 % wrong at the shoulder weighs 50 g at the flange.
 DRIFT = 0.005
@@ -124,8 +126,12 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
         if not result.factors.size:
             raise WrongUsage(f"{result.label} holds no triangular factors", fix="identify its log again")
     problem = LoadProblem.of(loaded, unloaded, K)
-    rows, misfit = problem.solved(loaded.robot.torque.scale_error)
-    return fitted_body(rows[:, :-1], rows[:, -1], misfit)
+    found = fitted_body(*problem.solved(0.0))
+    if loaded.robot.torque.scale_error > 0.0:
+        # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
+        problem = replace(problem, torque=problem.kept.theta + K @ found.body.parameters())
+        found = fitted_body(*problem.solved(loaded.robot.torque.scale_error))
+    return found
 
 
 @dataclass(frozen=True)
@@ -164,8 +170,8 @@ class LoadProblem:
         rows = centred(loaded.factors / unknown[:, None, None], 0, loaded.plain)
         return cls(replace(kept, error=None), rows, loaded.theta, free, K, error is not None)
 
-    def solved(self, scale_error: float) -> tuple[Floats, float]:
-        """Return rows [R r] that say all about the load, (10, 11), and how badly a load explains what has changed.
+    def solved(self, scale_error: float) -> tuple[Floats, Floats, float]:
+        """Return rows R, (10, 10), and r, (10,), with R x = r of the load, and how badly a load explains the change.
 
         Unknown are the base parameters and the residual model, known by the posterior; what friction has changed by;
         the gain of each joint, which was the same without the load but for its drift; and the load.
@@ -196,7 +202,7 @@ class LoadProblem:
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - free[-1, -1] ** 2))
         freedom = max(1, int(np.linalg.matrix_rank(self.kept.root())) - ten - f)
-        return R[g : g + ten, g:], beyond / freedom
+        return R[g : g + ten, g:-1], R[g : g + ten, -1], beyond / freedom
 
     def _gains(self, scale_error: float) -> tuple[Floats, Floats]:
         """Return how gains that are wrong move the kept parameters, (p, k), and their covariance, (k, k).
@@ -234,10 +240,15 @@ class LoadProblem:
         return triangle(whole)[k:, k:], triangle(own)[k:, k:]
 
     def _moved(self) -> Floats:
-        """Return by how much the kept parameters move when the gain of each joint does, (p, n)."""
-        pulled = np.einsum("jpq,q->jp", self.kept.by_joint, self.kept.theta)
-        R = self.kept.root()
-        return np.asarray(np.linalg.lstsq(R, np.linalg.lstsq(R.T, pulled.T, rcond=None)[0], rcond=None)[0])
+        """Return by how much the kept parameters move when the gain of each joint does, (p, n).
+
+        Each joint moves them as far as its rows decide them. Together they scale them all: the torques of an arm do not
+        tell their own scale, and what came from the prior must not seem to.
+        """
+        told = self.kept.by_joint
+        size = np.sqrt(np.maximum(np.diagonal(told.sum(axis=0)), 1e-300))
+        share = told / np.outer(size, size) + UNTOLD * np.eye(len(size))
+        return np.asarray(np.linalg.solve(share.sum(axis=0), (share @ (size * self.kept.theta)).T) / size[:, None])
 
     def _friction_change(self) -> Floats:
         """Return by how much friction may have changed: each column by all the friction of its joint, (f,)."""
