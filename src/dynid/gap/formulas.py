@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.gap.formula_library import Factor, cost_of, forms, library_of
 from dynid.gap.localisation import NEGLIGIBLE
@@ -42,6 +43,8 @@ ABSORBED = 1e-3
 DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 #: Chance of a term by accident, over all products that are tried.
 CHANCE = 0.01
+#: Share of a term's power within that of an effect from which on the two are one.
+IDENTICAL = 0.99
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
 #: Upper end of the 95 % interval of the held-out error, after over before.
@@ -200,9 +203,21 @@ def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectCo
     if not terms:
         return 0.0, 0.0
     revolute = [one.revolute for one in regression.segments[0].motion.robot.joints]
-    columns = {joint: _columns(regression, joint, Formula(formula_text(terms), revolute, joint))}
-    beside = significance_test(regression.with_effects([*regression.effects, columns]), one)
-    return significance_test(regression, columns).gain, beside.gain
+    found = _columns(regression, joint, Formula(formula_text(terms), revolute, joint))
+    # Why without those: a formula with the effect as one of its terms speaks for it.
+    others = found[~_same(regression, joint, found, one)]
+    beside = regression.with_effects([*regression.effects, {joint: others}]) if len(others) else regression
+    return significance_test(regression, {joint: found}).gain, significance_test(beside, one).gain
+
+
+def _same(regression: WhitenedRegression, joint: int, columns: Floats, one: EffectColumns) -> NDArray[np.bool_]:
+    """Return which columns, (k, M), are those of an effect, beside the baseline, (k,)."""
+    if joint not in one:
+        return np.zeros(len(columns), dtype=bool)
+    Q = regression.fit.Q[joint]
+    C, E = (x - (x @ Q) @ Q.T for x in (columns, one[joint]))
+    U = np.linalg.svd(E, full_matrices=False)[2]
+    return np.asarray(np.sum((C @ U.T) ** 2, axis=1) > IDENTICAL * np.sum(C**2, axis=1))
 
 
 def _formula_of(
