@@ -172,6 +172,19 @@ def test_a_stack_with_a_filter_that_is_none_is_damaged(fact, value, originals, t
     assert (ended.status, "error[E321]" in ended.err) == (3, True), ended
 
 
+@pytest.mark.parametrize("knots", ["[[]]", '"x"', "[0, Infinity]", "[1, 0]", "[]", "null", f"[{'0, ' * 5000}1]"])
+def test_a_plan_with_knots_that_are_none_is_damaged(knots, originals, tmp_path):
+    shutil.copytree(originals, tmp_path / "work")
+    path = tmp_path / "work" / "out" / "trajectory.npz"
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = re.sub(r'"knots": \[[^]]*\]', f'"knots": {knots}', str(arrays["header"]))
+    np.savez(path, **{**arrays, "header": np.array(header)})
+    words = ["trajectory", "arm.yaml", "--review", "out/trajectory.npz", "--accept", "--preview", "none", "--no-input"]
+    ended = run(words, tmp_path / "work")
+    assert (ended.status, "error[E321]" in ended.err) == (3, True), ended
+
+
 @pytest.mark.parametrize("columns", ["²", "9" * 5000, "-5", "0", "x"])
 def test_a_width_of_the_terminal_that_is_no_number_is_passed_over(columns, originals, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", columns)

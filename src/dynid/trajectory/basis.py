@@ -31,6 +31,10 @@ _ENDS = np.array(
 HERMITE = np.linalg.inv(_ENDS)
 
 
+#: Knots or harmonics of a motion and seconds at full speed are fewer than this; searched motions have tens.
+MOST, LONGEST = 2000, 1e6
+
+
 class Basis(Protocol):
     """A family of motions of one joint, linear in ``size`` coefficients."""
 
@@ -240,10 +244,22 @@ class Fourier:
 
 
 def basis_from(facts: dict[str, Any]) -> Basis:
-    """Make a family of motions again from its ``facts``."""
+    """Make a family of motions again from its ``facts``, which may come from a file.
+
+    Raises:
+        ValueError: no motion has such knots, such a period, or so many of them.
+        TypeError: they are of another kind.
+        KeyError: something is missing.
+    """
     if facts["kind"] == "fourier":
-        return Fourier(float(facts["period"]), int(facts["harmonics"]))
-    return Quintic(tuple(float(t) for t in facts["knots"]), facts["kind"] == "spline")
+        period, harmonics = float(facts["period"]), int(facts["harmonics"])
+        if not (0 < period < LONGEST and 0 < harmonics < MOST):
+            raise ValueError(f"no motion has a period of {period:g} s and {harmonics:g} harmonics")
+        return Fourier(period, harmonics)
+    knots = np.array([float(t) for t in facts["knots"]])
+    if not (1 < len(knots) < MOST and np.all(np.diff(knots) > 0) and np.all(np.abs(knots) < LONGEST)):
+        raise ValueError("its knots do not rise, or are none of a motion")
+    return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
 
 
 def _solved(A: Floats, b: Floats) -> Floats:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NotAnArtifact, PlanTeachesLittle
+from dynid.errors import Finding, PlanTeachesLittle
 from dynid.files.planfile import Waypoints
 from dynid.files.trajectoryfile import Review, StoredTrajectory
 from dynid.motion import Motion
@@ -525,15 +525,17 @@ def _given_path(
 
 def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
     """Return the motion of a plan, or of its file, as coefficients of its family."""
+    from dynid.files.artifact import reading, require_shape
     from dynid.trajectory.basis import basis_from
     from dynid.trajectory.plan import Trajectory
 
     if isinstance(stored, Plan):
         return stored.trajectory
-    basis, shape = basis_from(dict(stored.basis)), stored.coefficients.shape
-    if shape != (basis.size, len(stored.joints)):
-        what = f"its coefficients {shape} are not those of its motion, {(basis.size, len(stored.joints))}"
-        raise NotAnArtifact(f"{stored.source or 'the trajectory'}: {what}", where=str(stored.source or ""))
+    with reading(Path(stored.source or "the trajectory")):
+        basis = basis_from(dict(stored.basis))
+        require_shape((basis.size, len(stored.joints)), coefficients=stored.coefficients)
+        if not (np.all(np.isfinite(stored.coefficients)) and 0 < stored.alpha < np.inf):
+            raise ValueError("its coefficients or its alpha are none of a motion")
     return Trajectory(basis, stored.coefficients, stored.alpha)
 
 
