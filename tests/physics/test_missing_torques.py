@@ -8,6 +8,7 @@ import pytest
 from arms import pinocchio_model, pinocchio_torques
 
 from dynid import IdentifyOptions, Log, identify, load_robot
+from dynid.estimation import estimate
 from dynid.sim.plant import read_plant
 from dynid.workflows.validate import validate
 
@@ -63,3 +64,14 @@ def test_an_arm_without_a_spring_has_no_large_torque():
     assert found.in_force == "physical"
     assert found.model_error is None
     assert not [finding for finding in found.findings if finding.code == "W404"]
+
+
+def test_where_a_possible_arm_is_contradicted_the_set_in_force_hangs_on_what_is_expected_elsewhere(sprung, monkeypatch):
+    options = IdentifyOptions(holdout=None, residual_model=False)
+    found = identify(ROBOT, sprung, options)
+    assert found.in_force == "plain"
+    assert "contradict every possible arm" in found.choice
+    monkeypatch.setattr(estimate, "CLEARLY", 100.0)
+    found = identify(ROBOT, sprung, options)
+    assert found.in_force == "physical"
+    assert "expected to be better" in found.choice
