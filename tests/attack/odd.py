@@ -46,7 +46,7 @@ def options(rng: np.random.Generator) -> list[str]:
     for _ in range(rng.integers(1, 4)):
         param = own[rng.integers(len(own))] if rng.random() < 0.9 else switches[rng.integers(len(switches))]
         name = str(rng.choice([*param.opts, *param.secondary_opts]))
-        if name in ("--color", "--debug", "--open", "-h", "--help", "--version"):
+        if name in ("--color", "--debug", "--open", "-h", "--help", "--version", "--self-test"):
             continue
         value = WORDS[rng.integers(len(WORDS))] if rng.random() < 0.15 else VALUES[rng.integers(len(VALUES))]
         value = value.replace("\0", "")
