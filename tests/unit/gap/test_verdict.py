@@ -32,7 +32,7 @@ def search(
     filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
     noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
     segments = [SimpleNamespace(log=filter_)]
-    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, change=None, since=since)
+    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, change=None, since=since, arm=None)
     between = after if between is None else between
     return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
                            between_reversals=np.array(between), delay=delay)  # fmt: skip
