@@ -61,7 +61,7 @@ def options(rng: np.random.Generator) -> list[str]:
             "to",
             "sent",
         ):
-            value = str(rng.choice(["out/x", "out", "out/x/y.yaml", "pipe", "arm.yaml/x", "out/" + "a" * 300]))
+            value = str(rng.choice(["out/x", "out", "out/x/y.yaml", "out/pipe", "arm.yaml/x", "out/" + "a" * 300]))
         words += [name] if param.is_flag or param.count else [name, value] if rng.random() < 0.95 else [name]
     if rng.random() < 0.1:
         del words[int(rng.integers(0, len(words)))]

@@ -413,9 +413,9 @@ def find_gap(
         WrongUsage: there is no effect or no joint of a name that was given.
         DynidError: the first serious fault of a log.
     """
-    base = base or base_model_of(result)
+    question, base = options.question, base or base_model_of(result)
     search = _Search(result, base, selection_options(base.robot, options), options, progress)
-    new, question = search.checked(as_list(logs)), options.question
+    new = search.checked(as_list(logs))
     before = search.checked(earlier) if question in ("auto", "changed") else []
     if question != "auto":
         return search.ask(question, new, before, "as asked")
