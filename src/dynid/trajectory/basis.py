@@ -33,6 +33,8 @@ HERMITE = np.linalg.inv(_ENDS)
 
 #: Knots or harmonics of a motion and seconds at full speed are fewer than this; searched motions have tens.
 MOST, LONGEST = 2000, 1e6
+#: No two knots are nearer [s], whose fifth power divides.
+NEAREST = 1e-6
 
 
 class Basis(Protocol):
@@ -257,8 +259,8 @@ def basis_from(facts: dict[str, Any]) -> Basis:
             raise ValueError(f"no motion has a period of {period:g} s and {harmonics:g} harmonics")
         return Fourier(period, harmonics)
     knots = np.array([float(t) for t in facts["knots"]])
-    if not (1 < len(knots) < MOST and np.all(np.diff(knots) > 0) and np.all(np.abs(knots) < LONGEST)):
-        raise ValueError("its knots do not rise, or are none of a motion")
+    if not (1 < len(knots) < MOST and np.all(np.diff(knots) > NEAREST) and np.all(np.abs(knots) < LONGEST)):
+        raise ValueError("its knots do not rise, stand too near to each other, or are none of a motion")
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
 
 
