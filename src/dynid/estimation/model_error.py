@@ -49,8 +49,11 @@ GROUP_NAMES = ("position", "friction", "load")
 #: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
 #: otherwise let the columns explain everything that it has.
 LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
-#: Size that counts as nothing, and where the search for sizes begins.
-NOTHING, FIRST = 1e-7, 5e-2
+#: Size that counts as nothing.
+NOTHING = 1e-7
+#: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and from
+#: equal sizes the search finds the former alone where the latter explains more.
+BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
 #: Rows that are folded into the factors together.
 FOLDED = 400
 #: Steps of the search for sizes.
@@ -504,13 +507,14 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         prior: Hessian of the prior there, (c, c).
     """
     gram = rows.gram()
-    start, low, high = np.log([np.full(len(LARGEST), FIRST), np.full(len(LARGEST), NOTHING), LARGEST])
+    low, high = np.log([np.full(len(LARGEST), NOTHING), LARGEST])
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
-    return np.asarray(np.exp(smallest_in_box(negative, start, low, high, STEPS)))
+    found = [smallest_in_box(negative, start, low, high, STEPS) for start in np.log(BEGIN)]
+    return np.asarray(np.exp(min(found, key=lambda logs: negative(logs)[0])))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:

@@ -157,8 +157,9 @@ class Value:
         raw = self._raw()
         match = _PI.fullmatch(raw.strip())
         if match:
-            value = math.pi * float(match["factor"] or 1) / float(match["divisor"] or 1)
-            return -value if match["sign"] == "-" else value
+            divisor = float(match["divisor"] or 1)
+            value = math.pi * float(match["factor"] or 1) / divisor if divisor else math.inf
+            return self._checked(-value if match["sign"] == "-" else value, raw)
         for tag, factor in ANGLE.items():
             number = raw.strip().removesuffix(tag).strip()
             if raw.strip().endswith(tag) and _NUMBER.fullmatch(number):

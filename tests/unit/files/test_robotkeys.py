@@ -56,6 +56,7 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
         ("known: {link_mass: {3: [0, 1]}}\n", UnknownKey, "unknown key '3'"),
         ("known: {total_mass: [2, 1]}\n", WrongRobotFile, "2, 1 is no range of masses"),
         ("simulator: {offset: [1, x]}\n", NotANumber, r"simulator\.offset\[1\] = 'x' is not a number"),
+        ("base: {rpy: [0, 0, pi/0]}\n", NotANumber, r"base\.rpy\[2\] = 'pi/0' is not finite"),
         ("links: [3]\n", WrongRobotFile, "there is no link 3, the arm has 2"),
         ("coupling: {matrix: [[1, 1], [1, 1]]}\n", WrongRobotFile, "cannot be inverted"),
     ],
