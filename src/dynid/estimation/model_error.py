@@ -51,8 +51,8 @@ GROUP_NAMES = ("position", "friction", "load")
 LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
 #: Size that counts as nothing.
 NOTHING = 1e-7
-#: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and from
-#: equal sizes the search finds the former alone where the latter explains more.
+#: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and
+#: from equal sizes the search finds the former alone where the latter explains more.
 BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
 #: Rows that are folded into the factors together.
 FOLDED = 400

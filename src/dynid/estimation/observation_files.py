@@ -6,13 +6,14 @@ least squares needs, and small however long the log was. The stacked matrix itse
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.estimation.stack import Stack
@@ -25,6 +26,7 @@ SCHEMA = "dynid/fullnumericregressor/1"
 #: Steps of thinning and seconds of delay are below this.
 _MOST = 1e6
 _ARRAYS = tuple(field.name for field in fields(Segment))
+Floats = NDArray[np.float64]
 
 
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
@@ -52,6 +54,7 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
+        _factors_in(a)
         edges = np.cumsum([0, *h["lengths"]]).tolist()
         segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
         owners: Sequence[int] = h["source_of_segment"]
@@ -90,3 +93,19 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
                 )
             )
         return logs, h
+
+
+def load_factors(path: Path) -> Floats:
+    """Return the triangular factor of [W tau] of each joint in fullnumericregressor.npz, (n, p + 1, p + 1)."""
+    arrays = read_artifact(path, SCHEMA).arrays
+    with reading(path):
+        return _factors_in(arrays)
+
+
+def _factors_in(arrays: Mapping[str, NDArray[Any]]) -> Floats:
+    factors = arrays["R"]
+    if factors.dtype != np.float64 or factors.ndim != 3 or factors.shape[1] != factors.shape[2]:
+        raise ValueError(f"R is no triangular factor of each joint: {factors.dtype}, {factors.shape}")
+    if not np.all(np.isfinite(factors)):
+        raise ValueError("R holds values that are no numbers")
+    return factors

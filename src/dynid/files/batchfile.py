@@ -31,6 +31,10 @@ _JOB = (
 )
 
 
+#: Shortest stretch of a log that a task reads [s]; shorter ones are mostly the edges of filters.
+SHORTEST = 1.0
+
+
 @dataclass(frozen=True)
 class Job:
     """One identification and what is checked after it.
@@ -114,6 +118,9 @@ def _seconds(value: Value) -> float:
         found = 0.0
     if not 0.0 < found < float("inf"):
         raise WrongRobotFile(f"{value.where}: {value.path} = {text} is no number of seconds", where=value.where)
+    if found < SHORTEST:
+        what = f"{value.where}: {value.path} = {text}, but a stretch has at least {SHORTEST:g} s"
+        raise WrongRobotFile(what, where=value.where, why="each is a task with a filter of its own", fix="split_s: 600")
     return found
 
 

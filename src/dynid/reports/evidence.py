@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import prediction
+from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import read_artifact
 from dynid.gap.record import GapRecord, read_record
 from dynid.robot import Robot
 
@@ -74,7 +74,7 @@ def gather(result: Identification) -> Evidence:
         result=result,
         motion=prediction.load(motion)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
-        singular_values=_spectrum(read_artifact(stack).arrays["R"]) if stack.is_file() else None,
+        singular_values=_spectrum(load_factors(stack)) if stack.is_file() else None,
         gap=read_record(gap) if gap.is_file() else None,
     )
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import NothingChanged, RankDeficient
+from dynid.errors import NotAnArtifact, NothingChanged, RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
@@ -235,6 +235,18 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     again = stack(sources, base.model.observer(base.reduction.base), base.reduction.base_names, base.robot.joint_names)
     assert again.whole[0] == pytest.approx(found.whole[0], abs=1e-12)
     assert header["robot"] == "x"
+
+
+@pytest.mark.parametrize("kind", ["S8", "complex128", "bool"])
+def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path, kind):
+    path = tmp_path / "fullnumericregressor.npz"
+    observation_files.save(path, stacked(base, simulated(base)), {})
+    with np.load(path) as held:
+        arrays = {name: held[name] for name in held.files}
+    np.savez(path, **{**arrays, "R": np.zeros(arrays["R"].shape, kind)})
+    for read in (observation_files.load, observation_files.load_factors):
+        with pytest.raises(NotAnArtifact, match="R is no triangular factor"):
+            read(path)
 
 
 def test_a_result_is_read_back_with_its_robot(base, tmp_path):

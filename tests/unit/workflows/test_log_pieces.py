@@ -161,3 +161,9 @@ def test_a_length_of_stretches_that_is_none_is_refused_with_its_line(tmp_path, t
     (tmp_path / "batch.yaml").write_text(f"jobs:\n- {{robot: arm, logs: a.bag, split_s: {text}}}")
     with pytest.raises(WrongRobotFile, match=r"batch\.yaml:2: jobs\[0\]\.split_s = .* is no number of seconds"):
         read_batch(tmp_path / "batch.yaml")
+
+
+def test_stretches_of_milliseconds_are_refused(tmp_path):
+    (tmp_path / "batch.yaml").write_text("jobs:\n- {robot: arm, logs: a.bag, split_s: 0.001}")
+    with pytest.raises(WrongRobotFile, match=r"split_s = 0\.001, but a stretch has at least 1 s"):
+        read_batch(tmp_path / "batch.yaml")
