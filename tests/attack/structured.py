@@ -185,7 +185,8 @@ def table(rng: np.random.Generator, original: str) -> bytes:
         elif kind == 4:
             factor = float(rng.choice([1e-12, 1e-9, 1e-3, 57.3, 1e3, 1e9, 1e300, -1, 0]))
             for row in rows:
-                row[column] = repr(_number(row[column]) * factor)
+                if column < len(row):
+                    row[column] = repr(_number(row[column]) * factor)
         elif kind == 5:
             rows = [row[: int(rng.integers(0, len(row) + 1))] if rng.random() < 0.1 else row for row in rows]
         elif kind == 6:
