@@ -551,7 +551,8 @@ def _check(found: Identification) -> None:
     p, c, n = len(found.reduction.base), len(found.reduction.names), found.robot.n
     require_shape((p,), theta=found.theta, plain=found.plain, std_error=found.std_error, prior=found.prior)
     require_shape((p, p), covariance=found.covariance, plain_covariance=found.plain_covariance)
-    require_shape((n,), noise=found.noise)
+    require_shape((n,), noise=found.noise, counts=found.counts)
+    require_shape((n, p + 1, p + 1), factors=found.factors)
     full = found.physical
     require_shape((c,), full_x=full.x, full_std_error=full.std_error, full_data_share=full.data_share)
     require_shape((c, c), full_covariance=full.covariance)
