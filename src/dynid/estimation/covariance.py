@@ -95,8 +95,10 @@ def hac_covariances(
         if not (part.follows and growing):
             growing.append(Growing(len(theta)))
         bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
-        scores = _scores(part, inside / noise**2, bounded / noise**2, sensitivity)
-        growing[-1].append(scores if basis is None else scores @ basis)
+        scores = _scores(part, bounded / noise**2)
+        if bread is None:
+            _add_sensitivity(part, inside / noise**2, sensitivity)
+        growing[-1].append(scores.T if basis is None else scores.T @ basis)
         instants += len(residual)
         short = [*short, replace(part, usable=inside)] if instants <= SHORT else []
     if basis is not None:
@@ -116,24 +118,28 @@ def hac_covariances(
     return covariance, uncorrected
 
 
-def _scores(rows: ObservationRows, weight: Floats, weighted: Floats, sensitivity: Floats) -> Floats:
-    """Return the score of each instant, (M, p): Z^T S residual, summed over joints, whose residuals are correlated.
+def _scores(rows: ObservationRows, weighted: Floats) -> Floats:
+    """Return the score of each instant, (p, M): Z^T S residual, summed over joints, whose residuals are correlated.
 
     Z is the regressor, or the instruments where there are any.
 
     Args:
         rows: observation rows.
-        weight: 1 / noise^2 of the rows that weigh, (M, n) [1 / (N m)^2].
         weighted: residuals over noise^2, (M, n) [1 / (N m)].
-        sensitivity: Z^T S W of these rows is added to it in place, (p, p).
     """
-    scores = np.zeros((len(weighted), rows.size))
-    for j in range(weighted.shape[1]):
+    scores, Z = np.zeros((rows.size, len(weighted))), rows if rows.command is None else rows.instruments
+    for j, one in enumerate(np.ascontiguousarray(weighted.T)):
+        columns, entries = Z.of_joint(j)
+        scores[columns] += entries * one
+    return scores
+
+
+def _add_sensitivity(rows: ObservationRows, weight: Floats, sensitivity: Floats) -> None:
+    """Add Z^T S W of rows to a sum, (p, p), in place; weight is 1 / noise^2 of the rows that weigh, (M, n)."""
+    for j in range(weight.shape[1]):
         columns, W = rows.of_joint(j)
         Z = W if rows.command is None else rows.instruments.of_joint(j)[1]
         sensitivity[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
-        scores[:, columns] += (Z * weighted[:, j]).T
-    return scores
 
 
 def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:

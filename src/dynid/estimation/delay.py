@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
-from dynid.estimation.least_squares import RANK_TOLERANCE, merge, triangle, weighted
-from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
+from dynid.estimation.least_squares import RANK_TOLERANCE, merge, triangle, weighted, with_columns
+from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
 from dynid.longarrays import Growing, empty
@@ -75,10 +75,26 @@ def estimate_delay(stack: Stack) -> Delay:
     rows = RowWalk(lambda: (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True)))
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = _block_diagonal(columns, np.eye(1))
-    factors, counts = joint_factors(rows)
+    factors, counts = stack.whole
+    seen = zip(factors, *_products(stack, slopes), strict=True)
+    factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
     found = weighted(np.array([triangle(R @ _block_diagonal(basis, np.eye(1))) for R in factors]), counts)
-    variance = hac_covariance(rows, found.theta, found.noise, basis=basis)[-1, -1]
+    variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)[-1, -1]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
+
+
+def _products(stack: Stack, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Return what the column of the delay has in common with [W tau] and with itself, (n, p + 1, 1), (n, 1, 1)."""
+    n, p = len(stack.joints), len(stack.names)
+    across, square = np.zeros((n, p + 1, 1)), np.zeros((n, 1, 1))
+    for part, slope in zip(stack, slopes, strict=True):
+        late = np.where(part.mask, -slope, 0.0)
+        square[:, 0, 0] += np.sum(late**2, axis=0)
+        across[:, -1, 0] += np.sum(np.where(part.mask, part.tau, 0.0) * late, axis=0)
+        for j in range(n):
+            columns, entries = part.of_joint(j)
+            across[j, columns, 0] += entries @ late[:, j]
+    return across, square
 
 
 def _block_diagonal(a: Floats, b: Floats) -> Floats:

@@ -145,9 +145,11 @@ def _with_covariance(stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *,
     if stack.earlier is not None:
         return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
-    bread = fit.solution.inverse if fit.solution.rank < len(fit.theta) else None
+    open_ = fit.solution.rank < len(fit.theta)
+    same = rows is stack and not robust and not stack.commanded
+    bread = fit.solution.inverse if open_ or same else None
     covariance, uncorrected = hac_covariances(rows, fit.theta, fit.noise, robust=robust, bread=bread)
-    return replace(fit, covariance=covariance if bread is None else bread, uncorrected=uncorrected)
+    return replace(fit, covariance=fit.solution.inverse if open_ else covariance, uncorrected=uncorrected)
 
 
 def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:

@@ -15,31 +15,32 @@ logs; docs/explanation/estimators.md says what was tried.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.box import smallest_in_box
+from dynid.estimation.error_columns import (
+    GROUPS,
+    POSITION_HARMONICS,
+    columns_of,
+    filtered_shapes,
+    folded,
+    rms_speed,
+    shapes_of,
+    walk_with_columns,
+)
 from dynid.estimation.least_squares import triangle
-from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, joined
+from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.filters import decimate
-from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 
-#: Highest harmonics of the position, alone and times the Coulomb sign.
-POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
-#: Speeds, as shares of the rms speed of the fitted motion, at which shapes of the friction have fallen to 1/e.
-SPEEDS = (0.1, 0.4, 1.6)
-#: Group of each column: 0 position, 1 friction, 2 load.
-GROUPS = np.repeat([0, 1, 2], [2 * POSITION_HARMONICS, 2 * FRICTION_HARMONICS + len(SPEEDS), 1])
 #: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
 #: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
 FREE = np.flatnonzero(GROUPS == 0)
@@ -54,15 +55,10 @@ NOTHING = 1e-7
 #: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and
 #: from equal sizes the search finds the former alone where the latter explains more.
 BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
-#: Rows that are folded into the factors together.
-FOLDED = 400
 #: Steps of the search for sizes.
 STEPS = 40
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
 WANTED = 4.0
-#: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
-#: are there to explain.
-FAR = 5.0
 #: Random states inside the limits over which the columns are made orthogonal to the parameters.
 STATES = 1500
 #: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
@@ -113,12 +109,19 @@ class ModelError:
             log: the log that they belong to.
             observer: evaluator of the base columns.
         """
-        shapes = _filtered_shapes(rows, log, observer, self.speed)
+        shapes = filtered_shapes(rows, log, observer, self.speed).transpose(2, 0, 1)
         return orthogonal(shapes, rows.W, self.reference, self.scale, self.projection)
 
     def torque(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
         """Return the mean torque of the model error in rows of a log, (M, n) [N m or N]."""
-        return np.asarray(np.einsum("mjk,jk->mj", self.columns(rows, log, observer), self.mean))
+        D = columns_of(rows, log, observer, self.speed, self.reference)
+        by_column, by_parameter = self.mean_by_rows
+        return np.asarray(np.einsum("jkm,jk->mj", D, by_column, optimize=True) + rows.torque(by_parameter))
+
+    @property
+    def mean_by_rows(self) -> tuple[Floats, Floats]:
+        """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
+        return self.mean / self.scale, -np.einsum("jpk,jk->jp", self.projection, self.mean)
 
     def torque_of(self, q: Floats, qd: Floats, sign: Floats, W: Floats) -> Floats:
         """Return the mean torque of the model error in a motion without any filter, (N, n) [N m or N].
@@ -156,40 +159,6 @@ def covariance_root(covariance: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- columns
-def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
-    """Return the columns of each joint, (N, n, k); the last one, of the load, lacks its torque.
-
-    Args:
-        q: positions, (N, n) [rad or m].
-        qd: velocities, (N, n) [rad/s or m/s].
-        sign: Coulomb signs of the velocities, (N, n).
-        speed: rms speed of each joint in the fitted motion, (n,) [rad/s or m/s].
-    """
-    share = np.abs(qd) / speed
-    waves = [f(k * q) for k in range(1, POSITION_HARMONICS + 1) for f in (np.sin, np.cos)]
-    friction = [sign * wave for wave in waves[: 2 * FRICTION_HARMONICS]]
-    friction += [sign * np.exp(-share / least) for least in SPEEDS]
-    return np.stack([*waves, *friction, sign], axis=2)
-
-
-def _filtered_shapes(rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
-    """Return the columns under the filter of the rows, (M, n, k)."""
-    kernel, step = log.filter.second_kernel, log.filter.second_step
-    taps, count = kernel.shape[1], len(rows.t)
-    middle = (taps - 1) // 2
-    for segment in log.segments:
-        if segment.t[0] <= rows.t[0] <= segment.t[-1]:
-            break
-    after = min(max(1, int(np.searchsorted(segment.t, rows.t[0]))), len(segment) - 1)
-    first = after - int(rows.t[0] - segment.t[after - 1] <= segment.t[after] - rows.t[0]) - middle
-    part = slice(first, first + (count - 1) * step + taps)
-    q, qd = segment.q[part], segment.qd[part]
-    sign = segment.coulomb_sign[part] if segment.coulomb_sign.size else observer.coulomb_sign(qd)
-    shapes = shapes_of(q, qd, sign, speed)
-    flat = np.ascontiguousarray(shapes.reshape(len(q), -1).T)
-    return np.asarray(decimate(flat, kernel, step)[0].T.reshape(count, *shapes.shape[1:]))
-
-
 def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, projection: Floats) -> Floats:
     """Return Z = D / scale - W B, (M, n, k), for columns that still lack the torque of the load.
 
@@ -354,8 +323,8 @@ def whitened_rows(
         inflation: how many rows are worth one independent row.
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
-    speed = _rms_speed(stack.logs, len(stack.joints))
-    factors = _folded(stack, speed, reference, noise, robust)
+    speed = rms_speed(stack.logs, len(stack.joints))
+    factors = folded(stack, speed, reference, noise, robust)
     counts = np.maximum(stack.whole[1], 1)
     scale = np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None]
     scale = np.where(scale > 1e-9, scale, 1.0)  # a joint without rows has no columns of unit size
@@ -386,7 +355,7 @@ def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, r
         noise: sigma of each joint, (n,) [N m or N].
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
-    factors = _folded(stack, error.speed, error.reference, noise, robust)
+    factors = folded(stack, error.speed, error.reference, noise, robust)
     return _changed(factors, error.scale, error.projection) / whiten[:, None, None]
 
 
@@ -401,26 +370,10 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     if error is None:
         return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
     found = np.zeros(len(stack.joints))
-    by_column = error.mean / error.scale
-    by_parameter = theta - np.einsum("jpk,jk->jp", error.projection, error.mean)
-    for rows in _walk(stack, error.speed, error.reference):
-        found += np.sum(rows.residual(np.hstack([by_column, by_parameter])) ** 2, axis=0)
+    by_column, by_parameter = error.mean_by_rows
+    for rows in walk_with_columns(stack, error.speed, error.reference):
+        found += np.sum(rows.residual(np.hstack([by_column, theta + by_parameter])) ** 2, axis=0)
     return found
-
-
-def _folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust: Floats | None) -> Floats:
-    """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1)."""
-    n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
-    factors = np.zeros((n, k + p + 1, k + p + 1))
-    walk = _walk(stack, speed, reference)
-    for rows in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
-        weight = np.ones_like(rows.tau)
-        if robust is not None:
-            left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
-            weight = FAR / np.maximum(left, FAR)
-        for j, F in enumerate(factors):
-            fold(F, rows, j, weight[:, j])
-    return factors
 
 
 def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
@@ -432,51 +385,6 @@ def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
         change[k:-1, :k] = -projection[j]
         found[j] = triangle(F @ change)
     return found
-
-
-def _walk(stack: Stack, speed: Floats, reference: Floats) -> RowWalk:
-    """Return the rows of a stack with [D W] in place of W."""
-    n, k = len(stack.joints), len(GROUPS)
-    joints, columns = np.divmod(np.arange(n * k), k)
-
-    def walk() -> Iterator[ObservationRows]:
-        for number, log in enumerate(stack.logs):
-            for rows in stack.rows_of_log(number):
-                D = _filtered_shapes(rows, log, stack.observer, speed)
-                D[:, :, -1] *= np.abs(rows.torque(reference))
-                yield replace(
-                    rows,
-                    entries=np.concatenate([D.reshape(-1, n * k).T, rows.entries]),
-                    joints=np.concatenate([joints, rows.joints]),
-                    columns=np.concatenate([columns, k + rows.columns]),
-                    size=k + rows.size,
-                    command=None,
-                )
-
-    return RowWalk(walk)
-
-
-def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
-    """Yield rows that are enough to be folded at once."""
-    held: list[ObservationRows] = []
-    for each in rows:
-        held.append(each)
-        if sum(len(one.tau) for one in held) >= FOLDED:
-            yield joined(held)
-            held = []
-    if held:
-        yield joined(held)
-
-
-def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
-    """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
-    squares, count = np.zeros(n), 0
-    for log in logs:
-        for segment in log.segments:
-            for part in spans(len(segment)):
-                squares += np.sum(segment.qd[part] ** 2, axis=0)
-            count += len(segment)
-    return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
 
 
 def _projection(base: BaseModel, speed: Floats, reference: Floats, scale: Floats) -> Floats:

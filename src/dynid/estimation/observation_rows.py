@@ -8,6 +8,7 @@ series walk over them; everything else needs only the triangular factors of ``dy
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -218,19 +219,34 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
     for segment, count in zip(log.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
         reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
-        edges = np.linspace(0, count, blocks + 1).astype(int)
-        for first in range(0, count, together):
-            last = min(first + together, count)
+        edges = np.linspace(0, count, blocks + 1).astype(int).tolist()
+        for first, last in pairwise(_stops(edges, together)):
             rows = replace(
                 _evaluated(segment, observer, kernel, step, first, last), reversal_times=reversals, cutoff=chosen.cutoff
             )
-            inside = edges[(edges > first) & (edges < last)]
-            cuts = np.concatenate([[first], inside, [last]])
-            for start, end in pairwise(cuts.tolist()):
-                number = block + int(np.searchsorted(edges, start, side="right")) - 1
+            cuts = [first, *(edge for edge in edges if first < edge < last), last]
+            for start, end in pairwise(cuts):
+                number = block + bisect_right(edges, start) - 1
                 yield rows.part(start - first, end - first, follows=start > 0, block=number)
             release()
         block += blocks
+
+
+def _stops(edges: Sequence[int], together: int) -> list[int]:
+    """Return where evaluation stops: after several short blocks of time, or within a long one, at even parts of it.
+
+    Args:
+        edges: where blocks begin and end.
+        together: rows that are evaluated at once.
+    """
+    found = [edges[0]]
+    for start, end in pairwise(edges):
+        if len(found) > 1 and end - found[-2] <= together:
+            found[-1] = end
+        elif end > start:
+            parts = -(-(end - start) // together)
+            found += [start + (end - start) * k // parts for k in range(1, parts + 1)]
+    return found
 
 
 def _evaluated(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.error_columns import shapes_of
 from dynid.estimation.findings import CONTRADICTION
 from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.model_error import (
@@ -29,7 +30,6 @@ from dynid.estimation.model_error import (
     model_error,
     orthogonal,
     random_states,
-    shapes_of,
     whitened_rows,
 )
 from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_sized

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.model_error import FRICTION_HARMONICS, POSITION_HARMONICS, SPEEDS, ModelError
+from dynid.estimation.error_columns import FRICTION_HARMONICS, POSITION_HARMONICS, SPEEDS
+from dynid.estimation.model_error import ModelError
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,9 @@ from dynid.estimation.least_squares import (
     relative_error,
     ridge,
     solve,
+    triangle,
     weighted,
+    with_columns,
 )
 from dynid.estimation.observation_rows import dense_rows, joint_factors
 
@@ -139,3 +141,20 @@ def test_unusable_rows_do_not_count():
     keep = usable.ravel()
     expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]
     assert np.allclose(ordinary(R, count).theta, expected)
+
+
+@pytest.mark.parametrize("at", [0, 3, -1])
+def test_a_factor_of_more_columns_needs_no_rows_again(at):
+    rng = np.random.default_rng(3)
+    X = rng.standard_normal((300, 5)) * [1, 1e-3, 1e2, 1, 1]
+    X[:, 3] = 2e3 * X[:, 1] - 0.1 * X[:, 2]  # a direction that the rows do not have
+    D = rng.standard_normal((300, 2)) * [1, 1e3] + X[:, [0]] * [5, 1]
+    whole = with_columns(triangle(X), X.T @ D, D.T @ D, at)
+    rows = np.insert(X, [at % 5] * 2, D, axis=1)
+    size = np.linalg.norm(rows, axis=0)
+    np.testing.assert_allclose(whole.T @ whole / np.outer(size, size), rows.T @ rows / np.outer(size, size), atol=1e-13)
+    assert np.allclose(whole, np.triu(whole))
+    y = rng.standard_normal(300) + rows @ np.arange(7)
+    tall = with_columns(triangle(rows), rows.T @ y[:, None], np.array([[y @ y]]), 7)
+    best = np.linalg.lstsq(rows / size, y, rcond=1e-10)[0] / size
+    np.testing.assert_allclose(rows @ solve(tall).theta, rows @ best, rtol=1e-9, atol=1e-9)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked, truth
 
+from dynid.estimation.error_columns import GROUPS, folded, rms_speed, walk_with_columns
 from dynid.estimation.estimators import irls, wls
 from dynid.estimation.model_error import (
-    GROUPS,
     LARGEST,
     NOTHING,
     best_size,
@@ -17,6 +17,7 @@ from dynid.estimation.model_error import (
     squares,
     whitened_rows,
 )
+from dynid.estimation.observation_rows import joint_factors
 from dynid.estimation.posterior import physical_posterior
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
@@ -130,6 +131,21 @@ def test_squares_are_those_of_walking_over_the_rows(found):
         tau = rows.W @ post.theta + post.error.torque(rows, stack.logs[0], stack.observer)
         walked += np.sum(np.where(rows.mask, rows.tau - tau, 0.0) ** 2, axis=0)
     assert squares(stack, post.theta, post.error) == pytest.approx(walked, rel=1e-6)
+
+
+def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(base, found, monkeypatch):
+    monkeypatch.setattr("dynid.estimation.velocity_reversal.LONGEST", 0)
+    stack, estimate, _ = found
+    stack = replace(stack)
+    assert stack.reversals is None
+    speed = rms_speed(stack.logs, len(stack.joints))
+    beside = folded(stack, speed, estimate.theta, estimate.noise, None)
+    rows, _ = joint_factors(walk_with_columns(stack, speed, estimate.theta))
+    for one, other in zip(beside, rows, strict=True):
+        size = np.maximum(np.linalg.norm(other, axis=0), 1e-30)
+        np.testing.assert_allclose(
+            one.T @ one / np.outer(size, size), other.T @ other / np.outer(size, size), atol=1e-12
+        )
 
 
 def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, found):

@@ -3,7 +3,8 @@
 import numpy as np
 from arms import random_bodies, random_robot
 
-from dynid.estimation.model_error import GROUPS, ModelError
+from dynid.estimation.error_columns import GROUPS
+from dynid.estimation.model_error import ModelError
 from dynid.exporters import FullModel, IdentifiedArm, Provenance
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import BaseModel
