@@ -1,7 +1,7 @@
 # make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
-#              keep time and mostly wait, so the others give way to them meanwhile; the exact ones run alone; each up to
-#              three times, because a busy machine may not let them
+#              keep time and mostly wait, so the others give way to them meanwhile; of them the exact ones run one by one;
+#              each up to three times, because a busy machine may not let them
 # make attack  10000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
@@ -30,10 +30,10 @@ demo: $(VENV)/.ready
 	$(BIN)/dynid demo
 
 test: $(VENV)/.ready-test ros screen
-	@$(BIN)/python -m pytest -n 2 --dist worksteal -m "not alone" --reruns 2 tests/ros >$(VENV)/ros.txt 2>&1 & ros=$$!; \
+	@{ $(BIN)/python -m pytest -n 2 --dist worksteal -raR -m "not alone" --reruns 2 tests/ros; shared=$$?; \
+	$(BIN)/python -m pytest -raR -m alone --reruns 2 tests/ros && exit $$shared; } >$(VENV)/ros.txt 2>&1 & ros=$$!; \
 	nice -n 19 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not ros and not slow"; status=$$?; \
 	wait $$ros || status=1; cat $(VENV)/ros.txt; exit $$status
-	$(BIN)/python -m pytest -m alone --reruns 2 tests/ros
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:
