@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.errors import PackageMissing
-from dynid.gap.formulas import Wording, find_formulas
+from dynid.gap.formulas import Wording, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
@@ -29,7 +29,7 @@ from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.significance import Key
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
-from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, judge, refusal
+from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, judge, refusal, unrepeatable
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -118,7 +118,8 @@ def analyse_gap(
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
     # Why not of a change: a formula of what has changed is no property of the arm.
-    wording = find_formulas(found.search, () if problem.since else verdict.remainder, progress)
+    wordless = () if problem.since else dict.fromkeys((*verdict.remainder, *unrepeatable(found.search)))
+    wording = find_formulas(found.search, tuple(wordless), progress)
     return GapAnalysis(
         logs,
         problem,
@@ -178,6 +179,8 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
             failing = [min(failing, key=lambda pair: pair[0].score)]
         failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
         failing = failing or companions(search, effects) or spoiling(problem, search, effects, improvement)
+        if not failing and problem.arm is None and not problem.since:
+            failing = outdone(search, effects, doubts)
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)

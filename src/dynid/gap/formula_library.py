@@ -58,7 +58,7 @@ class Library:
                 yield tuple(x for x in (place, motion) if x not in (one, still))
         single = [x for x in places if x.kind in ("angle", "load")]
         for pair, motion in product(combinations(single, 2), self.motions):
-            if pair[0].joint != pair[1].joint or {x.kind for x in pair} == {"angle", "load"}:
+            if pair[0].joint != pair[1].joint or "load" in {x.kind for x in pair}:
                 yield tuple(x for x in (*pair, motion) if x is not still)
         for place, pair in product(self.places, combinations(motions, 2)):
             if pair[0].joint != pair[1].joint or "qdd" in pair[1].texts[0]:
@@ -85,6 +85,8 @@ def library_of(joint: int, n: int, revolute: Sequence[bool], loads: Sequence[flo
         else:
             places.append(Factor((f"q{k}",), PLAIN + more, k, "angle"))
         places.append(Factor((f"tau{k}",), PLAIN + more, k, "load"))
+        places.append(Factor((f"|tau{k}|",), CURVED + more, k, "load"))
+    places.append(Factor((f"tau{own}^2",), CURVED, own, "load"))
     for k in near[1:]:
         if revolute[k - 1] and revolute[joint]:
             for h, sign in product(range(1, HARMONICS + 1), "+-"):

@@ -7,21 +7,23 @@ the same, the rows that were never fitted agree, and no other joint gets worse.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.formula_library import Factor, cost_of, forms, library_of
+from dynid.gap.formula_library import cost_of, forms
+from dynid.gap.formula_rows import ABSORBED, FactorRows
 from dynid.gap.localisation import NEGLIGIBLE
+from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem
 from dynid.gap.refit import GROWN, fitted_with, ratio_interval
-from dynid.gap.search import EffectSearch
+from dynid.gap.search import EffectSearch, residuals_beside
 from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
-from dynid.gap.significance import significance_test, whitened_columns
+from dynid.gap.significance import Key, significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
 from dynid.gap.verdict import unrepeatable
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
@@ -31,14 +33,12 @@ from dynid.progress import SILENT, Progress
 
 #: Most steps, and most columns after them; a longer formula explains nothing to anybody.
 MOST, LONGEST = 3, 4
+#: How often a formula is chosen: once more with the loads of the arm beside the first one, where that leaves something.
+PASSES = 2
 #: Most joints that are put into words, the loudest ones.
 JOINTS = 3
-#: Products that are evaluated exactly after the screening, and that a later term is chosen from.
-EXACT, LATER = 40, 800
-#: Products that are screened together.
-TOGETHER = 64
-#: Share of a column's power below which the model absorbs it.
-ABSORBED = 1e-3
+#: Products that are evaluated exactly after the screening.
+EXACT = 40
 #: Draws of half the blocks, and the share of them that has to choose the same or what looks the same.
 DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 #: Chance of a term by accident, over all products that are tried.
@@ -47,6 +47,8 @@ CHANCE = 0.01
 IDENTICAL = 0.99
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
+#: Excess beside names below which no formula can do clearly better.
+LEFT = 0.05
 #: Upper end of the 95 % interval of the held-out error, after over before.
 SMALLER = 0.97
 #: Chance below which a formula differs between parts of the logs.
@@ -55,6 +57,8 @@ CONSTANT = 1e-3
 PARTS, FOLLOWED = 12, 0.1
 #: Bins in which the quantity that an effect follows is sought.
 BINS = 24
+#: Why a joint that has nothing to repeat has no formula.
+STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
 TIME_LEAD = 0.1
 
@@ -178,17 +182,50 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
     """
     found: list[SelectedEffect] = []
     proofs, clues = [], []
-    silent = set(unrepeatable(search))
+    silent = unrepeatable(search)
     loudest = sorted(joints, key=lambda j: -search.after[j])[:JOINTS]
     for k, j in enumerate(loudest):
         progress.advance(k + 1, len(loudest), "formula")
-        formula, why = (None, "what disturbs it does not repeat") if j in silent else _formula_of(search, j, found)
+        formula, why = (_growing if j in silent else _formula_of)(search, j, found)
         if formula is None:
             clues.append(_clue(search, j, why))
         else:
             proofs.append(held_out_effect(search.problem, [*search.selected, *found], formula, formula.joints[0]))
             found.append(formula)
     return Wording(tuple(found), tuple(proofs), tuple(clues))
+
+
+def outdone(
+    search: EffectSearch, effects: Sequence[SelectedEffect], parts: Collection[Key]
+) -> list[tuple[SelectedEffect, str]]:
+    """Return the effects of a joint which one short formula explains clearly better than all of them, with the reason.
+
+    Args:
+        search: the search.
+        effects: all that it found, with numbers.
+        parts: those that explain a part of a gap; what they leave may well be a formula.
+    """
+    n, bare = len(search.after), search.problem.regression()
+    for j in sorted({one.test.joint for one in effects}):
+        mine = [one for one in effects if one.test.joint == j and one.name != "torque_delay"]
+        alone = all(one.effect.rows(one.joints, n) == (j,) and one.key not in parts for one in mine)
+        if not mine or not alone or search.after[j] - 1 < LEFT:
+            continue
+        regression = with_selected(bare, [one for one in effects if one not in mine and one.name != "torque_delay"])
+        rows = FactorRows(regression, j)
+        best = max(leading(regression, rows), key=lambda one: one.score, default=None)
+        if best is None:
+            continue
+        text = formula_text(best.terms)
+        columns = [C for one in with_selected(bare, mine).effects for C in one[j]]
+        own = significance_test(regression, {j: np.array(columns)})
+        other = significance_test(regression, {j: _columns(regression, j, rows.formula(best.terms))})
+        price = (len(best.terms) - sum(one.freedom for one in mine)) * np.log(len(regression.fit.e[j]))
+        lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
+        spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
+        if lead > max(EQUAL, SURE * spread):
+            return [(one, f"a formula explains clearly more of this joint: {text}") for one in mine]
+    return []
 
 
 def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectColumns) -> tuple[float, float]:
@@ -224,20 +261,45 @@ def _formula_of(
     search: EffectSearch, joint: int, others: Sequence[SelectedEffect]
 ) -> tuple[SelectedEffect | None, str]:
     """Return the formula of one joint, or why there is none."""
-    problem = search.problem
-    regression = with_selected(problem.regression(), [*search.selected, *others])
-    before = float(regression.reduced_chi_square()[joint])
-    if before - 1 < NEGLIGIBLE:
-        return None, "nothing is left of it beside the others"
-    terms, stable, tests = _greedy(regression, joint)
-    if not terms:
-        return None, ""
-    text = formula_text(terms)
-    formula = _selected(problem, [*search.selected, *others], text, joint)
-    after = with_selected(problem.regression(), [*search.selected, *others, formula]).reduced_chi_square()[joint]
-    share = 1 - (float(after) - 1) / (before - 1)
-    why = _doubt(formula, share, stable, tests) or _unproved(problem, [*search.selected, *others], formula, joint)
-    return (None, f"{text}: {why}") if why else (formula, "")
+    problem, effects, theta = search.problem, [*search.selected, *others], None
+    for _ in range(PASSES):
+        regression = with_selected(problem.regression(theta), effects)
+        before = float(regression.reduced_chi_square()[joint])
+        if before - 1 < NEGLIGIBLE:
+            return None, "nothing is left of it beside the others"
+        terms, stable, tests = _greedy(regression, joint)
+        if not terms:
+            return None, ""
+        formula = _selected(problem, effects, formula_text(terms), joint)
+        beside = with_selected(regression, [*effects, formula])
+        after = float(beside.reduced_chi_square()[joint])
+        if after - 1 < NEGLIGIBLE:
+            break
+        # Why again: without the formula the links took up part of it, and loads were those of wrong links.
+        theta = beside.fit.theta[: problem.base.reduction.rank]
+    share = 1 - (after - 1) / (before - 1)
+    why = _doubt(formula, share, stable, tests) or _unproved(problem, effects, formula, joint)
+    return (None, f"{formula_text(terms)}: {why}") if why else (formula, "")
+
+
+def _growing(search: EffectSearch, joint: int, others: Sequence[SelectedEffect]) -> tuple[SelectedEffect | None, str]:
+    """Return the formula of a joint whose repeats differ, or why there is none.
+
+    What grows with time is all that a repeat does not repeat and a formula can say, and it has to explain most of that.
+    What differs between repeats is no noise floor for it, so that comes from high frequencies.
+    """
+    problem, effects = search.problem, [*search.selected, *others]
+    residuals = residuals_beside(problem, with_selected(problem.regression(), effects), effects)
+    noise = problem.noise.with_joint(joint, measure_noise(problem.segments, residuals, (), problem.train))
+    formula, why = _formula_of(replace(search, problem=replace(problem, noise=noise)), joint, others)
+    if formula is None or not isinstance(formula.effect, Formula):
+        return None, f"{why}; {STRAY}" if why else STRAY
+    regression = with_selected(problem.regression(), [*effects, formula])
+    left = residuals_beside(problem, regression, [*effects, formula])
+    ratio = measure_noise(problem.segments, left, problem.repeats, problem.train).floor / problem.noise.floor
+    if ratio[joint] ** 2 > 1 - SHARE or "t" not in formula.effect.text.split():
+        return None, f"{formula.effect.text}: {STRAY}"
+    return formula, ""
 
 
 def _doubt(formula: SelectedEffect, share: float, stable: float, tests: int) -> str:
@@ -256,19 +318,15 @@ def _doubt(formula: SelectedEffect, share: float, stable: float, tests: int) -> 
 # ---------------------------------------------------------------- choosing
 def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], float, int]:
     """Return the terms of the best short formula, the least share of half logs that agree, and what was tried."""
-    rows = _FactorRows(regression, joint)
-    tried = list(rows.library.products())
+    rows = FactorRows(regression, joint)
+    rows.screen(regression)
     terms: list[str] = []
-    stable, tests, fixed = 1.0, sum(len(forms(one)) for one in tried), list(regression.effects)
+    stable, tests, fixed = 1.0, rows.columns, list(regression.effects)
     for _ in range(MOST):
         excess = float(regression.reduced_chi_square()[joint]) - 1
         if excess < NEGLIGIBLE:
             break
-        gains = rows.gains(regression, tried)
-        order = np.argsort(-gains)
-        exact = _exact(regression, joint, rows, [tried[k] for k in order[:EXACT] if gains[k] > 0], terms)
-        exact = [one for one in exact if len(terms) + len(one.terms) <= LONGEST]
-        tried = [tried[k] for k in order[:LATER]]
+        exact = [one for one in leading(regression, rows, terms) if len(terms) + len(one.terms) <= LONGEST]
         best = max(exact, key=lambda one: one.score, default=None)
         if best is None or best.score <= 2 * np.log(tests):
             break
@@ -276,80 +334,12 @@ def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], floa
         fixed.append({joint: _columns(regression, joint, rows.formula(chosen.terms))})
         regression = regression.with_effects(fixed)
         left = float(regression.reduced_chi_square()[joint]) - 1
-        if terms and 1 - left / excess < MORE:
+        agreed = _stability(chosen, exact)
+        if terms and (1 - left / excess < MORE or agreed < STABLE):
             break
-        stable = min(stable, _stability(chosen, exact))
+        stable = min(stable, agreed)
         terms += chosen.terms
     return terms, stable, tests
-
-
-class _FactorRows:
-    """The values of all factors at the rows of one joint; their products are those of the motion but for the filter."""
-
-    def __init__(self, regression: WhitenedRegression, joint: int) -> None:
-        self.robot, self.joint = regression.segments[0].motion.robot, joint
-        self.revolute = [one.revolute for one in self.robot.joints]
-        load = np.concatenate([np.abs(s.motion.rigid[:, joint]) for s in regression.segments])
-        levels = np.quantile(load, [0.25, 0.5, 0.75])
-        self.library = library_of(joint, self.robot.n, self.revolute, levels.tolist())
-        texts = {text for one in (*self.library.places, *self.library.motions) for text in one.texts}
-        made = [(text, self.formula([text])) for text in sorted(texts)]
-        self.parts = [
-            dict(zip([text for text, _ in made], _filtered(s, [f for _, f in made], joint), strict=True))
-            for s in regression.segments
-        ]
-
-    def formula(self, terms: Sequence[str]) -> Formula:
-        """Return the formula of terms."""
-        return Formula(formula_text(terms), self.revolute, self.joint)
-
-    def gains(self, regression: WhitenedRegression, products: Sequence[tuple[Factor, ...]]) -> Floats:
-        """Return about how much each product explains, less what its freedom costs, (P,)."""
-        found = np.zeros(len(products))
-        by_width: dict[int, list[int]] = {}
-        for k, one in enumerate(products):
-            by_width.setdefault(len(forms(one)), []).append(k)
-        e, Q = regression.fit.e[self.joint].astype(np.float32), regression.fit.Q[self.joint].astype(np.float32)
-        for width, chosen in by_width.items():
-            for start in range(0, len(chosen), TOGETHER):
-                some = chosen[start : start + TOGETHER]
-                texts = [form for k in some for form in forms(products[k])]
-                C = regression.whiten(self.joint, [_products(part, texts) for part in self.parts]).astype(np.float32)
-                P = C @ Q
-                C, P = C.reshape(len(some), width, -1), P.reshape(len(some), width, -1)
-                raw = np.einsum("gkm,gkm->gk", C, C)
-                gram = C @ C.transpose(0, 2, 1) - P @ P.transpose(0, 2, 1)
-                found[some] = _batched(gram.astype(np.float64), (C @ e).astype(np.float64), raw) - width * np.log(
-                    len(e)
-                )
-        return found
-
-
-def _filtered(segment: SegmentRows, formulas: Sequence[Formula], joint: int) -> Floats:
-    values = np.array([one.columns(segment.motion, (joint,), {})[0, 0] for one in formulas])
-    return segment.filtered(values)
-
-
-def _products(part: dict[str, Floats], texts: Sequence[tuple[str, ...]]) -> Floats:
-    """Return products of factors at the rows of one segment, (K, M)."""
-    found: Floats = np.array([part[form[0]] for form in texts])
-    longest = max(len(form) for form in texts)
-    for place in range(1, longest):
-        found *= np.array([part[form[place]] if place < len(form) else np.ones_like(part[form[0]]) for form in texts])
-    return found
-
-
-def _batched(gram: Floats, right: Floats, raw: Floats) -> Floats:
-    """Return the gains of groups of columns, those that the model absorbs left out, (G,)."""
-    own = np.diagonal(gram, axis1=1, axis2=2)
-    there = own > ABSORBED * raw
-    size = np.sqrt(np.where(there, own, 1.0))
-    scaled = gram / (size[:, :, None] * size[:, None, :])
-    scaled = np.where(there[:, :, None] & there[:, None, :], scaled, 0.0)
-    scaled += (1e-3 + ~there[:, :, None]) * np.eye(gram.shape[1])
-    b = np.where(there, right / size, 0.0)
-    gains: Floats = np.einsum("gk,gk->g", b, np.linalg.solve(scaled, b[..., None])[..., 0])
-    return gains
 
 
 def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Floats:
@@ -357,18 +347,19 @@ def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Fl
     return columns
 
 
-def _exact(
-    regression: WhitenedRegression,
-    joint: int,
-    rows: _FactorRows,
-    products: Sequence[tuple[Factor, ...]],
-    taken: Sequence[str],
-) -> list[Candidate]:
-    """Return the candidates of products, evaluated before the filter: single columns, pairs, and all of a product."""
+def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[str] = ()) -> list[Candidate]:
+    """Return the leading products, evaluated before the filter: single columns, pairs, and all of a product.
+
+    Args:
+        regression: what is left.
+        rows: the library on the rows of a joint.
+        taken: terms that are there already.
+    """
+    joint = rows.joint
     Q, e, block = regression.fit.Q[joint], regression.fit.e[joint], regression.joints[joint].block
     starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
     found = []
-    for factors in products:
+    for factors in rows.best(regression, EXACT):
         terms = [" ".join(form) for form in forms(factors)]
         fresh = [k for k, term in enumerate(terms) if term not in taken]
         if not fresh:
@@ -403,23 +394,29 @@ def _stability(chosen: Candidate, others: Sequence[Candidate]) -> float:
     """Return the share of draws of half the blocks in which the chosen is as good as the best, or looks like it."""
     rng = np.random.default_rng(0)
     count = len(chosen.gains)
+    halves = np.zeros((DRAWS, count))
+    for half in halves:
+        half[rng.permutation(count)[: count // 2]] = 1.0
+    scores = np.array([_gains_in(one, halves) - one.penalty for one in others])
+    own = _gains_in(chosen, halves) - chosen.penalty
+    agree = own > SAME_SHAPE * scores.max(axis=0)
     shape = chosen.beta @ chosen.columns
     size = float(np.linalg.norm(shape))
-    agree = 0
-    for _ in range(DRAWS):
-        half = rng.permutation(count)[: count // 2]
-        score = [_gain(one, half) - one.penalty for one in others]
-        winner = others[int(np.argmax(score))]
-        own = _gain(chosen, half) - chosen.penalty
-        other = winner.beta @ winner.columns
-        alike = float(shape @ other) / max(size * float(np.linalg.norm(other)), 1e-30)
-        agree += alike > SAME_SHAPE or own > SAME_SHAPE * max(score)
-    return agree / DRAWS
+    for k in np.flatnonzero(~agree):
+        other = others[int(np.argmax(scores[:, k]))]
+        torque = other.beta @ other.columns
+        agree[k] = float(shape @ torque) > SAME_SHAPE * size * float(np.linalg.norm(torque))
+    return float(np.mean(agree))
 
 
-def _gain(one: Candidate, blocks: np.ndarray) -> float:
-    gram, right = one.gram[blocks].sum(axis=0), one.right[blocks].sum(axis=0)
-    return float(right @ _solved(gram, right))
+def _gains_in(one: Candidate, draws: Floats) -> Floats:
+    """Return the gain of a candidate fitted to the blocks of each draw, (D,)."""
+    gram = np.tensordot(draws, one.gram, axes=1)
+    right = draws @ one.right
+    size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 1e-300))
+    scaled = gram / (size[:, :, None] * size[:, None, :]) + 1e-6 * np.eye(gram.shape[1])
+    gains: Floats = np.einsum("dk,dk->d", right / size, np.linalg.solve(scaled, (right / size)[..., None])[..., 0])
+    return gains
 
 
 def _solved(gram: Floats, right: Floats) -> Floats:
