@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.gap.analysis import on_one_clock
+from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.formula_library import forms, library_of
 from dynid.gap.formulas import Clue, clue_text, find_formulas
 from dynid.gap.problem import make_problem
 from dynid.gap.search import EffectSearch, chi_squares
+from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.verdict import unrepeatable
 from dynid.model.effects.catalogue import added_effects
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.robot import EffectSpec
@@ -103,3 +105,36 @@ def test_a_clue_names_a_signal_only_where_the_residual_follows_it():
         == "b: 90 % of what is left repeats with the motion; it follows qd2 most (40 % of its power)"
     )
     assert clue_text(faint, ("a", "b")).endswith("it follows no single signal")
+
+
+@pytest.mark.parametrize(("size", "told"), [(0.012, True), (0.0, False)])
+def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(twolinks, on_joint, size, told):
+    """A cable that slackens, or a sensor that wanders: of the two only one can be said."""
+
+    def torque(t, q, qd, qdd):
+        wander = np.cumsum(np.random.default_rng(int(t[0])).standard_normal(len(t))) / 150
+        return on_joint(1, size * t * np.cos(2 * q[:, 1]) * qd[:, 0] + (wander if not told else 0.0))
+
+    problem = make_problem(on_one_clock(twolinks.logs(torque)), twolinks.base, None)
+    search = search_of(problem)
+    assert unrepeatable(search) == [1]
+    found = find_formulas(search, [1])
+    if not told:
+        assert found.formulas == ()
+        assert found.clues[0].near.endswith("what disturbs it does not repeat")
+        return
+    (one,) = found.formulas
+    assert one.effect.text in ("a cos(2 q2) qd1 t", "a cos(2 q2) t qd1")
+    assert one.values["a"] == pytest.approx(size, rel=0.1)
+
+
+def test_a_name_that_a_formula_explains_clearly_better_is_refused(twolinks, on_joint):
+    """Drag by the shoulder that depends on the elbow's angle, which is of one sign in these logs, or does not."""
+    only = SelectionOptions(effects=("joint_coupling",), joints=(1,))
+    for law, names in ((lambda q: 0.5 + np.sin(q[:, 1]) ** 2, 0), (lambda q: 0.8, 1)):
+        logs = twolinks.logs(lambda t, q, qd, qdd, law=law: on_joint(1, law(q) * qd[:, 0]))
+        seen = analyse_gap(on_one_clock(logs), twolinks.base, None, only, simulate=False)
+        assert len(seen.verdict.named) == names
+        if not names:
+            assert any("a formula explains clearly more of this joint" in why for _, why in seen.verdict.closest)
+            assert len(seen.wording.formulas) == 1
