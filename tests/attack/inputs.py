@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -128,3 +129,13 @@ def make(folder: Path, run: Callable[[list[str]], int]) -> Path:
     for words in RESULTS:
         assert run([*words, "--no-input", "--force"]) == 0, words
     return folder
+
+
+def inputs_wanted(usual: int) -> int:
+    """Return how many inputs of a kind are tried: a few with ``make test``, all with ``make attack``."""
+    return max(1, round(usual * float(os.environ.get("ATTACK_SHARE", "0.015"))))
+
+
+def first_seed() -> int:
+    """Return the seed of the first input; other seeds give other inputs."""
+    return int(os.environ.get("ATTACK_SEED", "1000"))

@@ -12,8 +12,7 @@ import pytest
 import richer
 import structured
 from forked import Ended, contents, faults, run
-
-from conftest import first_seed, inputs_wanted
+from inputs import first_seed, inputs_wanted
 
 #: Kind of input: file, how it is broken, share of 5000 inputs, commands that read it.
 KINDS = {

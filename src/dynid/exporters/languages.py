@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -89,7 +90,8 @@ def compiled(path: Path, compiler: str = "cc") -> ctypes.CDLL:
     """Compile a C file to a shared library beside it and load it."""
     library = path.with_suffix(".so")
     words = [compiler, "-O1", "-std=c99", "-shared", "-fPIC", str(path), "-o", str(library), "-lm"]
-    subprocess.run(words, check=True, capture_output=True)
+    # Why: a compiler that is stopped leaves its temporary files behind.
+    subprocess.run(words, check=True, capture_output=True, env={**os.environ, "TMPDIR": str(path.parent)})
     return ctypes.CDLL(str(library))
 
 

@@ -15,7 +15,6 @@ import platform
 import shutil
 import stat
 import subprocess
-import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.scratch import prefix, sweep
+from dynid.scratch import scratch_folder
 from dynid.xdg import cache_folder
 
 #: Samples that are evaluated together.
@@ -174,11 +173,12 @@ def _compiled() -> ctypes.CDLL | None:
         return None
     with suppress(OSError, subprocess.SubprocessError):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        sweep(path.parent)
-        with tempfile.TemporaryDirectory(prefix=prefix(), dir=path.parent) as folder:
-            made = Path(folder) / path.name
+        with scratch_folder(path.parent) as folder:
+            made = folder / path.name
             words = [program, *_FLAGS, "-o", str(made), "-x", "c", "-"]
-            subprocess.run(words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=PATIENCE)
+            # Why: a compiler that is stopped leaves its temporary files behind.
+            given = {**os.environ, "TMPDIR": str(folder)}
+            subprocess.run(words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=PATIENCE, env=given)
             made.chmod(0o700)
             made.replace(path)
         return _loaded(path)

@@ -69,6 +69,18 @@ def test_numpy_goes_on_where_compiling_fails(way, cache, monkeypatch):
     assert way == "no folder" or not list((cache / "kernels").iterdir())
 
 
+def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is_removed(tmp_path, cache, monkeypatch):
+    program, temporary = tmp_path / "cc", tmp_path / "tmp"
+    program.write_text('#!/bin/sh\ntouch "$TMPDIR/ccX.s" "$TMPDIR/../seen"\nkill -9 $$\n')
+    program.chmod(0o755)
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(compiled, "compiler", lambda: str(program))
+    assert compiled._compiled() is None
+    assert [file.name for file in (cache / "kernels").iterdir()] == ["seen"], "it was asked, and nothing else is left"
+    assert not list(temporary.iterdir())
+
+
 @needs_compiler
 @pytest.mark.parametrize("others", ["file", "folder", "link"])
 def test_what_others_can_change_is_not_loaded(others, cache):
