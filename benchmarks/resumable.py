@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import subprocess
 import time
 from pathlib import Path
 
@@ -22,6 +23,13 @@ def key_of(row):
     return row.get("set", ""), row["k"], row["seed"]
 
 
+def commit():
+    """Return which code runs: its commit, with a plus where it was changed since."""
+    asked = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+", "--exclude=*"]
+    found = subprocess.run(asked, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
+
+
 def run_cases(args, cases, run, line, table, enough=lambda rows: False):
     """Run cases until time, number or purpose are reached, and show the table of all that are there.
 
@@ -35,12 +43,12 @@ def run_cases(args, cases, run, line, table, enough=lambda rows: False):
     """
     rows = json.loads(args.out.read_text()) if args.out.exists() else []
     done = {key_of(row) for row in rows}
-    end = time.monotonic() + 60 * args.minutes
+    end, code = time.monotonic() + 60 * args.minutes, commit()
     for name, k in cases:
         if time.monotonic() > end or len(rows) >= args.cases or enough(rows):
             break
         if (name, k, args.seed) not in done:
-            rows.append(run(name, k, args.seed))
+            rows.append(run(name, k, args.seed) | {"code": code})
             args.out.write_text(json.dumps(rows))
             print(line(rows[-1]), flush=True)
     print(table(rows))
