@@ -1,17 +1,24 @@
 """Counterbalances of heavy arms of a generator that shares no code with the search (Pinocchio, several kinds)."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import yaml
 
 import gap_blind
 import heavy_arms as heavy
+from dynid.errors import GravityRemoved
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.counterbalance import suspicions
 from dynid.gap.problem import make_problem
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
+from dynid.log import Log
 from dynid.model.regressor import build_model
+from dynid.robot import Body, Prior
+from dynid.signals.gravity import check_gravity
 
 
 def suspected(tmp_path, seed, with_counterbalance):
@@ -35,3 +42,18 @@ def test_it_is_sure_where_the_first_axes_are_apart_and_likely_where_they_cross(t
 def test_an_arm_without_one_is_not_suspected_even_with_a_counterweight(tmp_path, seed):
     assert heavy.draw(seed, False).facts["counterweight"] is (seed == 11)
     assert suspected(tmp_path, seed, False) == []
+
+
+def test_a_weight_that_is_carried_wholly_is_no_gravity_that_was_removed(tmp_path):
+    """The spring carries all that axis 2 would; that the other axes carry theirs shows that gravity is there."""
+    drawn = heavy.draw(907, True)
+    path = tmp_path / "heavy.yaml"
+    path.write_text(yaml.safe_dump(heavy.robot_table(drawn)))
+    bodies = [Body(m, tuple(c), tuple(i[np.triu_indices(3)])) for m, c, i in drawn.bodies]
+    robot = replace(load_robot(path), prior=Prior(links=tuple(bodies)))
+    t, q, tau = heavy.simulate(drawn, 907, trajectories=1, repeats=1, seconds=12.0)[0]
+    check_gravity(Log(t, q, tau, robot.joint_names), robot)
+    weight = drawn.arm.torque(q, 0 * q, 0 * q)
+    weight[:, 1] -= drawn.assists(q)
+    with pytest.raises(GravityRemoved):
+        check_gravity(Log(t, q, tau - weight, robot.joint_names), robot)

@@ -26,6 +26,9 @@ LEAST_POSES = 4
 SIGNIFICANT = 0.3
 #: Expected changes below this [N m] drown in friction.
 LEAST_CHANGE = 1.0
+#: A counterbalance may carry all that the heaviest joint would; where masses are known, lighter joints of heavy arms then
+#: tell: those whose expected torque changes by this share of the largest change, and by so much [N m].
+LIGHTER, LEAST_OF_LIGHTER = 0.05, 10.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 LEAST_SHARE_KNOWN = 0.1
 LEAST_SHARE_UNKNOWN = 0.03
@@ -106,9 +109,12 @@ def check_gravity(log: Log, robot: Robot) -> None:
         return
     load = expected_torque(q, robot)
     change = np.ptp(load, axis=0)
+    known = robot.prior is not None
     loaded = np.flatnonzero((change > SIGNIFICANT * change.max()) & (change > LEAST_CHANGE))
+    if known:
+        loaded = np.union1d(loaded, np.flatnonzero(change > max(LIGHTER * change.max(), LEAST_OF_LIGHTER)))
     shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
-    if shares and max(shares) < (LEAST_SHARE_KNOWN if robot.prior is not None else LEAST_SHARE_UNKNOWN):
+    if shares and max(shares) < (LEAST_SHARE_KNOWN if known else LEAST_SHARE_UNKNOWN):
         heaviest = int(loaded[np.argmax(change[loaded])])
         seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
         raise GravityRemoved(
