@@ -13,9 +13,9 @@ from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.counterbalance import suspicions
 from dynid.gap.problem import make_problem
+from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.log import Log
 from dynid.model.regressor import build_model
 from dynid.robot import Body, Prior
 from dynid.signals.gravity import check_gravity

@@ -74,8 +74,8 @@ class FactorRows:
         values = np.ascontiguousarray(self.values[:, chosen])
         ar = regression.noise.ar[self.joint].astype(np.float32)
         scale = regression.noise.sigma[self.joint] * regression.noise.count[self.joint] ** 0.5
-        fit = regression.fit
-        e, Q = (x[self.joint][at].astype(np.float32) for x in (fit.e, fit.Q))
+        both = regression.fit.e[self.joint], regression.basis(self.joint)
+        e, Q = (x[at].astype(np.float32) for x in both)
         for width, group in by_width.items():
             for start in range(0, len(group), TOGETHER):
                 some = group[start : start + TOGETHER]

@@ -251,7 +251,7 @@ def _same(regression: WhitenedRegression, joint: int, columns: Floats, one: Effe
     """Return which columns, (k, M), are those of an effect, beside the baseline, (k,)."""
     if joint not in one:
         return np.zeros(len(columns), dtype=bool)
-    Q = regression.fit.Q[joint]
+    Q = regression.basis(joint)
     C, E = (x - (x @ Q) @ Q.T for x in (columns, one[joint]))
     U = np.linalg.svd(E, full_matrices=False)[2]
     return np.asarray(np.sum((C @ U.T) ** 2, axis=1) > IDENTICAL * np.sum(C**2, axis=1))
@@ -356,7 +356,7 @@ def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[st
         taken: terms that are there already.
     """
     joint = rows.joint
-    Q, e, block = regression.fit.Q[joint], regression.fit.e[joint], regression.joints[joint].block
+    Q, e, block = regression.basis(joint), regression.fit.e[joint], regression.joints[joint].block
     starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
     found = []
     for factors in rows.best(regression, EXACT):

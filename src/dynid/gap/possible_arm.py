@@ -98,8 +98,7 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
     """
     wide = replace(regression, prior=None, effects=(*regression.effects, *more))
     p = regression.segments[0].W.shape[2]
-    full = [np.column_stack([wide.columns(rows), rows.y]) for rows in wide.joints]
-    gram = np.sum([A.T @ A for A in full], axis=0)
+    gram = wide.gram.sum(axis=0)
     order = [*range(p), len(gram) - 1]
     other = [k for k in range(len(gram)) if k not in order]
     kept = gram[np.ix_(order, order)]

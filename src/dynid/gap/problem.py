@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
-from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals, whitened_regression
+from dynid.gap.whitened_regression import WhitenedRegression, few, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats, sign_of
 from dynid.model.reference import model_torques
@@ -132,11 +133,34 @@ class GapProblem:
             theta: base parameters, those of the problem when None, (p,).
             nuisance: whether shapes of reversals are left unjudged.
         """
-        reference = model_torques(self.base.model, self.base.reduction, self.theta if theta is None else theta)
-        segments = with_reference(self.segments, reference)
+        # Why not of many rows: they take memory, and little time beside what is made of them.
+        kept = few(self.segments)
+        found = (self._judged if nuisance else self._bare) if kept else self._whitened(nuisance=nuisance)
+        if theta is None or np.array_equal(theta, self.theta):
+            return found
+        return replace(found, segments=self._searched(theta))
+
+    @cached_property
+    def _judged(self) -> WhitenedRegression:
+        return self._whitened(nuisance=True)
+
+    @cached_property
+    def _bare(self) -> WhitenedRegression:
+        return self._whitened(nuisance=False)
+
+    @cached_property
+    def _own(self) -> list[SegmentRows]:
+        """The rows that are searched, effects scaled with the parameters of the problem."""
+        return self._searched(self.theta)
+
+    def _searched(self, theta: Floats) -> list[SegmentRows]:
+        reference = model_torques(self.base.model, self.base.reduction, theta)
+        return cut(with_reference(self.segments, reference), self.train)
+
+    def _whitened(self, *, nuisance: bool) -> WhitenedRegression:
         prior = self.held_by if self.kept is None else self.kept.prior_rows
-        found = _baseline(segments, self.train, prior, self.noise, [nuisance_columns(s, nuisance) for s in segments])
-        return found if self.arm is None else replace(found, odd=True)
+        columns = [nuisance_columns(s, nuisance) for s in self.segments]
+        return replace(whitened_regression(self._own, self.noise, columns, prior), odd=self.arm is not None)
 
 
 def _baseline(

@@ -210,14 +210,14 @@ def _beside(regression: WhitenedRegression, columns: Sequence[EffectColumns]) ->
     counts = [len(next(iter(one.values()))) for one in columns]
     edges = np.cumsum([0, *counts])
     fit, total = regression.fit, int(edges[-1])
-    gram, right, P = np.zeros((total, total)), np.zeros(total), np.zeros((total, fit.Q[0].shape[1]))
+    gram, right = np.zeros((total, total)), np.zeros(total)
     for j in sorted({joint for one in columns for joint in one}):
         here = [k for k, one in enumerate(columns) if j in one]
         rows = np.concatenate([np.arange(edges[k], edges[k + 1]) for k in here])
         C = np.concatenate([columns[k][j] for k in here])
         gram[np.ix_(rows, rows)] += C @ C.T
         right[rows] += C @ fit.e[j]
-        P[rows] += C @ fit.Q[j]
+    P = np.concatenate([regression.products(one) for one in columns]) @ fit.root
     return gram - P @ P.T, right
 
 

@@ -121,11 +121,17 @@ def with_reference(segments: Sequence[SegmentRows], reference: ReferenceTorques)
 
 def moving(qd: Floats, rate: float) -> Mask:
     """Return which rows are not part of a rest, (M, n)."""
-    from scipy.ndimage import binary_dilation, binary_opening
-
+    # Why not scipy.ndimage, which would do it in two calls: to import it takes as long as a tenth of a search.
     width = max(1, round(DWELL_SECONDS * rate))
-    rest = binary_opening(np.abs(qd) < REST_SPEED, np.ones((width + 1, 1)))
-    return np.asarray(~binary_dilation(rest, np.ones((2 * width + 1, 1))))
+    rests = _sums(np.abs(qd) < REST_SPEED, 0, width) > width
+    return np.asarray(_sums(rests, -2 * width, width) == 0)
+
+
+def _sums(x: Mask, first: int, last: int) -> NDArray[np.int64]:
+    """Return how many of the rows from ``first`` to ``last`` beside each row are set, (M, n); none beyond the ends."""
+    total = np.concatenate([np.zeros((1, x.shape[1]), dtype=np.int64), np.cumsum(x, axis=0)])
+    rows = np.arange(len(x))
+    return np.asarray(total[np.clip(rows + last + 1, 0, len(x))] - total[np.clip(rows + first, 0, len(x))])
 
 
 def cut(segments: Sequence[SegmentRows], chosen: Sequence[Mask]) -> list[SegmentRows]:

@@ -30,6 +30,8 @@ class EffectCandidate:
         shapes: those that are tried, G of them.
         columns: for each joint that it acts on, (G, k, M_j).
         gram: of the columns before projection, (G, k, k).
+        products: of the columns with those of the baseline and with the torques, over all joints, (G, k, p + c + 1);
+            they are the same whatever else is fitted.
     """
 
     effect: Effect
@@ -37,6 +39,7 @@ class EffectCandidate:
     shapes: list[dict[str, float]]
     columns: dict[int, Floats]
     gram: Floats
+    products: Floats
 
     @property
     def key(self) -> Key:
@@ -73,7 +76,8 @@ def whitened_columns(
     rows = effect.rows(joints, regression.segments[0].motion.n)
     parts = []
     for segment in regression.segments:
-        if not segment.fresh:
+        # Why nothing where no row counts either: motion that is held out takes as long as motion that is searched.
+        if not segment.fresh or not segment.use[:, list(rows)].any():
             count = len(effect.amplitudes(shapes[0]))
             parts.append(np.zeros((len(shapes), count, len(rows), len(segment))))
             continue
@@ -91,11 +95,16 @@ def candidate_of(
 ) -> EffectCandidate:
     """Return a candidate with shapes that have the same number of columns."""
     columns = whitened_columns(regression, effect, joints, shapes)
-    gram = sum(np.einsum("gkm,glm->gkl", C, C) for C in columns.values())
+    gram = np.asarray(sum(np.einsum("gkm,glm->gkl", C, C) for C in columns.values()))
+    products = np.zeros((*gram.shape[:2], regression.size + 1))
+    for joint, C in columns.items():
+        rows = regression.joints[joint]
+        products[..., :-1] += (C.reshape(-1, len(rows.y)) @ rows.A).reshape(*gram.shape[:2], -1)
+        products[..., -1] += C @ rows.y
     if regression.store is not None:
         columns = {joint: regression.store.put(each) for joint, each in columns.items()}
         release()
-    return EffectCandidate(effect, joints, shapes, columns, np.asarray(gram))
+    return EffectCandidate(effect, joints, shapes, columns, gram, products)
 
 
 def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints) -> list[EffectCandidate]:
@@ -122,15 +131,16 @@ def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) 
 def _projected(regression: WhitenedRegression, candidate: EffectCandidate) -> tuple[Floats, Floats]:
     """Return Gram matrices after projection, (G, k, k), and products with the residual, (G, k)."""
     fit = regression.fit
-    count, k = candidate.gram.shape[:2]
-    P = np.zeros((count * k, fit.Q[0].shape[1]))
-    b = np.zeros(count * k)
-    for joint, C in candidate.columns.items():
-        flat = C.reshape(count * k, -1)
-        P += flat @ fit.Q[joint]
-        b += flat @ fit.e[joint]
-    P = P.reshape(count, k, -1)
-    return candidate.gram - np.einsum("gkp,glp->gkl", P, P), b.reshape(count, k)
+    count, k, width = candidate.products.shape
+    flat = candidate.products.reshape(count * k, width)
+    all_products = np.zeros((count * k, len(fit.theta)))
+    all_products[:, : width - 1] = flat[:, :-1]
+    if regression.effects:
+        columns = {joint: C.reshape(count * k, -1) for joint, C in candidate.columns.items()}
+        all_products = regression.with_products(all_products, columns)
+    P = (all_products @ fit.root).reshape(count, k, -1)
+    b = flat[:, -1] - all_products @ fit.theta
+    return candidate.gram - P @ P.transpose(0, 2, 1), b.reshape(count, k)
 
 
 def _gains(G: Floats, b: Floats, raw: Floats, absorbed: float, positive: bool) -> tuple[Floats, Floats, Floats]:
@@ -197,12 +207,15 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
 
     fit = regression.fit
     k = len(next(iter(columns.values())))
-    P = np.asarray(sum(C @ fit.Q[j] for j, C in columns.items()))
+    P = regression.products(columns) @ fit.root
+    weights = fit.root @ P.T
     blocks: dict[int, list[Floats]] = {}
     halves: dict[int, list[Floats]] = {}
     projected = {}
     for j, rows in enumerate(regression.joints):
-        C = columns.get(j, np.zeros((k, len(rows.y)))) - (fit.Q[j] @ P.T).T
+        C = -regression.combined(j, weights).T
+        if j in columns:
+            C += columns[j]
         products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * fit.e[j]).T], axis=1)
         projected[j] = C
         _add_sums(blocks, rows.block, products)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,13 @@ class WhitenedRows:
     log: Ints
     index: Ints
 
+    @cached_property
+    def gram(self) -> Floats:
+        """Products of all columns and torques with each other, (p + c + 1, p + c + 1)."""
+        # Why once: what is fitted beside the baseline changes again and again, these rows do not.
+        both = np.column_stack([self.A, self.y])
+        return np.asarray(both.T @ both)
+
 
 @dataclass(frozen=True)
 class WhitenedFit:
@@ -63,14 +71,13 @@ class WhitenedFit:
 
     Attributes:
         theta: base parameters, coefficients of columns that are not judged, amplitudes of effects, (w,).
-        root: R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r).
-        Q: an orthonormal basis of all columns, in the rows of each joint, (M_j, r).
+        root: R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r): columns
+            times R are an orthonormal basis of all of them.
         e: residuals of each joint, (M_j,).
     """
 
     theta: Floats
     root: Floats
-    Q: list[Floats]
     e: list[Floats]
 
     @property
@@ -106,7 +113,7 @@ class WhitenedRegression:
     @cached_property
     def store(self) -> Store | None:
         """Where columns of candidates are kept; None where the rows are few, and memory does."""
-        return Store() if sum(len(s) for s in self.segments) > FEW_ROWS else None
+        return None if few(self.segments) else Store()
 
     @property
     def absorbed(self) -> float:
@@ -134,12 +141,8 @@ class WhitenedRegression:
     @cached_property
     def fit(self) -> WhitenedFit:
         """Baseline and effects fitted to all rows and to the prior."""
-        full = [self.columns(rows) for rows in self.joints]
-        width = full[0].shape[1]
-        gram, right = np.zeros((width, width)), np.zeros(width)
-        for A, rows in zip(full, self.joints, strict=True):
-            gram += A.T @ A
-            right += A.T @ rows.y
+        whole = self.gram.sum(axis=0)
+        gram, right = whole[:-1, :-1], whole[:-1, -1]
         if self.prior is not None:
             p = self.size
             gram[:p, :p] += self.prior[:, :-1].T @ self.prior[:, :-1]
@@ -150,15 +153,63 @@ class WhitenedRegression:
         kept = values > (WEAK_BESIDE_ARM if self.odd else WEAK) * values[-1]
         root = V[:, kept] / np.sqrt(values[kept]) / length[:, None]
         theta = root @ (root.T @ right)
-        residuals = [rows.y - A @ theta for A, rows in zip(full, self.joints, strict=True)]
-        return WhitenedFit(theta, root, [A @ root for A in full], residuals)
+        residuals = [rows.y - self.combined(rows.joint, theta) for rows in self.joints]
+        return WhitenedFit(theta, root, residuals)
 
-    def columns(self, rows: WhitenedRows) -> Floats:
-        """Return all columns in the rows of one joint: baseline and effects, (M, w)."""
-        if not self.effects:
-            return rows.A
-        parts = [one.get(rows.joint, np.zeros((_count(one), len(rows.y)))).T for one in self.effects]
-        return np.hstack([rows.A, *parts])
+    @cached_property
+    def gram(self) -> Floats:
+        """Products of all columns and torques with each other in the rows of each joint, (n, w + 1, w + 1)."""
+        p, width = self.size, self._edges[-1]
+        order = [*range(p), width]
+        found = np.zeros((len(self.joints), width + 1, width + 1))
+        for j, rows in enumerate(self.joints):
+            found[j][np.ix_(order, order)] = rows.gram
+            here, E = self._effects_in(j)
+            if len(here):
+                beside = np.column_stack([E @ rows.A, E @ rows.y])
+                found[j][np.ix_(here, order)] = beside
+                found[j][np.ix_(order, here)] = beside.T
+                found[j][np.ix_(here, here)] = E @ E.T
+        return found
+
+    @property
+    def _edges(self) -> list[int]:
+        """Where the columns of each effect begin, and where all end."""
+        return list(accumulate((_count(one) for one in self.effects), initial=self.size))
+
+    def _effects_in(self, joint: int) -> tuple[Ints, Floats]:
+        """Return which columns are those of effects in the rows of one joint, (K,), and these, (K, M)."""
+        edges = self._edges
+        places = [np.arange(edges[k], edges[k + 1]) for k, one in enumerate(self.effects) if joint in one]
+        parts = [one[joint] for one in self.effects if joint in one]
+        if not parts:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, len(self.joints[joint].y)))
+        return np.concatenate(places), np.concatenate(parts)
+
+    def combined(self, joint: int, weights: Floats) -> Floats:
+        """Return combinations of all columns in the rows of one joint, (w, ...) -> (M, ...)."""
+        here, E = self._effects_in(joint)
+        found: Floats = self.joints[joint].A @ weights[: self.size]
+        return found + E.T @ weights[here] if len(here) else found
+
+    def basis(self, joint: int) -> Floats:
+        """Return an orthonormal basis of all columns in the rows of one joint, (M, r)."""
+        return self.combined(joint, self.fit.root)
+
+    def products(self, columns: EffectColumns) -> Floats:
+        """Return products of further columns with all columns, over all joints, (k, w)."""
+        found = np.zeros((_count(columns), self._edges[-1]))
+        for joint, C in columns.items():
+            found[:, : self.size] += C @ self.joints[joint].A
+        return self.with_products(found, columns)
+
+    def with_products(self, found: Floats, columns: EffectColumns) -> Floats:
+        """Add products of further columns with those of effects to their place among all, (k, w)."""
+        for joint, C in columns.items():
+            here, E = self._effects_in(joint)
+            if len(here):
+                found[:, here] += C @ E.T
+        return found
 
     @property
     def amplitudes(self) -> Floats:
@@ -194,11 +245,17 @@ class WhitenedRegression:
     def reduced_chi_square(self) -> Floats:
         """Return the mean square of each joint's whitened residual, freedom taken off, (n,); 1 at the noise floor."""
         chi = np.ones(len(self.joints))
-        for j, (e, Q) in enumerate(zip(self.fit.e, self.fit.Q, strict=True)):
-            freedom = len(e) - float(np.sum(Q**2))
+        root = self.fit.root
+        for j, (e, gram) in enumerate(zip(self.fit.e, self.gram, strict=True)):
+            freedom = len(e) - float(np.sum((gram[:-1, :-1] @ root) * root))
             if len(e) > 50 and freedom > 20:
                 chi[j] = self.noise.count[j] * float(e @ e) / freedom
         return chi
+
+
+def few(segments: Sequence[SegmentRows]) -> bool:
+    """Return whether all that is made of rows may stay in memory."""
+    return sum(len(s) for s in segments) <= FEW_ROWS
 
 
 def _count(one: EffectColumns) -> int:

@@ -5,13 +5,15 @@ Reads a model and values of all its columns; writes nothing.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.prior import prior_vector
 from dynid.model.reduce import Reduction
-from dynid.model.regressor import Model
+from dynid.model.regressor import Model, Observer
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -27,20 +29,25 @@ class ModelTorques:
 
     def __init__(self, model: Model, values: Floats) -> None:
         self._model, self._values = model, values
-        links = len(model.link_columns)
-        self._rigid = np.flatnonzero(values[:links])
+        self._rigid = np.flatnonzero(values[: len(model.link_columns)])
         self._total = np.flatnonzero(values[: model.plain_size])
-        self._observers = {
-            key: model.observer(chosen) for key, chosen in (("rigid", self._rigid), ("total", self._total))
-        }
+
+    # Why later: many are made whose torques nobody asks for.
+    @cached_property
+    def _rigid_observer(self) -> Observer:
+        return self._model.observer(self._rigid)
+
+    @cached_property
+    def _total_observer(self) -> Observer:
+        return self._model.observer(self._total)
 
     def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body torques, (N, n) [N m or N]."""
-        return self._observers["rigid"].torque(self._values[self._rigid], q, qd, qdd)
+        return self._rigid_observer.torque(self._values[self._rigid], q, qd, qdd)
 
     def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
-        return self._observers["total"].torque(self._values[self._total], q, qd, qdd)
+        return self._total_observer.torque(self._values[self._total], q, qd, qdd)
 
     def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""

@@ -26,8 +26,8 @@ LEAST_POSES = 4
 SIGNIFICANT = 0.3
 #: Expected changes below this [N m] drown in friction.
 LEAST_CHANGE = 1.0
-#: A counterbalance may carry all that the heaviest joint would; where masses are known, lighter joints of heavy arms then
-#: tell: those whose expected torque changes by this share of the largest change, and by so much [N m].
+#: A counterbalance may carry all that the heaviest joint would; where masses are known, lighter joints of heavy arms
+#: then tell: those whose expected torque changes by this share of the largest change, and by so much [N m].
 LIGHTER, LEAST_OF_LIGHTER = 0.05, 10.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 LEAST_SHARE_KNOWN = 0.1
