@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
-from dynid.robot import Robot
+from dynid.model.prior import prior_bodies, second_moments
+from dynid.robot import Body, Joint, Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
 from dynid.signals.nonnegative import nonnegative_least_squares
 from dynid.signals.ranges import OUTSIDE, beyond
@@ -158,7 +160,7 @@ class Judge:
         terms = self._terms(robot)
         signed = robot.torque.source in ("motor_torque", "motor_current")
         parts = [_reduced(terms, j, signed=signed) for j in range(robot.n)]
-        bodies = _corners(robot.convention, robot.joints)
+        bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         if self.motion.apart:
             return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), _floor(terms)
         return _cone(parts, bodies, 1.0 / np.maximum(self._least(terms), 1e-9)), _floor(terms)
@@ -316,13 +318,17 @@ def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Float
 
 
 @lru_cache(maxsize=16)
-def _corners(convention: str, joints: tuple[object, ...]) -> tuple[Floats, ...]:
+def _corners(
+    convention: Literal["standard", "modified"], joints: tuple[Joint, ...], prior: tuple[Body, ...]
+) -> tuple[Floats, ...]:
     """Return the parameters of point masses of 1 kg inside the box of each link, n of (10, points).
 
     The box is around the link's own frame and those of its neighbours, with a margin: generous, because the DH frames
     of many arms lie outside the link, and what counts is that masses are positive and levers no longer than the arm.
+    Bodies of the prior may exist, too, however far they reach: a long tool, or the inertias of a public URDF, with
+    which simulated logs are made and of which some are those of bodies as large as the arm.
     """
-    robot = Robot("", convention, joints)  # type: ignore[arg-type]
+    robot = Robot("", convention, joints)
     frames = link_frames(robot, np.zeros((1, robot.n)))
     R, p = frames.R[0], np.concatenate([np.zeros((1, 3)), frames.p[0]])
     found = []
@@ -333,7 +339,14 @@ def _corners(convention: str, joints: tuple[object, ...]) -> tuple[Floats, ...]:
             np.union1d(np.linspace(low, high, POINTS), [0.0])
             for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
         ]
-        x, y, z = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+        x, y, z = np.hstack([np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T])
         tensor = [y**2 + z**2, -x * y, -x * z, x**2 + z**2, -y * z, x**2 + y**2]
         found.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
     return tuple(found)
+
+
+def _points(body: Body) -> Floats:
+    """Return places of equal masses that have a body's second moments about its centre, and the centre, (7, 3) [m]."""
+    value, axes = np.linalg.eigh(second_moments(body.tensor) / max(body.mass, 1e-9))
+    reach = np.sqrt(3.0 * np.maximum(value, 0.0)) * axes
+    return np.asarray(np.array(body.com) + np.vstack([reach.T, -reach.T, np.zeros((1, 3))]))

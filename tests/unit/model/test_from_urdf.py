@@ -11,12 +11,14 @@ import pytest
 from dynid.errors import DynidError, TooLarge, WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
+from dynid.log import Log
 from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
 from dynid.model.prior import prior_parameters
 from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Body
+from dynid.signals.mapping import diagnose
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
 ARMS = {
@@ -156,6 +158,26 @@ def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques
     found, robot = imported(robots / file, convention, base, tip)
     assert pose_difference(robots / file, found, robot) < 1e-9
     assert torque_difference(robots / file, robot) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "z1"])
+def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
+    """Public URDFs have inertias of bodies as large as the arm: the wrist of the UR5 has 1.2 kg, 0.42 m out."""
+    file, base, tip = ARMS[name]
+    _, robot = imported(robots / file, base=base, tip=tip)
+    model = in_pinocchio(robots / file, robot.joint_names)
+    data, rng = model.createData(), np.random.default_rng(3)
+    t = np.arange(0, 12.0, 0.005)
+    rate, phase = 2 * np.pi * rng.uniform(0.05, 0.4, (2, robot.n, 1)), rng.uniform(0, 2 * np.pi, (2, robot.n, 1))
+    q = np.sin(rate * t + phase).sum(axis=0).T
+    qd = (rate * np.cos(rate * t + phase)).sum(axis=0).T
+    qdd = (-(rate**2) * np.sin(rate * t + phase)).sum(axis=0).T
+    states = zip(q, qd, qdd, strict=True)
+    tau = np.array([pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c) for a, b, c in states])
+    tau += 0.1 * np.tanh(qd / 0.01) + 0.02 * rng.standard_normal(tau.shape)
+    found = diagnose(Log(t, q, tau), robot)
+    assert found is not None
+    assert not found.wrong
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])

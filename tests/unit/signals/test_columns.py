@@ -121,6 +121,13 @@ def test_other_names_are_listed_with_the_line_that_maps_them():
     assert matching_columns(log, robot)[0] == list(range(7))
 
 
+def test_numbers_in_the_place_of_names_are_offered_in_their_order():
+    log = replace(lwr_log(), names=("2", "1", "3", "4", "5", "6", "7"), source=None)
+    with pytest.raises(JointNamesDiffer) as caught:
+        matching_columns(log, lwr())
+    assert caught.value.fix.endswith('joint_names: ["1", "2", "3", "4", "5", "6", "7"]')
+
+
 @pytest.mark.data
 def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
     robot = load_robot(ROOT / "robots" / "staubli_tx40.yaml")
