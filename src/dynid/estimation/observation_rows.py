@@ -282,8 +282,7 @@ def _entries(
     Added effects come with the segment, and so do Coulomb signs where it has them: filtered as the torques were.
     """
     q, qd, qdd = motion
-    blocks = observer.blocks(q, qd, qdd, sign if sign.size else None)
-    entries = np.concatenate([e.copy() for _, e in blocks], axis=1)
+    entries = observer.entries(q, qd, qdd, sign if sign.size else None)
     if len(observer.added_entries):
         entries = np.vstack([entries, effects.T[observer.added_entries]])
     kept: Floats = decimate(entries, kernel, step)[0]

@@ -54,16 +54,17 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
         What they look like.
     """
     noise, count = robust_noise(rows, theta), 0
-    moments, beyond = np.zeros((5, len(noise))), np.zeros(len(noise))
+    moments = np.zeros((5, len(noise)))
     for part in rows:
-        scaled = part.residual(theta) / noise
-        moments += [np.sum(scaled**k, axis=0) for k in range(5)]
-        beyond += np.sum(np.abs(scaled) > SPIKE, axis=0)
+        scaled = np.ascontiguousarray(part.residual(theta).T) / noise[:, None]
+        square = scaled * scaled
+        powers = scaled, square, square * scaled, square * square, np.abs(scaled) > SPIKE
+        moments += [np.sum(each, axis=1) for each in powers]
         count = count + part.mask.sum(axis=0)
-    one, two, three, four = moments[1:] / np.maximum(count, 1)
+    one, two, three, four, beyond = moments / np.maximum(count, 1)
     variance = np.maximum(two - one**2, 1e-150)
     fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
-    return Spikes(beyond / np.maximum(count, 1), fourth / variance**2)
+    return Spikes(beyond, fourth / variance**2)
 
 
 def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> Fit:

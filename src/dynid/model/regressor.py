@@ -163,17 +163,32 @@ class Observer:
             coulomb_sign: signs of the velocities where a log carries them, (N, n); those of ``qd`` when None.
         """
         for part, entries in self._kernel.blocks(q, qd, qdd):
-            if self._extra:
-                state = State(q[part], qd[part], qdd[part])
-                signs = None if coulomb_sign is None else coulomb_sign[part]
-                extra = [
-                    column.evaluate(state)
-                    if signs is None or column.parameter.kind != "fc"
-                    else [signs[:, column.rows[0]]]
-                    for column in self._extra
-                ]
-                entries = np.vstack([entries, *(entry for found in extra for entry in found)])
-            yield part, entries
+            extra = self._extra_entries(
+                q[part], qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
+            )
+            yield part, np.vstack([entries, *extra]) if extra else entries
+
+    def entries(self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None) -> Floats:
+        """Return the entries that ``blocks`` yields, in one array, (E, N)."""
+        found = np.empty((len(self.rows) - len(self.added_entries), len(q)))
+        for part, entries in self._kernel.blocks(q, qd, qdd):
+            extra = self._extra_entries(
+                q[part], qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
+            )
+            found[: len(entries), part] = entries
+            for row, entry in zip(found[len(entries) :], extra, strict=True):
+                row[part] = entry
+        return found
+
+    def _extra_entries(self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None) -> list[Floats]:
+        """Return the entries of friction and coupled motors, E arrays (N,)."""
+        state, found = State(q, qd, qdd), list[Floats]()
+        for column in self._extra:
+            if coulomb_sign is not None and column.parameter.kind == "fc":
+                found.append(coulomb_sign[:, column.rows[0]])
+            else:
+                found += column.evaluate(state)
+        return found
 
     def coulomb_sign(self, qd: Floats) -> Floats:
         """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""

@@ -14,7 +14,7 @@ from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
 from dynid.longarrays import empty, release
 from dynid.robot import Robot
-from dynid.signals.pieces import extremes, spans
+from dynid.signals.pieces import by_column, extremes, spans
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -131,7 +131,7 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
     v, least = speed(log), per_joint(MOVING_SPEED, robot)
-    alive = np.any([np.any(np.abs(v[part]) > least, axis=0) for part in spans(len(v))], axis=0)
+    alive = np.any([by_column(np.max, np.abs(v[part])) > least for part in spans(len(v))], axis=0)
     if not alive.any():
         return 0.0
     several = -(-len(v) // SPECTRUM)
@@ -140,7 +140,8 @@ def bandwidth(log: Log, robot: Robot) -> float:
     for j in np.flatnonzero(alive):
         power = np.zeros(len(frequency))
         for start in range(0, several * length, length):
-            power += np.abs(np.fft.rfft(v[start : start + length, j] * window)) ** 2
+            waves = np.fft.rfft(v[start : start + length, j] * window)
+            power += waves.real**2 + waves.imag**2
             release()
         share = np.cumsum(power) / np.sum(power)
         found.append(float(frequency[np.searchsorted(share, POWER_SHARE)]))
@@ -149,7 +150,7 @@ def bandwidth(log: Log, robot: Robot) -> float:
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     """Return how many times each joint swings from one reversal to the next, (n,)."""
-    fastest = np.max([np.max(np.abs(v), axis=0) for _, v in speeds(log)], axis=0)
+    fastest = np.max([by_column(np.max, np.abs(v)) for _, v in speeds(log)], axis=0)
     least = np.maximum(per_joint(MOVING_SPEED, robot), 0.05 * fastest)
     counts, before = np.zeros(log.n, dtype=np.int64), np.zeros(log.n)
     for _, v in speeds(log):

@@ -111,3 +111,12 @@ def test_positions_are_looked_up_in_pieces_as_they_are_whole(monkeypatch):
     whole = sampled(t, q)
     monkeypatch.setattr("dynid.signals.same_motion.TOGETHER", 7)
     np.testing.assert_array_equal(sampled(t, q), whole)
+
+
+@pytest.mark.parametrize("shape", [(1, 7), (63, 7), (64, 7), (1000, 3), (200,)])
+def test_columns_are_reduced_as_one_by_one(shape):
+    x = np.random.default_rng(0).standard_normal(shape)
+    low, high = pieces.extremes(x)
+    assert np.array_equal(low, x.min(axis=0))
+    assert np.array_equal(high, x.max(axis=0))
+    np.testing.assert_allclose(pieces.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)
