@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.exporters import residual_code
+from dynid.exporters import formula_code, residual_code
 from dynid.exporters.interface import IdentifiedArm
 from dynid.model.kernels import FOLD
 from dynid.model.kinematics import geometry
@@ -70,7 +70,7 @@ class Language:
 def source_code(arm: IdentifiedArm, language: Language) -> str:
     """Return the base model of an arm as a file of source code."""
     writer = _Writer(language, arm.base.robot, len(arm.theta))
-    inertial, friction = writer.statements(arm)
+    inertial, friction, formulas = writer.statements(arm)
     names = [code(name) for name in arm.base.reduction.base_names]
     values = zip(names, arm.theta.tolist(), strict=True)
     with_residual, without = language.add
@@ -87,6 +87,7 @@ def source_code(arm: IdentifiedArm, language: Language) -> str:
         values=language.between.join(language.value.format(value=repr(value), name=name) for name, value in values),
         inertial="\n".join(inertial),
         friction="\n".join(friction),
+        formulas="\n".join(formulas),
     )
 
 
@@ -118,18 +119,36 @@ class _Writer:
     def __init__(self, language: Language, robot: Robot, width: int) -> None:
         self.language, self.robot, self.width = language, robot, width
 
-    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str]]:
-        """Return the statements that store what moves masses and rotors, and those that store the rest."""
+    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str], list[str]]:
+        """Return the statements that store what moves masses and rotors, those of friction, and those of formulas."""
         model, base = arm.base.model, arm.base.reduction.base
         links = len(model.link_columns)
         rigid = base < links
         inertial = self._program(model.rigid.restricted(model.link_columns[base[rigid]]))
         friction: list[str] = []
-        for col in np.flatnonzero(~rigid):
+        for col in np.flatnonzero(~rigid & (base < model.plain_size)):
             parameter = model.extra[base[col] - links].parameter
             target = inertial if parameter.kind == "Imc" else friction
             target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
-        return inertial, friction
+        return inertial, friction, self._formulas(arm)
+
+    def _formulas(self, arm: IdentifiedArm) -> list[str]:
+        """Return the statements that store the columns of formulas."""
+        model, language = arm.base.model, self.language
+        spelling = formula_code.Spelling(
+            item=self._item,
+            sign=lambda joint: self._coulomb(joint, self._item("qd", joint)),
+            call=lambda function, x: language.call.format(function=function, x=x),
+            absolute=language.absolute,
+        )
+        place = {int(column): k for k, column in enumerate(arm.base.reduction.base)}
+        first, found = model.plain_size, []
+        for added in model.added:
+            if formula_code.sayable(added):
+                entries = enumerate(formula_code.columns(added, spelling), start=first)
+                found += [self._stored(row, place[k], value) for k, (row, value) in entries if k in place]
+            first += len(added.columns)
+        return found
 
     def residual(self, arm: IdentifiedArm) -> str:
         """Return the functions of the residual model; nothing where there is none."""

@@ -14,8 +14,11 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.exporters import formula_code
 from dynid.exporters.code import Language, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.model.effects.interface import ArmMotion
+from dynid.model.reference import model_torques
 from dynid.scratch import scratch_folder
 from dynid.text import identifier
 
@@ -77,12 +80,32 @@ MATLAB = Language(
 
 def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     observer, error = arm.base.model.observer(arm.base.reduction.base), arm.predicted_error
-    tau = observer.torque(arm.theta, q, qd, qdd)
-    return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), observer.dense(q, qd, qdd))
+    W = observer.dense(q, qd, qdd)
+    _add_formulas(W, arm, q, qd, qdd)
+    tau: Floats = W @ arm.theta
+    return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), W)
 
 
-def _leaves_out_nothing(arm: IdentifiedArm) -> tuple[str, ...]:
-    return ()
+def _add_formulas(W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> None:
+    """Put the columns of formulas that code holds into a base regressor, (N, n, p)."""
+    model, base = arm.base.model, arm.base.reduction.base.tolist()
+    reference = model_torques(model, arm.base.reduction, arm.theta)
+    # Why no time: such a formula asks for none.
+    motion = ArmMotion(np.zeros(len(q)), q, qd, qdd, arm.robot, reference, lambda x: x)
+    first = model.plain_size
+    for added in model.added:
+        if formula_code.sayable(added):
+            for k, column in enumerate(added.evaluate(motion), start=first):
+                if k in base:
+                    W[:, added.joints[0], base.index(k)] = column
+        first += len(added.columns)
+
+
+def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    robot = arm.robot
+    gone = [added for added in arm.base.model.added if not formula_code.sayable(added)]
+    names = [f"effect {one.effect.name} on {', '.join(robot.joint_names[j] for j in one.joints)}" for one in gone]
+    return (*names, *(f"effect {one.effect}" for one in robot.effects if one.effect == "torque_delay"))
 
 
 # ---------------------------------------------------------------- C
@@ -130,7 +153,8 @@ def _loaded_python(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
 # ---------------------------------------------------------------- MATLAB
 def _matlab_leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     name = identifier(arm.file_stem)
-    return () if name == arm.file_stem else (f"the file must be called {name}.m to be found by MATLAB",)
+    place = () if name == arm.file_stem else (f"the file must be called {name}.m to be found by MATLAB",)
+    return (*_leaves_out(arm), *place)
 
 
 def _loaded_octave(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
@@ -171,10 +195,10 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
 
 
 C_FORMAT = Format(
-    "c", ".c", partial(source_code, language=C), _leaves_out_nothing, _loaded_c, needs_bodies=False, tolerance=1e-12
+    "c", ".c", partial(source_code, language=C), _leaves_out, _loaded_c, needs_bodies=False, tolerance=1e-12
 )
 PYTHON_FORMAT = Format(
-    "python", ".py", partial(source_code, language=PYTHON), _leaves_out_nothing, _loaded_python,
+    "python", ".py", partial(source_code, language=PYTHON), _leaves_out, _loaded_python,
     needs_bodies=False, tolerance=1e-12,
 )  # fmt: skip
 MATLAB_FORMAT = Format(

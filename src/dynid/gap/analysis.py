@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.errors import PackageMissing
-from dynid.gap.formulas import Wording, find_formulas, outdone
+from dynid.gap.formulas import Wording, advice_on_formulas, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
@@ -120,6 +120,8 @@ def analyse_gap(
     # Why not of a change: a formula of what has changed is no property of the arm.
     wordless = () if problem.since else dict.fromkeys((*verdict.remainder, *unrepeatable(found.search)))
     wording = find_formulas(found.search, tuple(wordless), progress)
+    if verdict.word == "unexplained" and wording.formulas:
+        verdict = replace(verdict, advice=advice_on_formulas(wording, base.robot.joint_names))
     return GapAnalysis(
         logs,
         problem,

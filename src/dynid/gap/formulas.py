@@ -57,6 +57,8 @@ CONSTANT = 1e-3
 PARTS, FOLLOWED = 12, 0.1
 #: Bins in which the quantity that an effect follows is sought.
 BINS = 24
+#: Share of its power that a formula follows a quantity with, to be drawn over that; else it is drawn over itself.
+FOLLOWS_ONE = 0.9
 #: Why a joint that has nothing to repeat has no formula.
 STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
@@ -495,6 +497,9 @@ def held_out_effect(
     # Why: on seconds of a smooth motion every torque is also one of time.
     shares["time [s]"] -= TIME_LEAD
     follows = max(shares, key=lambda name: shares[name])
+    if isinstance(one.effect, Formula) and shares[follows] < FOLLOWS_ONE:
+        follows = f"torque that the formula says [{robot.joints[joint].torque_unit}]"
+        quantities[follows] = torque
     return HeldOutEffect(t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows)
 
 
@@ -542,6 +547,17 @@ def clue_text(clue: Clue, names: Sequence[str]) -> str:
     near = f"; nearest: {clue.near}" if clue.near else ""
     follows = f"it follows {clue.signal} most ({100 * clue.share:.0f} % of its power)"
     return f"{names[clue.joint]}: {repeats}{follows if clue.share > FOLLOWED else 'it follows no single signal'}{near}"
+
+
+def advice_on_formulas(wording: Wording, names: Sequence[str]) -> str:
+    """Return what to do where formulas say what no effect of the catalogue explains."""
+    said = ", ".join(names[one.joints[0]] for one in wording.formulas)
+    left = ", ".join(names[clue.joint] for clue in wording.clues)
+    more = f" Nothing is said of {left}: look at where.png." if left else ""
+    return (
+        f"No effect of the catalogue explains it, but a formula describes what is left of {said}: look whether it "
+        f"makes sense, add it with --apply formula, and check on a new log with dynid validate.{more}"
+    )
 
 
 def _clue(search: EffectSearch, joint: int, why: str) -> Clue:

@@ -14,7 +14,7 @@ from dynid.exporters import FORMATS
 from dynid.exporters.languages import compiled, imported, pointer
 from dynid.files.robotfile import load_robot
 from dynid.model.reduce import random_states
-from dynid.robot import Coulomb
+from dynid.robot import Coulomb, EffectSpec
 
 
 def written(source, name, folder):
@@ -152,3 +152,30 @@ def test_parameters_that_the_data_did_not_determine_are_marked():
     source = replace(source, known=("not determined", *source.known[1:]))
     for format in ("c", "python", "matlab"):
         assert "not determined by the data" in FORMATS[format].text(source)
+
+
+@pytest.mark.parametrize("format", ["c", "python"])
+def test_a_formula_is_part_of_the_code_and_what_asks_for_time_is_told(format, tmp_path):
+    """The torque by hand, joint 2 of the arm without any effect beside it."""
+    robot, names = load_robot("kuka_lwr4plus"), load_robot("kuka_lwr4plus").joint_names
+    said = "a cos(2 q2) |qd3| qd4^3 / (2 + sin(q1)^2) + b qdd1 sign(qd2)"
+    specs = (
+        EffectSpec("formula", (names[1],), {"a": 0.7, "b": -0.3}, {}, said),
+        EffectSpec("formula", (names[3],), {"a": 0.01}, {}, "a qd4 t"),
+    )
+    bare, source = made(robot), made(replace(robot, effects=specs))
+    sizes = {"formula2_a": 0.7, "formula2_b": -0.3, "formula4_a": 0.01}
+    values = zip(source.base.reduction.base_names, source.theta, strict=True)
+    source = replace(source, theta=np.array([sizes.get(name, value) for name, value in values]))
+    q, qd, qdd = random_states(robot, 20, 3)
+    law = 0.7 * np.cos(2 * q[:, 1]) * np.abs(qd[:, 2]) * qd[:, 3] ** 3 / (2 + np.sin(q[:, 0]) ** 2)
+    law -= 0.3 * qdd[:, 0] * source.base.model.observer().coulomb_sign(qd)[:, 1]
+    (theirs,) = [one.theirs for one in FORMATS[format].loaded(written(source, format, tmp_path), source)]
+    (tmp_path / "bare").mkdir()
+    (alone,) = [one.theirs for one in FORMATS[format].loaded(written(bare, format, tmp_path / "bare"), bare)]
+    expected = alone(q, qd, qdd)
+    expected[:, 1] += law
+    np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    assert FORMATS[format].leaves_out(source) == (f"effect formula on {names[3]}",)
+    (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
+    assert agreement.largest < 1e-10
