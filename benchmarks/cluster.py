@@ -1,6 +1,6 @@
 """Measure `dynid run` on Dask: two workers against one, overhead, memory, what survives kills, long logs in stretches.
 
-    python benchmarks/cluster.py speed [--logs 24]       jobs of one log of 60 s of a 7-joint arm
+    python benchmarks/cluster.py speed [--logs 80]       jobs of one log of 60 s of a 7-joint arm; 3 minutes, one line
     python benchmarks/cluster.py overhead                tasks that do nothing
     python benchmarks/cluster.py kills [--seed 0]        ten workers killed, then a scheduler; same bytes?
     python benchmarks/cluster.py stretches [--samples 10000000] [--count 40]
@@ -25,6 +25,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import psutil
@@ -36,7 +37,7 @@ import twolink  # noqa: E402
 from dynid.log import Log  # noqa: E402
 from dynid.model import build_model  # noqa: E402
 from dynid.model.prior import prior_vector  # noqa: E402
-from dynid.workflows.cluster import Here, Task, opened  # noqa: E402
+from dynid.workflows.cluster import Task, opened  # noqa: E402
 from dynid.workflows.robots import load_robot  # noqa: E402
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"}
@@ -125,7 +126,36 @@ def seven_joint_logs(folder, count, seconds=60.0, rate=200.0):
         Log(t=t, q=q, tau=tau, names=robot.joint_names, dh=True).save(folder / f"log{number:03d}.npz")
 
 
+class Run(NamedTuple):
+    """One run of the batch: times [s] whole and of a job once started, memory of its largest process in thirds [MB]."""
+
+    wall: float
+    wall_each: float
+    processor_each: float
+    thirds: list[float]
+    result: str
+
+
+def run_of(folder, workers):
+    shutil.rmtree(folder / "out", ignore_errors=True)
+    began, ends = time.perf_counter(), []
+    process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers), "--json-lines")
+    with Watched(process) as watched:
+        for line in process.stdout:
+            if b'"event": "job"' in line:
+                ends.append((time.perf_counter(), processor_of(process)))
+        said = process.stderr.read()
+        process.wait()
+    if process.returncode:
+        raise SystemExit(said.decode()[-2000:])
+    # Why from the fourth end on: processes start once, whether there are 16 logs or 500.
+    wall_each, processor_each = (np.array(ends[-1]) - ends[3]) / (len(ends) - 4)
+    return Run(time.perf_counter() - began, wall_each, processor_each, watched.thirds(), digest(folder / "out"))
+
+
 def speed(given):
+    """Print one line; three minutes on a quiet machine with 80 logs and one round."""
+    before = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         seven_joint_logs(folder, given.logs)
@@ -134,50 +164,37 @@ def speed(given):
             for k in range(given.logs)
         )
         (folder / "batch.yaml").write_text(f"jobs:\n{jobs}")
-        rows = {}
+        runs = {workers: [] for workers in (2, 1)}
         for workers in (2, 1) * given.rounds:
-            shutil.rmtree(folder / "out", ignore_errors=True)
-            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-            process = dynid(folder, "run", "batch.yaml", "--jobs", str(workers), "--json-lines")
-            with Watched(process) as watched:
-                ends = [processor_of(process) for line in process.stdout if b'"event": "job"' in line]
-                err = process.stderr.read()
-                process.wait()
-            wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-            processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-            memory = ", ".join(f"{each:.0f}" for each in watched.thirds())
-            # Why from the fourth end on: processes start once, whether there are 16 logs or 500.
-            each = (ends[-1] - ends[3]) / (len(ends) - 4)
-            rows.setdefault(workers, []).append((wall, each))
-            print(
-                f"{given.logs} logs, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of processor, {each:.2f} s a job "
-                f"once started, status {process.returncode}, largest process in thirds {memory} MB, "
-                f"load {os.getloadavg()[0]:.1f}, {digest(folder / 'out')}",
-                flush=True,
-            )
-            if process.returncode:
-                print(err.decode()[-2000:])
-        (w1, c1), (w2, c2) = (np.mean(rows[workers], axis=0) for workers in (1, 2))
-        print(
-            f"wall {w1 / w2:.2f}; processor a job {c2 / c1:.3f} times: two idle cores would be {2 * c1 / c2:.2f} times as fast"
-        )
+            runs[workers].append(run_of(folder, workers))
+    (w1, e1, c1), (w2, e2, c2) = (np.mean([run[:3] for run in runs[workers]], axis=0) for workers in (1, 2))
+    thirds, same = runs[2][0].thirds, len({run.result for both in runs.values() for run in both}) == 1
+    print(
+        f"{given.logs} logs of 60 s: one worker {w1:.1f} s, two {w2:.1f} s, {w1 / w2:.2f} times as fast "
+        f"({e1 / e2:.2f} once started, {2 * c1 / c2:.2f} by processor: {c1:.2f} and {c2:.2f} s a job); "
+        f"largest process in thirds {', '.join(f'{each:.0f}' for each in thirds)} MB; {overhead_of(2)[0]:.1f} ms a task; "
+        f"{'same' if same else 'OTHER'} bytes; load {before:.1f} before"
+    )
 
 
 def nothing(k):
     return k
 
 
+def overhead_of(workers, count=2000):
+    """Return clock and processor of this process that a task takes which does nothing [ms]."""
+    with opened(workers) as pool:
+        tasks = {str(k): Task(nothing, (k,)) for k in range(count)}
+        began, used = time.perf_counter(), time.process_time()
+        assert len(list(pool.run(tasks, list(tasks)))) == len(tasks)
+        return 1e3 * (time.perf_counter() - began) / count, 1e3 * (time.process_time() - used) / count
+
+
 def overhead(given):
     for workers in (1, 2):
-        with opened(workers) as pool:
-            tasks = {str(k): Task(nothing, (k,)) for k in range(2000)}
-            began, used = time.perf_counter(), time.process_time()
-            assert len(list(pool.run(tasks, list(tasks)))) == len(tasks)
-            wall = time.perf_counter() - began
-            kind = "in this process" if isinstance(pool, Here) else f"{workers} workers"
-            print(
-                f"{kind}: {1e3 * wall / 2000:.2f} ms a task, {1e3 * (time.process_time() - used) / 2000:.2f} ms of processor here"
-            )
+        wall, used = overhead_of(workers)
+        kind = "in this process" if workers == 1 else f"{workers} workers"
+        print(f"{kind}: {wall:.2f} ms a task, {used:.2f} ms of processor here")
 
 
 # ---------------------------------------------------------------- kills
@@ -306,8 +323,8 @@ def stretches(given):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=("speed", "overhead", "kills", "stretches"))
-    parser.add_argument("--logs", type=int, default=24)
-    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--logs", type=int, default=80)
+    parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--samples", type=int, default=10_000_000)
     parser.add_argument("--count", type=int, default=40)
