@@ -63,20 +63,23 @@ MEMORY = {}
 class Remembered(Judge):
     """A judge that fits each robot file once, whichever mistake and edits made it."""
 
-    def least(self, robot):
-        return self._once("least", robot)
+    def least(self, robots):
+        keys = [self._key("least", robot) for robot in robots]
+        new = {key: robot for key, robot in zip(keys, robots, strict=True) if key not in MEMORY}
+        MEMORY.update(zip(new, Judge.least(self, list(new.values())), strict=True))
+        return [MEMORY[key] for key in keys]
 
     def possible(self, robot):
-        return self._once("possible", robot)
+        key = self._key("possible", robot)
+        if key not in MEMORY:
+            MEMORY[key] = Judge.possible(self, robot)
+        return MEMORY[key]
 
-    def _once(self, what, robot):
+    def _key(self, what, robot):
         turns = tuple(round(each % (2 * math.pi), 6) % round(2 * math.pi, 6) for each in robot.driver.map.offset)
         map_ = robot.driver.map
-        key = (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
-               robot.driver.units["position"], float(f"{np.abs(self.motion.tau).sum():.6g}"))  # fmt: skip
-        if key not in MEMORY:
-            MEMORY[key] = getattr(Judge, what)(self, robot)
-        return MEMORY[key]
+        return (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
+                robot.driver.units["position"], float(f"{np.abs(self.motion.tau).sum():.6g}"))  # fmt: skip
 
 
 def mistakes(judge, names, every, pairs, seed):

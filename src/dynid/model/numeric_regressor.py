@@ -28,71 +28,76 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         Torques per unit of m, mcx, mcy, mcz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz of each link, (N, n, 10 n) [N m or N].
     """
     frames = link_frames(robot, q)
-    turning = np.array([joint.revolute for joint in robot.joints])
+    # Why samples last: every operation runs along them, and a motion has hundreds of samples and few joints.
+    R, p, axis, point = (
+        np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (frames.R, frames.p, frames.axis, frames.point)
+    )
+    turning = [joint.revolute for joint in robot.joints]
+    slides = ~np.array(turning)
     count, n = q.shape
-    P = np.zeros((count, n, 10 * n))
-    omega, alpha = np.zeros((count, 3)), np.zeros((count, 3))
+    P = np.zeros((n, 10 * n, count))
+    omega, alpha, at = np.zeros((3, 3, count))
     # Why: an arm that is held against gravity feels as if its base were accelerated upwards.
-    at, acceleration = np.zeros((count, 3)), np.broadcast_to(-np.array(robot.gravity), (count, 3))
+    acceleration = np.repeat(-np.array(robot.gravity)[:, None], count, axis=1)
     for i in range(n):
-        axis, p = frames.axis[:, i], frames.p[:, i]
-        speed, push = qd[:, i, None], qdd[:, i, None]
+        z, speed, push = axis[i], qd[:, i], qdd[:, i]
         if turning[i]:
             # The link turns about a point on its axis, which still moves with the link before.
-            acceleration = _moved(acceleration, omega, alpha, frames.point[:, i] - at)
-            alpha = alpha + axis * push + _across(omega, axis * speed)
-            omega = omega + axis * speed
-            acceleration = _moved(acceleration, omega, alpha, p - frames.point[:, i])
+            acceleration = _moved(acceleration, omega, alpha, point[i] - at)
+            alpha = alpha + z * push + _across(omega, z * speed)
+            omega = omega + z * speed
+            acceleration = _moved(acceleration, omega, alpha, p[i] - point[i])
         else:
-            acceleration = _moved(acceleration, omega, alpha, p - at)
-            acceleration = acceleration + axis * push + 2.0 * _across(omega, axis * speed)
-        at = p
-        Y = _wrench(*(np.einsum("nji,nj->ni", frames.R[:, i], x) for x in (acceleration, omega, alpha)))
-        inward = np.swapaxes(frames.R[:, i], 1, 2)[:, None]
-        z = frames.axis[:, : i + 1]
-        lever = _across(z, p[:, None] - frames.point[:, : i + 1])
-        about = np.where(turning[: i + 1, None], z, 0.0)
-        along = np.where(turning[: i + 1, None], lever, z)
-        J = np.concatenate([(inward @ along[..., None])[..., 0], (inward @ about[..., None])[..., 0]], axis=2)
-        P[:, : i + 1, 10 * i : 10 * i + 10] = J @ Y
-    return P
+            acceleration = _moved(acceleration, omega, alpha, p[i] - at)
+            acceleration = acceleration + z * push + 2.0 * _across(omega, z * speed)
+        at = p[i]
+        a, w, dw = (_turned(R[i], x) for x in (acceleration, omega, alpha))
+        z = np.moveaxis(axis[: i + 1], 0, 1)
+        along, about = _across(z, at[:, None] - np.moveaxis(point[: i + 1], 0, 1)), z
+        if not all(turning[: i + 1]):
+            still = slides[: i + 1]
+            along[:, still], about = z[:, still], np.where(still[:, None], 0.0, z)
+        _columns(P[: i + 1, 10 * i : 10 * i + 10], _turned(R[i], along), _turned(R[i], about), a, w, dw)
+    return np.moveaxis(P, 2, 0)
+
+
+def _columns(found: Floats, f: Floats, m: Floats, a: Floats, w: Floats, dw: Floats) -> None:
+    """Write the torques of some joints per unit of a link's ten parameters, (joints, 10, N).
+
+    Args:
+        found: where to.
+        f: what each joint moves the link's origin by, in the link's frame like all others, (3, joints, N).
+        m: what it turns the link by, (3, joints, N).
+        a: acceleration of the link's origin, (3, N) [m/s^2].
+        w: angular velocity, (3, N) [rad/s].
+        dw: angular acceleration, (3, N) [rad/s^2].
+    """
+    (x, y, z), (dx, dy, dz) = w, dw
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    force = ((-yy - zz, xy - dz, xz + dy), (xy + dz, -xx - zz, yz - dx), (xz - dy, yz + dx, -xx - yy))
+    moment = (
+        (dx, dy - xz, dz + xy, -yz, yy - zz, yz),
+        (xz, dx + yz, zz - xx, dy, dz - xy, -xz),
+        (-xy, xx - yy, dx - yz, xy, dy + xz, dz),
+    )
+    found[:, 0] = f[0] * a[0] + f[1] * a[1] + f[2] * a[2]
+    turned = _across(a[:, None], m)
+    for k in range(3):
+        found[:, 1 + k] = f[0] * force[0][k] + f[1] * force[1][k] + f[2] * force[2][k] + turned[k]
+    for k in range(6):
+        found[:, 4 + k] = m[0] * moment[0][k] + m[1] * moment[1][k] + m[2] * moment[2][k]
+
+
+def _turned(R: Floats, x: Floats) -> Floats:
+    """Return vectors (3, ..., N) in the frame whose rotation is R, (3, 3, N)."""
+    return np.stack([R[0, k] * x[0] + R[1, k] * x[1] + R[2, k] * x[2] for k in range(3)])
 
 
 def _moved(acceleration: Floats, omega: Floats, alpha: Floats, arm: Floats) -> Floats:
-    """Return the acceleration of another point of the same body, (N, 3)."""
+    """Return the acceleration of another point of the same body, (3, N)."""
     return np.asarray(acceleration + _across(alpha, arm) + _across(omega, _across(omega, arm)))
 
 
 def _across(a: Floats, b: Floats) -> Floats:
-    """Return the cross product along the last axis; twice as fast as NumPy's for a few hundred vectors."""
-    x, y = np.broadcast_arrays(a, b)
-    result = np.empty(x.shape)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., i] = x[..., j] * y[..., k] - x[..., k] * y[..., j]
-    return result
-
-
-def _wrench(a: Floats, w: Floats, dw: Floats) -> Floats:
-    """Return force and moment at a link's origin per unit of its ten parameters, in its own frame, (N, 6, 10)."""
-    Y = np.zeros((len(a), 6, 10))
-    Y[:, :3, 0] = a
-    Y[:, :3, 1:4] = _cross(dw) + _cross(w) @ _cross(w)
-    Y[:, 3:, 1:4] = -_cross(a)
-    Y[:, 3:, 4:] = _inertia(dw) + _cross(w) @ _inertia(w)
-    return Y
-
-
-def _cross(v: Floats) -> Floats:
-    M = np.zeros((len(v), 3, 3))
-    M[:, 0, 1], M[:, 0, 2], M[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return M - np.swapaxes(M, 1, 2)
-
-
-def _inertia(v: Floats) -> Floats:
-    """Return L with I v = L (Ixx, Ixy, Ixz, Iyy, Iyz, Izz), (N, 3, 6)."""
-    x, y, z = v.T
-    L = np.zeros((len(v), 3, 6))
-    L[:, 0, 0], L[:, 0, 1], L[:, 0, 2] = x, y, z
-    L[:, 1, 1], L[:, 1, 3], L[:, 1, 4] = x, y, z
-    L[:, 2, 2], L[:, 2, 4], L[:, 2, 5] = x, y, z
-    return L
+    """Return the cross product along the first axis."""
+    return np.stack([a[j] * b[k] - a[k] * b[j] for j, k in ((1, 2), (2, 0), (0, 1))])

@@ -7,9 +7,9 @@ non-negative least squares over the corners of that cone leaves more where a rob
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -45,6 +45,8 @@ MODELLED = 0.01
 POINTS, MARGIN, MARGIN_SHARE = 4, 0.1, 0.25
 #: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
 OWN = 4
+#: Motions whose columns are formed together; more leave the cache.
+TOGETHER = 16
 #: Random samples on which two robot files are compared, and singular values that count as zero, relative.
 RANDOM, SPAN = 60, 1e-9
 
@@ -67,18 +69,51 @@ class ThinMotion:
 
 
 @dataclass(frozen=True)
-class Terms:
-    """What the torques of one robot file are made of.
+class Columns:
+    """What torques are made of when an arm moves as a robot file says.
 
     Attributes:
-        bodies: columns of the ten parameters of each link, (N, n, 10 n).
-        own: columns of constant, viscous and Coulomb friction and rotor inertia of each joint, n of (N, 4).
-        tau: torques, (N, n) [N m or N].
+        bodies: columns of the ten parameters of each link, (N, n, 10 n); those of links before a joint are zero.
+        own: columns of constant, viscous and Coulomb friction and rotor inertia of each joint, (n, N, 4).
     """
 
     bodies: Floats
-    own: tuple[Floats, ...]
-    tau: Floats
+    own: Floats
+
+    def of_joint(self, j: int) -> Floats:
+        """Return the columns of the bodies that joint j moves, (N, 10 (n - j))."""
+        return self.bodies[:, j, 10 * j :]
+
+    @cached_property
+    def basis(self) -> Floats:
+        """Orthogonal columns of what each joint has of its own, (n, N, 4)."""
+        return np.asarray(np.linalg.qr(self.own)[0])
+
+    @cached_property
+    def grams(self) -> list[Floats]:
+        """Products of the columns of bodies without what is a joint's own, n of (10 (n - j), 10 (n - j))."""
+        found = []
+        for j, Q in enumerate(self.basis):
+            B = self.of_joint(j)
+            own = Q.T @ B
+            found.append(B.T @ B - own.T @ own)
+        return found
+
+    def left(self, tau: Floats, *, apart: bool) -> Floats:
+        """Return the root mean square that any bodies leave of each joint's torque, (n,) [N m or N].
+
+        Args:
+            tau: torques, (N, n) [N m or N].
+            apart: whether each joint may have bodies of its own.
+        """
+        if apart:
+            columns = (np.hstack([own, self.of_joint(j)]) for j, own in enumerate(self.own))
+            return np.array([float(_left(each, tau[:, j])) for j, each in enumerate(columns)])
+        return _shared(self, tau)
+
+    def floor(self, tau: Floats) -> Floats:
+        """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (n,) [N m or N]."""
+        return np.maximum(_left(self.own, tau.T), 1e-9)
 
 
 def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
@@ -143,27 +178,41 @@ class Judge:
     motion: ThinMotion
     mapped: bool
 
-    def least(self, robot: Robot) -> tuple[Floats, Floats]:
-        """Return what any bodies leave of each joint's torque under an edited file, and what friction alone leaves.
+    def least(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
+        """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
+
+        Files under which the arm moves alike share their columns, and those of several motions are formed together.
 
         Args:
-            robot: the arm as the edited file says.
+            robots: the arm as the edited files say.
 
         Returns:
             Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
         """
-        terms = self._terms(robot)
-        return self._least(terms), _floor(terms)
+        tables: dict[tuple[object, ...], dict[bytes, list[int]]] = {}
+        moved = [self._dh(robot) for robot in robots]
+        for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
+            alike = tables.setdefault((robot.convention, robot.gravity), {})
+            alike.setdefault(x.tobytes(), []).append(k)
+        found: dict[int, tuple[Floats, Floats]] = {}
+        for files in (list(alike.values()) for alike in tables.values()):
+            for some in (files[start : start + TOGETHER] for start in range(0, len(files), TOGETHER)):
+                several = self._columns(robots[some[0][0]], [moved[same[0]][0] for same in some])
+                for same, columns in zip(some, several, strict=True):
+                    for tau, k in ((moved[k][1], k) for k in same):
+                        found[k] = columns.left(tau, apart=self.motion.apart), columns.floor(tau)
+        return [found[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
-        terms = self._terms(robot)
+        x, tau = self._dh(robot)
+        (columns,) = self._columns(robot, [x])
         signed = robot.torque.source in ("motor_torque", "motor_current")
-        parts = [_reduced(terms, j, signed=signed) for j in range(robot.n)]
+        parts = [_reduced(columns, tau, j, signed=signed) for j in range(robot.n)]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         if self.motion.apart:
-            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), _floor(terms)
-        return _cone(parts, bodies, 1.0 / np.maximum(self._least(terms), 1e-9)), _floor(terms)
+            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), columns.floor(tau)
+        return _cone(parts, bodies, 1.0 / np.maximum(columns.left(tau, apart=False), 1e-9)), columns.floor(tau)
 
     def outside(self, robot: Robot) -> int:
         """Return how many joints move far beyond their limits under an edited file."""
@@ -178,42 +227,35 @@ class Judge:
         rng = np.random.default_rng(0)
         x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
         drawn = Judge(self.robot, ThinMotion(x, np.zeros_like(x[0]), False), self.mapped)
-        spans = [drawn._columns(robot) for robot in (one, other)]
+        spans = [drawn._span(robot) for robot in (one, other)]
         bases = [np.linalg.svd(span, full_matrices=False)[:2] for span in spans]
         kept = [u[:, s > SPAN * s[0]] for u, s in bases]
         if kept[0].shape != kept[1].shape:
             return False
         return bool(np.linalg.norm(kept[0] - kept[1] @ (kept[1].T @ kept[0])) < np.sqrt(SPAN))
 
-    def _columns(self, robot: Robot) -> Floats:
+    def _span(self, robot: Robot) -> Floats:
         """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
         N, n = self.motion.x.shape[1:]
-        terms = self._terms(robot)
+        (columns,) = self._columns(robot, [self._dh(robot)[0]])
         map_ = robot.driver.map if robot.driver is not None and self.mapped else None
         sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
-        found = np.zeros((n, N, terms.bodies.shape[2] + OWN * n))
+        found = np.zeros((n, N, columns.bodies.shape[2] + OWN * n))
         for j in range(n):
             row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
-            found[row, :, : -OWN * n] = sign[j] * terms.bodies[:, j]
-            start = terms.bodies.shape[2] + OWN * j
-            found[row, :, start : start + OWN] = terms.own[j]
+            found[row, :, : -OWN * n] = sign[j] * columns.bodies[:, j]
+            start = columns.bodies.shape[2] + OWN * j
+            found[row, :, start : start + OWN] = columns.own[j]
         return found.reshape(n * N, -1)
 
-    def _least(self, terms: Terms) -> Floats:
-        if self.motion.apart:
-            joints = enumerate(terms.own)
-            return np.array([_left(np.hstack([own, terms.bodies[:, j]]), terms.tau[:, j]) for j, own in joints])
-        return _shared(terms)
-
-    def _terms(self, robot: Robot) -> Terms:
-        x, tau = self._dh(robot)
+    def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Iterator[Columns]:
+        """Yield the columns of an edited file on motions in DH quantities, (3, N, n) each."""
         slow = per_joint(MOVING_SPEED, robot)
-        own = tuple(
-            np.column_stack([np.ones(len(tau)), x[1][:, j], np.tanh(x[1][:, j] / slow[j]), x[2][:, j]])
-            for j in range(robot.n)
-        )
         free = replace(robot, gravity=(0.0, 0.0, 0.0)) if robot.torque.source == "gravity_free" else robot
-        return Terms(body_regressor(free, *x), own, tau)
+        bodies = body_regressor(free, *np.concatenate(motions, axis=1))
+        for x, part in zip(motions, np.split(bodies, len(motions)), strict=True):
+            v, a = x[1].T, x[2].T
+            yield Columns(part, np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=2))
 
     def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
@@ -237,56 +279,58 @@ class Judge:
         return x @ np.linalg.inv(matrix).T, tau @ matrix
 
 
-def _floor(terms: Terms) -> Floats:
-    return np.maximum([_left(own, terms.tau[:, j]) for j, own in enumerate(terms.own)], 1e-9)
+def _left(columns: Floats, tau: Floats) -> Floats:
+    """Return the root mean square that least squares leaves of torques, (...,).
+
+    Args:
+        columns: (..., N, c).
+        tau: (..., N).
+    """
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=-2, keepdims=True), 1e-12)
+    value, vector = np.linalg.eigh(np.swapaxes(scaled, -1, -2) @ scaled)
+    kept = value > RANK * value[..., -1:]
+    side = np.swapaxes(vector, -1, -2) @ (np.swapaxes(scaled, -1, -2) @ tau[..., None])
+    fit = vector @ np.where(kept[..., None], side / np.where(kept, value, 1.0)[..., None], 0.0)
+    return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _left(columns: Floats, tau: Floats) -> float:
-    """Return the root mean square that least squares leaves of one joint's torque."""
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    G = scaled.T @ scaled
-    value, vector = np.linalg.eigh(G)
-    kept = value > RANK * value[-1]
-    fit = vector[:, kept] @ ((vector[:, kept].T @ (scaled.T @ tau)) / value[kept])
-    return float(np.sqrt(np.mean((tau - scaled @ fit) ** 2)))
-
-
-def _shared(terms: Terms) -> Floats:
+def _shared(columns: Columns, tau: Floats) -> Floats:
     """Return what is left of each joint's torque when all joints share the bodies, (n,).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
     """
-    bodies, tau = terms.bodies, terms.tau
-    grams, sides, energies = [], [], []
-    for j, own in enumerate(terms.own):
-        Q = np.linalg.qr(own)[0]
-        rest, left = bodies[:, j] - Q @ (Q.T @ bodies[:, j]), tau[:, j] - Q @ (Q.T @ tau[:, j])
-        grams.append(rest.T @ rest)
-        sides.append(rest.T @ left)
+    sides, energies, p = [], [], columns.bodies.shape[2]
+    for j, Q in enumerate(columns.basis):
+        left = tau[:, j] - Q @ (Q.T @ tau[:, j])
+        sides.append(columns.of_joint(j).T @ left)
         energies.append(float(left @ left))
     energy = np.array(energies) / len(tau)
     rms = np.sqrt(np.maximum(energy, 1e-18))
-    ridge = np.diag(np.tile(USUAL**-2.0, bodies.shape[2] // 10))
+    ridge = np.tile(USUAL**-2.0, p // 10)
     for _ in range(3):
-        G = sum(gram / s**2 for gram, s in zip(grams, rms, strict=True))
-        side = sum(side / s**2 for side, s in zip(sides, rms, strict=True))
-        theta = np.linalg.lstsq(G / ALIKE + ridge, side / ALIKE, rcond=None)[0]
-        quads = np.array([float(theta @ gram @ theta - 2 * theta @ s) for gram, s in zip(grams, sides, strict=True)])
+        G, side = np.diag(ridge), np.zeros(p)
+        for j, (gram, own, s) in enumerate(zip(columns.grams, sides, rms, strict=True)):
+            weight = 1.0 / (ALIKE * s**2)
+            G[10 * j :, 10 * j :] += weight * gram
+            side[10 * j :] += weight * own
+        theta = np.linalg.solve(G, side)
+        parts = ((theta[10 * j :], gram, own) for j, (gram, own) in enumerate(zip(columns.grams, sides, strict=True)))
+        quads = np.array([float(part @ gram @ part - 2 * part @ own) for part, gram, own in parts])
         rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
         rms = np.maximum(rms, MODELLED * np.sqrt(energy))
     return rms
 
 
-def _reduced(terms: Terms, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:
+def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:
     """Return columns of the bodies, (N, 10 n), and of friction that must not be negative, (N, 3 or 0), and the torque.
 
     What may have any sign is taken out of all three: the constant, and all friction where a sensor is behind the gear.
     """
-    own, tau = terms.own[joint], terms.tau[:, joint]
+    own, tau = columns.own[joint], torques[:, joint]
     Q = np.linalg.qr(own[:, :1] if signed else own)[0]
-    kept = np.hstack([terms.bodies[:, joint], own[:, 1 if signed else OWN :], tau[:, None]])
+    kept = np.hstack([columns.bodies[:, joint], own[:, 1 if signed else OWN :], tau[:, None]])
     kept = kept - Q @ (Q.T @ kept)
-    p = terms.bodies.shape[2]
+    p = columns.bodies.shape[2]
     return kept[:, :p], kept[:, p:-1], kept[:, -1]
 
 
