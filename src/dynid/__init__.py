@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import ModelOptions, base_model
     from dynid.workflows.parameters import Observations, observe
+    from dynid.workflows.plan import Plan
     from dynid.workflows.report import Report, report
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
     from dynid.workflows.simulate import SimulateOptions, Simulation, simulate
-    from dynid.workflows.trajectory import Plan, plan_trajectory
+    from dynid.workflows.trajectory import plan_trajectory
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
 
@@ -57,7 +58,7 @@ _HOMES = {
     "ModelOptions": "dynid.workflows.model",
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
-    "Plan": "dynid.workflows.trajectory",
+    "Plan": "dynid.workflows.plan",
     "PlanOptions": "dynid.trajectory.options",
     "Report": "dynid.workflows.report",
     "Robot": "dynid.robot",

@@ -13,7 +13,8 @@ import pytest
 import yaml
 
 from dynid.cli.main import available, loop_map
-from dynid.errors import EXIT_MEANING, catalogue
+from dynid.codes import catalogue
+from dynid.errors import EXIT_MEANING
 
 ESCAPE = "\x1b"
 

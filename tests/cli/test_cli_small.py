@@ -12,7 +12,7 @@ from rich.console import Console
 from dynid import errors
 from dynid.cli import terminal
 from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, limits_page, robot_page
-from dynid.errors import codes
+from dynid.codes import codes
 from dynid.files.artifact import Artifact, write_artifact
 from dynid.version import __version__
 

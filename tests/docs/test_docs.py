@@ -7,7 +7,7 @@ from blocks import RECORDINGS, ROOT, alike, commands, folder_for, pages, run
 
 import forkserver
 from dynid.cli.main import available
-from dynid.errors import codes
+from dynid.codes import codes
 
 #: Status of the commands that show a mistake on purpose, by the code they show.
 MISTAKE = re.compile(r"^error\[(E\d+)\]", re.M)

@@ -49,7 +49,7 @@ def _effects() -> Iterable[str]:
 
 
 def _codes() -> Iterable[str]:
-    from dynid.errors import codes
+    from dynid.codes import codes
     from dynid.files.pages import pages
 
     return [*codes(), *pages()]

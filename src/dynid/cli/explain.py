@@ -6,7 +6,8 @@ import click
 
 from dynid.cli.completed import CODE
 from dynid.cli.options import Common, dynid_command
-from dynid.errors import WrongUsage, codes, page, summary
+from dynid.codes import codes, page, summary
+from dynid.errors import WrongUsage
 from dynid.files.pages import pages
 
 

@@ -13,7 +13,8 @@ import click
 
 from dynid.cli.main import COMMANDS, available, cli
 from dynid.cli.options import COMMON_NAMES, Command
-from dynid.errors import EXIT_MEANING, codes, page
+from dynid.codes import codes, page
+from dynid.errors import EXIT_MEANING
 from dynid.files.artifact import write_text
 from dynid.files.robotkeys import ROBOT, Key
 from dynid.limits import LIMITS

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from dynid.files.planfile import PlanFile
     from dynid.robot import Robot
     from dynid.trajectory.preview import Drawing
-    from dynid.workflows.trajectory import Plan, Reviewed
+    from dynid.workflows.plan import Plan
+    from dynid.workflows.trajectory import Reviewed
 
 #: Names of the still and of the animation, beside trajectory.npz.
 PICTURES = ("preview.png", "preview.gif")

@@ -26,6 +26,8 @@ NOISE = 0.1
 OTHER_MOTIONS, OTHER_DURATION, OTHER_HARMONICS = 12, 10.0, 5
 #: The recommended sequence of speed factors.
 ALPHAS = (0.2, 0.5, 1.0)
+#: Samples of a motion that its row of the table is computed from.
+SHOWN = 1000
 
 
 def default_noise(robot: Robot) -> Floats:
@@ -142,16 +144,28 @@ class AlphaRow:
 
 def alpha_table(
     trajectory: Trajectory, model: Model, columns: NDArray[np.intp], noise: Floats, other: Floats,
-    known: Floats | None = None, samples: int = 1000, alphas: Sequence[float] = ALPHAS,
+    samples: int, known: Floats | None = None, alphas: Sequence[float] = ALPHAS,
 ) -> tuple[AlphaRow, ...]:  # fmt: skip
     """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
 
     A slower run of the same rate has more samples; they hardly help, since what it does not show it shows nowhere.
+
+    Args:
+        trajectory: the motion; its own speed factor is in the table as well.
+        model: the model.
+        columns: base parameters, (p,).
+        noise: standard deviation of each joint's torque in one sample, white, (n,) [N m or N].
+        other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
+        samples: number of samples of the log at full speed.
+        known: information matrix of earlier logs; None without any.
+        alphas: speed factors.
     """
+    # Why: fewer samples show the same of a motion, and count for as many as the log has.
+    noise = noise * np.sqrt(SHOWN / samples)
     rows = []
     for alpha in sorted({*alphas, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
-        motion = slowed.motion(slowed.duration * (np.arange(samples) + 0.5) / samples)
+        motion = slowed.motion(slowed.duration * (np.arange(SHOWN) + 0.5) / SHOWN)
         found = predict(model, columns, motion, noise, other, known)
         rows.append(
             AlphaRow(

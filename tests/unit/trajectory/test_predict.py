@@ -40,11 +40,18 @@ def test_predicted_errors_are_those_of_200_noisy_fits(lwr, other):
 
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
-    rows = alpha_table(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other)
+    rows = alpha_table(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other, samples=6000)
     assert [row.alpha for row in rows] == [0.2, 0.5, 1.0]
     errors = [row.torque_error for row in rows]
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > 5 * errors[2]
+
+
+def test_the_table_counts_the_samples_that_the_log_will_have(lwr, other):
+    motion, noise, columns = random_trajectory(lwr.robot, 2), np.full(7, 0.1), lwr.reduction.base
+    samples = motion.sampled(200)
+    row = alpha_table(motion, lwr.model, columns, noise, other, samples=len(samples))[-1]
+    assert row.torque_error == pytest.approx(predict(lwr.model, columns, samples, noise, other).torque_error, rel=0.01)
 
 
 def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):

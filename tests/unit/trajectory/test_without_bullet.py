@@ -56,9 +56,8 @@ def test_ctrl_c_while_pybullet_works_keeps_the_motion_without_pictures(lwr, monk
 
 def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr)
-    context = planning.planning_context(lwr, QUICK)
     with pytest.raises(PlanTeachesLittle, match=r"it has 6 s, weakest is"):
-        require_teaching(plan, context)
+        require_teaching(plan)
 
 
 def test_short_work_survives_one_ctrl_c_and_not_two():

@@ -1,0 +1,364 @@
+"""What a planned motion is: its samples, what it uses of the limits and will teach, and how it is told and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding
+from dynid.files.trajectoryfile import Review, StoredTrajectory
+from dynid.motion import Motion
+from dynid.robot import Robot
+from dynid.table import Table
+from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.scene import Scene
+from dynid.units import joint_unit
+
+if TYPE_CHECKING:
+    from dynid.trajectory.feasible import Bounds
+    from dynid.trajectory.limits import LimitCheck
+    from dynid.trajectory.plan import Trajectory
+    from dynid.trajectory.planning import Clearance
+    from dynid.trajectory.predict import AlphaRow, Prediction
+
+Floats = NDArray[np.float64]
+
+#: PyBullet measures no distance beyond this [m].
+FAR = 0.3
+#: How many of the closest pairs the JSON answer lists.
+CLOSEST = 5
+#: How a search can end, in words; ``{done}`` says how many starts finished.
+ENDINGS = {
+    "no search": "a random motion",
+    "all starts": "all {done}",
+    "time": "the time was over, {done}",
+    "interrupt": "interrupted, {done}",
+    "replay": "an earlier search's best, made again",
+}
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """How a motion was found, with all that makes it again.
+
+    Attributes:
+        seed: of the search.
+        ended: why the search ended, a key of ``ENDINGS``.
+        finished_starts: number of starts that went to their end.
+        start: number of the start that led to the motion.
+        evaluation: evaluation of that start at which it was met; None without a search.
+        share: how much of the motion is left after it was drawn in to keep clear.
+        again: options that make the same plan again.
+    """
+
+    seed: int
+    ended: str
+    finished_starts: int
+    start: int
+    evaluation: int | None
+    share: float
+    again: str
+
+    @property
+    def text(self) -> str:
+        """How the search ended and what makes the same plan again, in words."""
+        done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
+        drawn = f", drawn in to {100 * self.share:.0f} % to keep clear" if self.share < 1 else ""
+        return f"{ENDINGS[self.ended].format(done=done)}{drawn}; the same plan again: {self.again}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion that keeps all limits and stays clear of everything, with what it will teach.
+
+    Attributes:
+        robot: the arm.
+        options: what was wanted.
+        trajectory: the motion as coefficients of its family, at its speed factor.
+        motion: its samples at ``options.rate``.
+        limits: the limits, margins taken off.
+        check: what the motion uses of them.
+        clearance: how far it stays away from the arm itself, the floor and obstacles.
+        names: names of the base parameters, (p,).
+        prediction: expected standard errors and torque error of a log of it.
+        alphas: what each speed factor costs.
+        noise: standard deviation of each joint's torque, (n,) [N m or N].
+        noise_from: where that comes from, in words.
+        weakest: base parameter whose error costs the most torque on other motions.
+        search: how the motion was found; None when a person gave the path.
+        selected: samples chosen as measurement points (Eqs. 15-16), (K,); None for all.
+        urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
+        review: who accepted the motion; None when nobody has.
+        outlook: how much better a second gap search will be, in words.
+        unexplained: rms torque that an earlier result leaves whatever the parameters [N m or N]; None without one.
+    """
+
+    robot: Robot
+    options: PlanOptions
+    trajectory: Trajectory
+    motion: Motion
+    limits: Bounds
+    check: LimitCheck
+    clearance: Clearance
+    names: tuple[str, ...]
+    prediction: Prediction
+    alphas: tuple[AlphaRow, ...]
+    noise: Floats
+    noise_from: str
+    weakest: str
+    search: SearchRecord | None
+    selected: NDArray[np.intp] | None = None
+    urdf: Path | None = None
+    review: Review | None = None
+    outlook: tuple[str, ...] = ()
+    unexplained: float | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is worth a warning."""
+        assumed = assumed_limits(self.robot)
+        text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
+        more: tuple[Finding, ...] = ()
+        more += (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
+        full = self.at_full_speed
+        noise = float(np.sqrt(np.mean(self.noise**2)))
+        if full.torque_error > noise:
+            text = (
+                f"{full.torque_error:.2g} {self.units[3]} to expect on other motions after a log of it even at full "
+                f"speed, more than the {noise:.2g} of noise in one sample; weakest is {self.weakest}"
+            )
+            more += (Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),)
+        return (*self.clearance.findings, *more)
+
+    @property
+    def at_full_speed(self) -> AlphaRow:
+        """What the motion costs and teaches at full speed."""
+        return next(row for row in self.alphas if row.alpha == 1.0)
+
+    @property
+    def std_errors(self) -> dict[str, float]:
+        """Expected standard error of each base parameter, that of the prior where the motion shows nothing of it."""
+        return dict(zip(self.names, self.prediction.std_error.tolist(), strict=True))
+
+    def accepted(self, *, seen: bool = True) -> Plan:
+        """Return the plan with the mark of the person at this machine, who has seen it, or accepts it unseen."""
+        return replace(self, review=Review.now(self.motion, seen=seen))
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid trajectory`` says."""
+        figures, distances = self.prediction.figures, self.clearance.distances
+        return {
+            "schema": "dynid/trajectory/1",
+            "robot": self.robot.name,
+            "duration_s": self.trajectory.duration,
+            "alpha": self.trajectory.alpha,
+            "condition_number": figures.condition,
+            "condition_number_scaled": figures.condition_scaled,
+            "smallest_singular_value": figures.smallest,
+            "peak": [
+                {
+                    "joint": p.joint,
+                    "position_rad": p.position,
+                    "velocity_rad_s": p.velocity,
+                    "acceleration_rad_s2": p.acceleration,
+                    "torque_nm": p.torque,
+                    "limit_share": p.share,
+                }
+                for p in self.check.peaks
+            ],
+            "tool_speed_m_s": self.check.tool_speed,
+            "collisions": [],
+            "closest_m": min((d.distance for d in distances), default=None),
+            "closest": [{"pair": d.pair, "distance_m": d.distance, "time_s": d.time} for d in distances[:CLOSEST]],
+            "left_out_pairs": list(self.clearance.left_out),
+            "assumed_limits": list(assumed_limits(self.robot)),
+            "predicted_std_error": self.std_errors,
+            "expected_torque_error_nm": self.prediction.torque_error,
+            "unexplained_torque_nm": self.unexplained,
+            "ladder": [asdict(row) for row in self.alphas],
+            "torque_noise_nm": self.noise.tolist(),
+            "torque_noise_from": self.noise_from,
+            "selected_samples": None if self.selected is None else len(self.selected),
+            "weakest": self.weakest,
+            "search": None if self.search is None else asdict(self.search),
+            "outlook": list(self.outlook),
+        }
+
+    def stored(self, inputs: Mapping[str, str] | None = None) -> StoredTrajectory:
+        """Return the plan as trajectory.npz holds it.
+
+        Args:
+            inputs: what it was made from, for the header.
+        """
+        return StoredTrajectory(
+            robot=self.robot.name,
+            joints=self.robot.joint_names,
+            motion=self.motion,
+            alpha=self.trajectory.alpha,
+            basis=self.trajectory.basis.facts,
+            coefficients=self.trajectory.coefficients,
+            review=self.review,
+            facts={
+                "answer": self.facts(),
+                "inputs": dict(inputs or {}),
+                "rate_hz": self.options.rate,
+                "seed": self.options.seed,
+                "scene": scene_facts(self.options, self.urdf),
+                "assumed_limits": list(assumed_limits(self.robot)),
+                "left_out_pairs": list(self.clearance.left_out),
+                "pictures": [picture.name for picture in self.clearance.pictures],
+            },
+            selected=self.selected,
+        )
+
+    def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
+        """Write trajectory.npz, and the same motion as CSV and as JointTrajectory in YAML beside it.
+
+        Args:
+            path: the .npz file.
+            inputs: what the plan was made from, for the header.
+        """
+        from dynid.files.trajectoryfile import write_csv, write_joint_trajectory, write_trajectory
+
+        path = Path(path)
+        texts = [path.with_suffix(".csv"), path.with_suffix(".yaml")]
+        write_csv(texts[0], self.robot.joint_names, self.motion)
+        write_joint_trajectory(texts[1], self.robot, self.motion)
+        write_trajectory(path, self.stored(inputs))
+        return [path, *texts]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of positions, velocities, accelerations and torques; both where joints turn and slide."""
+        kinds = sorted({joint.revolute for joint in self.robot.joints}, reverse=True)
+        units = ("rad", "rad/s", "rad/s^2", "N m")
+        return tuple(" or ".join(joint_unit(unit, revolute=kind) for kind in kinds) for unit in units)
+
+    def table(self) -> Table:
+        """Return the largest values of each joint, and the share of the nearest limit that they use."""
+        units = self.units
+        return Table(
+            [
+                {
+                    "joint": peak.joint,
+                    f"position [{units[0]}]": peak.position,
+                    f"velocity [{units[1]}]": peak.velocity,
+                    f"acceleration [{units[2]}]": peak.acceleration,
+                    f"torque [{units[3]}]": peak.torque,
+                    "share of limit": peak.share,
+                }
+                for peak in self.check.peaks
+            ],
+            footer=self.summary().splitlines(),
+        )
+
+    def summary(self) -> str:
+        """Return what the motion is, uses, teaches and costs, one line each."""
+        return "\n".join(f"{label:<11}{text}" for label, text in self.lines())
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Return the lines of the summary, each as a label and a sentence."""
+        basis, alpha = self.trajectory.basis.facts, self.trajectory.alpha
+        kind = (
+            f"{len(basis['knots']) - 1} {basis['kind']} segments"
+            if "knots" in basis
+            else f"{basis['harmonics']} harmonics"
+        )
+        slow = f"{self.trajectory.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
+        figures, low, high = self.prediction.figures, float(self.noise.min()), float(self.noise.max())
+        excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
+        size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
+        left, unit = self.unexplained, self.units[3]
+        beside = "" if left is None else f" and {left:.2g} {unit} that no parameter explains"
+        error = (
+            f"torque error {self.prediction.torque_error:.2g} {unit} on other motions{beside}; weakest: {self.weakest}"
+        )
+        return [
+            ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
+            *([("search", self.search.text)] if self.search is not None else []),
+            ("limits", self._shares()),
+            *self._nearest(),
+            (
+                "excitation",
+                f"{excitation}{figures.condition_scaled:.3g})   smallest singular value {figures.smallest:.2g}",
+            ),
+            ("predicted", error),
+            *(("gap", text) for text in self.outlook),
+            ("noise", f"{size} {self.units[3]} per sample, {self.noise_from}"),
+            *self._alpha_lines(),
+        ]
+
+    def _shares(self) -> str:
+        """Say how much of what the margin leaves is used."""
+        limits, peaks = self.limits, self.check.peaks
+        middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+        shares = {
+            "position": np.max(np.abs(np.array([p.position for p in peaks]) - middle) / half),
+            "speed": np.max(np.array([p.velocity for p in peaks]) / limits.velocity),
+            "acceleration": np.max(np.array([p.acceleration for p in peaks]) / limits.acceleration),
+            "torque": np.max(np.array([p.torque or 0.0 for p in peaks]) / limits.torque),
+        }
+        words = "   ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
+        return f"{words}   of what the margin leaves: all inside; tool up to {self.check.tool_speed:.2f} m/s"
+
+    def _nearest(self) -> Iterator[tuple[str, str]]:
+        for near in self.clearance.distances[:1]:
+            least = "at least " * (near.distance >= FAR)
+            size = f"{least}{1000 * near.distance:.0f} mm"
+            yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
+        if self.clearance.left_out and self.urdf is None:
+            from dynid.trajectory.planning import thickness
+
+            pairs = ", ".join(self.clearance.left_out)
+            yield "left out", f"near in usual poses whatever the motion: {pairs}; {thickness(self.robot)}"
+        if assumed := assumed_limits(self.robot):
+            yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
+
+    def _alpha_lines(self) -> Iterator[tuple[str, str]]:
+        """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
+        full = next(row for row in self.alphas if row.alpha == 1.0)
+        here = next(row for row in self.alphas if row.alpha == self.trajectory.alpha)
+        for row in self.alphas:
+            times, mark = row.torque_error / full.torque_error, "  <- this plan" * (row is here)
+            yield "alpha", f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{mark}"
+        if here.alpha < 1:
+            times = here.torque_error / full.torque_error
+            cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
+            yield "note", f"{cost} for equally many samples: a first, safe run; then 0.5, then 1.0"
+
+    def __repr__(self) -> str:
+        """Return the table and the summary as text."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        """Return the table and the summary as HTML for notebooks."""
+        return self.table()._repr_html_()
+
+    def window(self) -> AbstractContextManager[None]:
+        """Show the motion in PyBullet's window for the length of a ``with`` block.
+
+        Raises:
+            NoDisplay: there is no display.
+        """
+        return show_in_window(self.robot, self.trajectory, self.options.scene, self.urdf)
+
+
+@contextmanager
+def show_in_window(robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None) -> Iterator[None]:
+    """Show a motion in PyBullet's window for the length of the block."""
+    from dynid.trajectory.preview import urdf_of, window
+
+    with urdf_of(robot, urdf) as shapes, window(trajectory, robot, shapes, scene):
+        yield
+
+
+def scene_facts(options: PlanOptions, urdf: Path | None) -> dict[str, Any]:
+    """Return in which surroundings a motion was judged, and with which shapes of the arm; for ``dynid record``."""
+    return {**options.scene.facts, "urdf": None if urdf is None else str(urdf.resolve())}
