@@ -21,7 +21,8 @@ _TIMES = {
     "datetime",
 }
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Zeit [s].
-_TIME_UNIT = re.compile(r"[_\s\[(./]+(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$", re.IGNORECASE)
+_TIME_UNIT = re.compile(r"(?:^|[_\s\[(./]+)(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$")
+_TIME_UNITS = {"s": "s sec secs seconds", "ms": "ms msec", "us": "us usec µs", "ns": "ns nsec nanosec"}
 _STAMP_PARTS = re.compile(r"(.*?)(n|nano)?(?:secs|sec|sek)", re.IGNORECASE)
 
 #: Words of column names and what they stand for; the first kind that has one of its words is taken.
@@ -53,7 +54,15 @@ _UNITS = {
 
 def is_time(name: str) -> bool:
     """Return whether a column is time by its name."""
-    return _TIME_UNIT.sub("", name.lower()).strip(" _[(") in _TIMES
+    return not {name.lower(), time_unit(name)[0]}.isdisjoint(_TIMES)
+
+
+def time_unit(name: str) -> tuple[str, str]:
+    """Return the name of a time column in small letters without its unit, and the unit s, ms, us or ns; "" for none."""
+    name = name.lower().replace("\u03bc", "\u00b5")
+    found = _TIME_UNIT.search(name)
+    unit = next((unit for unit, words in _TIME_UNITS.items() if found and found[1] in words.split()), "")
+    return name[: found.start() if found else None].strip(" _[("), unit
 
 
 def stamps_of(names: Sequence[str]) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing
-from dynid.files.columnwords import stamps_of, suggested, unit_of, usual_joints
+from dynid.files.columnwords import stamps_of, suggested, time_unit, unit_of, usual_joints
 from dynid.files.datestamps import seconds_of
 from dynid.files.dialect import Dialect, dialect_of
 from dynid.files.textlog import BLOCK, lines_of, positive_rate
@@ -45,8 +44,6 @@ CALENDAR = (1e9, 4.1e9)
 #: Fewer stamps than this do not tell their unit.
 TOLD = 20
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-#: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns).
-_UNIT = re.compile(r"(?:^|[_\s\[(./])(ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$", re.IGNORECASE)
 #: Columns of an index that pandas has written without a name.
 _INDEX = ("__index_level_0__", "")
 
@@ -58,7 +55,16 @@ def column_names(path: Path) -> tuple[str, ...]:
         LogNotFound: it cannot be read.
         LogLayout: it has no header.
     """
-    names = tuple(_schema(path).names) if path.suffix == ".parquet" else dialect_of(path).names
+    return _column_names(path, _dialect(path))
+
+
+def _dialect(path: Path) -> Dialect | None:
+    """Return how a text table is written; None for Parquet."""
+    return None if path.suffix == ".parquet" else dialect_of(path)
+
+
+def _column_names(path: Path, dialect: Dialect | None) -> tuple[str, ...]:
+    names = tuple(_schema(path).names) if dialect is None else dialect.names
     limits.check("columns", len(names), path)
     limits.check("name_length", max(map(len, names), default=0), path)
     if not names:
@@ -82,10 +88,11 @@ def read_table(
         LogLayout: columns are missing, or a cell is not a number.
         PackageMissing: Parquet without pyarrow.
     """
-    names = column_names(path)
-    layout = _layout(path, names, joints, dict(patterns or {}), rate)
+    dialect = _dialect(path)
+    names = _column_names(path, dialect)
+    layout = _layout(path, dialect, names, joints, dict(patterns or {}), rate)
     wanted = [name for columns in layout.columns.values() for name in columns]
-    values = read_columns(path, [*layout.time, *wanted])
+    values = _read_columns(path, dialect, [*layout.time, *wanted])
     values, findings = _with_joints(values, len(layout.time), path.name)
     t, said = _time(values[:, : len(layout.time)], layout, path.name, rate)
     edges = np.cumsum([len(layout.time), *map(len, layout.columns.values())])
@@ -130,10 +137,8 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     finite = t[np.isfinite(t)]
     step = np.diff(finite)
     usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
-    named = _UNIT.search(name)
-    unit = {"msec": "ms", "usec": "us", "µs": "us", "nsec": "ns", "nanosec": "ns"}.get(
-        named.group(1).lower(), named.group(1).lower()
-    ) if named else _unit_of(finite, usual)  # fmt: skip
+    named = time_unit(name)[1] in _LONG
+    unit = time_unit(name)[1] if named else _unit_of(finite, usual)
     if unit == "s":
         return t, ()
     # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
@@ -195,12 +200,17 @@ class _Layout:
 
 
 def _layout(
-    path: Path, names: Sequence[str], joints: Sequence[str], patterns: dict[str, str], rate: float | None
+    path: Path,
+    dialect: Dialect | None,
+    names: Sequence[str],
+    joints: Sequence[str],
+    patterns: dict[str, str],
+    rate: float | None,
 ) -> _Layout:
     if "position" not in patterns:
         joints = usual_joints(names) or joints
     if "name" in patterns:
-        joints = _told_names(path, names, patterns["name"])
+        joints = _told_names(path, dialect, names, patterns["name"])
     columns: dict[str, list[str]] = {}
     current = False
     for key, usual in USUAL.items():
@@ -211,7 +221,6 @@ def _layout(
             current = current or (key == "effort" and found[0] == "i_{name}")
         elif key in patterns or key in ("position", "effort"):
             raise _missing(path, names, tried, joints, key)
-    dialect = None if path.suffix == ".parquet" else dialect_of(path)
     time = _time_columns(path, names, patterns.get("time"), dialect, rate)
     dated = dialect is not None and len(time) == 1 and dialect.date(names.index(time[0])) is not None
     return _Layout(tuple(joints), time, dated, columns, current, _declared(columns, names, dialect))
@@ -247,7 +256,7 @@ def _clock(path: Path, name: str, dialect: Dialect | None) -> bool:
     return not str(_schema(path).field(name).type).startswith(("int", "uint", "string", "large_string"))
 
 
-def _told_names(path: Path, names: Sequence[str], pattern: str) -> tuple[str, ...]:
+def _told_names(path: Path, dialect: Dialect | None, names: Sequence[str], pattern: str) -> tuple[str, ...]:
     """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
 
     Raises:
@@ -257,8 +266,7 @@ def _told_names(path: Path, names: Sequence[str], pattern: str) -> tuple[str, ..
     if not count:
         raise LogLayout(f"{path.name}:1: no column {pattern}; it has {_listed(names)}", where=f"{path}:1")
     chosen = matched(pattern, names, [""] * count)
-    if path.suffix != ".parquet":
-        dialect = dialect_of(path)
+    if dialect is not None:
         return tuple(dialect.first[dialect.names.index(name)] for name in chosen) if dialect.first else ()
     batch = next(iter(_open_parquet(path).iter_batches(batch_size=1, columns=chosen)), None)
     return tuple(str(batch.column(name)[0]) for name in chosen) if batch is not None else ()
@@ -307,10 +315,10 @@ def _listed(names: Sequence[str]) -> str:
 
 
 # ---------------------------------------------------------------- the numbers
-def read_columns(path: Path, chosen: Sequence[str]) -> Floats:
+def _read_columns(path: Path, dialect: Dialect | None, chosen: Sequence[str]) -> Floats:
     """Return columns of a table by name, (N, k); in a file where they are long."""
     found = Growing(len(chosen))
-    for block in _parquet(path, chosen) if path.suffix == ".parquet" else _text(path, chosen):
+    for block in _parquet(path, chosen) if dialect is None else _text(path, dialect, chosen):
         limits.check("samples", len(found) + len(block), path)
         found.append(block)
     if not len(found):
@@ -377,8 +385,7 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
 
 
-def _text(path: Path, chosen: Sequence[str]) -> Iterator[Floats]:
-    dialect = dialect_of(path)
+def _text(path: Path, dialect: Dialect, chosen: Sequence[str]) -> Iterator[Floats]:
     places = [dialect.names.index(name) for name in chosen]
     rows: list[tuple[int, str]] = []
     try:
