@@ -142,15 +142,16 @@ def check(name: str, size: float, where: Path | str) -> None:
         )
 
 
-def check_expansion(packed: int, unpacked: int, where: Path | str) -> None:
-    """Raise when packed data expands like a decompression bomb."""
-    if unpacked > _SMALL:
-        check("expansion", unpacked / max(packed, 1), where)
+def check_expansion(packed: int, unpacked: int, where: Path | str, *, whole: bool = False) -> None:
+    """Raise when packed data expands like a decompression bomb.
 
-
-def check_whole_expansion(packed: int, unpacked: int, where: Path | str) -> None:
-    """Raise when the chunks of a recording, of which each may be small, expand like a decompression bomb together."""
-    if unpacked > _SMALL_RECORDING:
+    Args:
+        packed: size in the file [byte].
+        unpacked: size in memory [byte].
+        where: the file, and the place in it.
+        whole: whether it is all chunks of a recording, of which each may be small, together.
+    """
+    if unpacked > (_SMALL_RECORDING if whole else _SMALL):
         check("expansion", unpacked / max(packed, 1), where)
 
 

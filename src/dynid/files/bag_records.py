@@ -383,7 +383,7 @@ def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, wal
     finally:
         stream.seek(after)
     walk.unpacked += len(out)
-    limits.check_whole_expansion(after, walk.unpacked, walk.path)
+    limits.check_expansion(after, walk.unpacked, walk.path, whole=True)
     return bytes(out)
 
 

@@ -192,7 +192,7 @@ def scan(
             if op == _CHUNK and len(data) >= _CHUNK_HEAD.size:
                 # Why: many small chunks that each expand as they like would take as long as one large one.
                 unpacked += _CHUNK_HEAD.unpack_from(data)[2]
-                limits.check_whole_expansion(at + len(data), unpacked, path)
+                limits.check_expansion(at + len(data), unpacked, path, whole=True)
             for inner, content in _unpacked(data, path) if op == _CHUNK else [(op, data)]:
                 if inner in (_SCHEMA, _CHANNEL):
                     known.take(inner, content, path)
