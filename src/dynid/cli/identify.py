@@ -261,7 +261,8 @@ def obtain_result(
         base = base_model(robot, common.folder(robot.slug), progress)
     overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
-        stored = results.load(path)
+        # Why: a result would derive the model that is here already.
+        stored = replace(results.load(path), rigid=base.model.rigid)
         terminal.findings((*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings))
         return stored, base, []
     logs = recordings.read()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
-from dynid.estimation.least_squares import RANK_TOLERANCE, merge, triangle, weighted, with_columns
+from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, merge, triangle, weighted, with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
@@ -74,11 +74,11 @@ def estimate_delay(stack: Stack) -> Delay:
     slopes = _slopes(stack, fit.theta)
     rows = RowWalk(lambda: (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True)))
     # Why a basis: directions that the log leaves open would have no covariance.
-    basis = _block_diagonal(columns, np.eye(1))
+    basis = block_diagonal(columns, np.eye(1))
     factors, counts = stack.whole
     seen = zip(factors, *_products(stack, slopes), strict=True)
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
-    found = weighted(np.array([triangle(R @ _block_diagonal(basis, np.eye(1))) for R in factors]), counts)
+    found = weighted(np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts)
     variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)[-1, -1]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
 
@@ -95,11 +95,6 @@ def _products(stack: Stack, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
             columns, entries = part.of_joint(j)
             across[j, columns, 0] += entries @ late[:, j]
     return across, square
-
-
-def _block_diagonal(a: Floats, b: Floats) -> Floats:
-    """Return the matrix with two others on its diagonal."""
-    return np.block([[a, np.zeros((len(a), b.shape[1]))], [np.zeros((len(b), a.shape[1])), b]])
 
 
 def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:

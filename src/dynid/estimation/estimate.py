@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,14 @@ from dynid.estimation.findings import (
 )
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
 from dynid.estimation.model_error import ModelError, squares
-from dynid.estimation.posterior import Posterior, contradicts, expected_error, physical_posterior, uncertainty
+from dynid.estimation.posterior import (
+    ExpectedError,
+    Posterior,
+    contradicts,
+    expected_error,
+    physical_posterior,
+    uncertainty,
+)
 from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined
@@ -169,18 +178,27 @@ def estimate(
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
     post = physical_posterior(base, plain, stack, residual_model=residual_model, size=size)
-    in_force, choice = _in_force(base, stack, method, plain, post) if feasible is None else (SETS[feasible], "as asked")
+    sets = _sets(base, plain, post)
+
+    @cache
+    def judged(key: str) -> tuple[Floats, float, ExpectedError]:
+        theta, covariance, error = sets[key]
+        rms, total = _of_squares(stack, squares(stack, theta, error))
+        return rms, total, expected_error(base, stack, theta, covariance, error, rms)
+
+    in_force, choice = SETS[bool(feasible)], "as asked"
+    if feasible is None:
+        in_force, choice = _in_force(stack, method, plain, post, judged)
     physical = in_force == "physical"
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    sets = _sets(base, plain, post)
     held = {} if holdout is None else _held_out(base, holdout, prior, name, post)
     theta, covariance, error = sets[in_force]
-    judged = held.get(in_force)
-    rms, total = _of_squares(stack, squares(stack, theta, error))
+    unseen = held.get(in_force)
+    rms, total, expected = judged(in_force)
     std_error, knowledge = _certainty(plain, theta, covariance, physical=physical)
     return Identification(
         robot=base.robot,
@@ -195,9 +213,9 @@ def estimate(
         knowledge=knowledge,
         prior=prior,
         noise=plain.noise,
-        joints=_qualities(stack, rms, None if judged is None else judged[0]),
+        joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
         relative_error_percent=total,
-        heldout_relative_error_percent=None if judged is None else judged[1],
+        heldout_relative_error_percent=None if unseen is None else unseen[1],
         heldout_by_set={key: value[1] for key, value in held.items()},
         heldout=holdout.text if holdout else "nothing held out",
         rank=plain.solution.rank,
@@ -206,7 +224,7 @@ def estimate(
         samples=stack.samples,
         physical=post.physical,
         model_error=error,
-        expected=expected_error(base, stack, theta, covariance, error, rms),
+        expected=expected,
         in_force=in_force,
         choice=choice,
         factors=plain.factors,
@@ -311,7 +329,9 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
 
 
-def _in_force(base: BaseModel, stack: Stack, method: str, plain: Fit, post: Posterior) -> tuple[str, str]:
+def _in_force(
+    stack: Stack, method: str, plain: Fit, post: Posterior, judged: Callable[[str], tuple[Floats, float, ExpectedError]]
+) -> tuple[str, str]:
     """Decide which parameters are in force, and say why.
 
     The plain estimate describes the motion that it was fitted to best, and other motions badly; only where no possible
@@ -322,7 +342,7 @@ def _in_force(base: BaseModel, stack: Stack, method: str, plain: Fit, post: Post
     misfit, best = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
     explains = "a possible arm explains the torques"
     if post.error is not None and post.error.free.size:
-        misfit = _of_squares(stack, squares(stack, post.theta, post.error))[1]
+        misfit = judged("physical")[1]
         names = ", ".join(stack.joints[j] for j in post.error.free)
         explains = f"a possible arm explains the torques but for a large one of the position of {names}, ask dynid gap"
     figures = f"torque error {misfit:.2f} % against {best:.2f} % of the plain estimate"
@@ -331,11 +351,8 @@ def _in_force(base: BaseModel, stack: Stack, method: str, plain: Fit, post: Post
     # Why: few rows that many parameters were fitted to contradict nothing.
     if plain.solution.condition_number_scaled > LARGE_CONDITION:
         return "physical", f"the log determines no other set ({figures})"
-    expected = {}
-    for key, (theta, covariance, error) in _sets(base, plain, post).items():
-        rms, _ = _of_squares(stack, squares(stack, theta, error))
-        expected[key] = expected_error(base, stack, theta, covariance, error, rms).exciting_percent
     missing = f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
+    expected = {key: judged(key)[2].exciting_percent for key in SETS.values()}
     if expected["physical"] < CLEARLY * expected["plain"]:
         return "physical", f"{missing}; on other motions a possible arm is expected to be better all the same"
     return "plain", missing

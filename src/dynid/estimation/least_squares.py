@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort
+from dynid.signals.nonnegative import nonnegative_least_squares
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -106,6 +107,29 @@ def with_columns(R: Floats, across: Floats, squares: Floats, at: int = 0) -> Flo
 def triangle(rows: Floats) -> Floats:
     """Return the triangular factor of rows (N, c), (min(N, c), c), in their units."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def symmetric_root(matrix: Floats) -> Floats:
+    """Return L with L L^T = matrix, (p, p); eigenvalues below zero are rounding and count as zero.
+
+    Args:
+        matrix: symmetric, never negative, such as a covariance or an information, (p, p); where it knows nothing of a
+            parameter, row and column are zero, and so are those of L.
+    """
+    diagonal = np.diagonal(matrix)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    value, vector = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
+
+
+def block_diagonal(*blocks: Floats) -> Floats:
+    """Return the matrix that has others on its diagonal and is zero elsewhere."""
+    found = np.zeros(np.sum([block.shape for block in blocks], axis=0))
+    row = column = 0
+    for block in blocks:
+        found[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return found
 
 
 @dataclass(frozen=True)
@@ -278,13 +302,19 @@ def nonnegative(whitened: Floats, theta: Floats, positive: NDArray[np.bool_]) ->
     """
     if not np.any(theta[positive] < 0.0):
         return theta
-    from scipy.optimize import lsq_linear
-
-    A = whitened[:-1, :-1]
-    length = np.linalg.norm(A, axis=0)
+    p, free = len(theta), np.flatnonzero(~positive)
+    order = np.concatenate([free, np.flatnonzero(positive)])
+    length = np.linalg.norm(whitened[:-1, :-1], axis=0)[order]
     length = np.where(length > 0.0, length, 1.0)
-    bound = np.where(positive, 0.0, -np.inf)
-    return np.asarray(lsq_linear(A / length, A @ theta, (bound, np.inf), method="bvls").x / length)
+    # Why in this order: what the others are does not change what the last rows say of those that cannot be negative.
+    R = triangle(whitened[:-1, order] / length)
+    b, f = R @ (theta[order] * length), len(free)
+    found = np.zeros(p)
+    found[f:] = nonnegative_least_squares(R[f:, f:], b[f:], 10 * p)
+    found[:f] = np.linalg.solve(R[:f, :f], b[:f] - R[:f, f:] @ found[f:])
+    result = np.empty(p)
+    result[order] = found / length
+    return result
 
 
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:

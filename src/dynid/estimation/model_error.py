@@ -31,7 +31,7 @@ from dynid.estimation.error_columns import (
     shapes_of,
     walk_with_columns,
 )
-from dynid.estimation.least_squares import triangle
+from dynid.estimation.least_squares import symmetric_root, triangle
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
@@ -144,18 +144,11 @@ class ModelError:
             covariance: of the parameters, (p, p).
         """
         found = np.empty(W.shape[:2])
-        root = covariance_root(covariance)
+        root = symmetric_root(covariance)
         for j in range(W.shape[1]):
             by_theta = (W[:, j] + Z[:, j] @ self.slope[j]) @ root
             found[:, j] = np.sum(by_theta**2, axis=1) + np.sum((Z[:, j] @ self.root[j]) ** 2, axis=1)
         return found
-
-
-def covariance_root(covariance: Floats) -> Floats:
-    """Return L with L L^T = covariance, (p, p); eigenvalues below rounding count as zero."""
-    scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
-    value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
 
 
 # ---------------------------------------------------------------- columns

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.body_prior import COUNTED, curvature
-from dynid.estimation.least_squares import merge
+from dynid.estimation.least_squares import merge, symmetric_root
 from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of
 from dynid.estimation.posterior import exciting_states
 from dynid.model.prior import prior_base_parameters
@@ -55,16 +55,8 @@ class ParameterPosterior:
         return self.noise * np.sqrt(rate / self.rate) if self.rate > 0.0 else self.noise
 
     def root(self) -> Floats:
-        """Return R with R^T R the information, (p, p)."""
-        return information_root(self.information)
-
-
-def information_root(information: Floats) -> Floats:
-    """Return R with R^T R = information, (p, p); parameters that it does not know have columns of zeros."""
-    diagonal = np.diagonal(information)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    values, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    return np.asarray((np.sqrt(np.maximum(values, 0.0)) * axes).T * scale)
+        """Return R with R^T R the information, (p, p); parameters that it does not know have columns of zeros."""
+        return symmetric_root(self.information).T
 
 
 def parameter_posterior(found: Identification) -> ParameterPosterior:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
-from dynid.estimation.least_squares import triangle
+from dynid.estimation.least_squares import block_diagonal, triangle
 from dynid.estimation.model_error import centred, rows_under
 from dynid.estimation.parameter_posterior import ParameterPosterior, parameter_posterior
 from dynid.estimation.physical_constraints import make_constraints
@@ -216,12 +216,7 @@ class LoadProblem:
         if self.real:
             moved.append(np.zeros((len(self.torque), n)))
             shares.append(DRIFT**2 * np.eye(n))
-        count = sum(len(share) for share in shares)
-        whole, start = np.zeros((count, count)), 0
-        for share in shares:
-            whole[start : start + len(share), start : start + len(share)] = share
-            start += len(share)
-        return np.hstack(moved), whole
+        return np.hstack(moved), block_diagonal(*shares)
 
     def _without_error(self, joint: int, change: Floats) -> tuple[Floats, Floats]:
         """Return rows of one joint in the unknowns, and in free base parameters, the residual model eliminated."""

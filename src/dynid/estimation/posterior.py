@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.error_columns import shapes_of
 from dynid.estimation.findings import CONTRADICTION
-from dynid.estimation.least_squares import Fit, relative_error
+from dynid.estimation.least_squares import Fit, relative_error, symmetric_root
 from dynid.estimation.model_error import (
     GROUP_NAMES,
     NOTHING,
@@ -24,7 +24,6 @@ from dynid.estimation.model_error import (
     ModelError,
     Whitened,
     best_size,
-    covariance_root,
     evidence_gain,
     exciting_speed,
     model_error,
@@ -32,6 +31,7 @@ from dynid.estimation.model_error import (
     random_states,
     whitened_rows,
 )
+from dynid.estimation.physical_constraints import PhysicalConstraints
 from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_sized
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
@@ -120,7 +120,7 @@ def physical_posterior(
     if np.any(rows.free):
         # Why from the prior's own sizes: impossible links made bodies heavier, which the torques no longer ask for.
         left, _ = rows.eliminated(NONE)
-        fit, constraints = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints_of(base), near=fit.x)
+        fit, constraints = _fitted(left, K, constraints_of(base), fit)
         R = left[:-1, :-1] @ K
     held, size = fit.hessian - R.T @ R, size if like is None else like.size
     size = best_size(rows, K, fit.x, held) if size is None else size
@@ -130,7 +130,7 @@ def physical_posterior(
             return found
         size = NONE
     left, heads = rows.eliminated(size)
-    fit, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=fit.x)
+    fit, _ = _fitted(left, K, constraints, fit)
     found = _posterior(K, fit, alone, worth)
     return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
 
@@ -165,7 +165,7 @@ def _with_large_torques(
         for joint in suspects:
             other = rows.freed(joint)
             left, after = other.eliminated(NONE)
-            again, _ = fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=fit.x)
+            again, _ = _fitted(left, K, constraints, fit)
             price = again.objective + 0.5 * left[-1, -1] ** 2 + other.log_volume(NONE, after)
             tried.append((price, joint, other, after, again))
         if not tried:
@@ -181,6 +181,13 @@ def _inflation(estimate: Fit, stack: Stack) -> float:
     """Return how many rows are worth one independent row, with what a short log cannot show about it."""
     filtered = any(log.filter.cutoff > 0.0 for log in stack.logs)
     return max(estimate.inflation, COLOURED) if filtered else estimate.inflation
+
+
+def _fitted(
+    left: Floats, K: Floats, constraints: PhysicalConstraints, near: PhysicalParameters
+) -> tuple[PhysicalParameters, PhysicalConstraints]:
+    """Return the physical set that rows [W tau] without model error ask for, (m, p + 1), beginning near another one."""
+    return fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=near.x)
 
 
 def _posterior(K: Floats, fit: PhysicalParameters, alone: Floats, worth: float) -> Posterior:
@@ -234,7 +241,7 @@ def expected_error(
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
     """
     factors, counts = stack.whole
-    root = covariance_root(covariance)
+    root = symmetric_root(covariance)
     count = np.maximum(counts, 1)
     spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
@@ -267,7 +274,7 @@ def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float
         reference: possible parameters, whose torques on that motion are 100 %, (p,).
     """
     W = base.model.observer(base.reduction.base).dense(*exciting_states(base, FEW_STATES))
-    return _percent(np.sum((W @ covariance_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
+    return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 
 def exciting_states(base: BaseModel, count: int = STATES) -> tuple[Floats, Floats, Floats]:

@@ -18,6 +18,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.model.reference import model_torques
+from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
 from dynid.sim.replay import Replay, replay
 
@@ -87,9 +88,8 @@ def load_parameters(base: BaseModel, load: SelectedEffect) -> Floats:
         load: the effect, with values; where its inertia is not known, its mass is taken to be in one point.
     """
     m, *first = (load.values.get(name, 0.0) for name in BODY_PARAMETERS[:4])
-    c = np.array(first) / m if m else np.zeros(3)
-    J = m * (c @ c * np.eye(3) - np.outer(c, c))
-    body = np.array([m, *first, *J[np.triu_indices(3)]])
+    x, y, z = (each / m if m else 0.0 for each in first)
+    body = Body(m, (x, y, z)).parameters()
     if all(name in load.values for name in BODY_PARAMETERS):
         body = np.array([load.values[name] for name in BODY_PARAMETERS])
     return np.asarray(base.reduction.K[:, body_columns(base.model.parameters)[base.robot.n]] @ body)
