@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
+from dynid.files import hashed
 from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
 from dynid.text import whole_number
 from dynid.version import __version__
@@ -142,12 +143,13 @@ def sha256(path: Path) -> str:
 
     A file is read for it once per process, and again only when its size or time of change is another.
     """
-    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
-    return _sha256(tuple((file.absolute(), (info := file.stat()).st_mtime_ns, info.st_size) for file in files))
+    if not path.is_dir():
+        return hashed.sha256(path)
+    return _of_folder(tuple(map(hashed.state_of, sorted(p for p in path.iterdir() if p.is_file()))))
 
 
 @lru_cache(maxsize=256)
-def _sha256(files: tuple[tuple[Path, int, int], ...]) -> str:
+def _of_folder(files: tuple[hashed.State, ...]) -> str:
     digest = hashlib.sha256()
     for file, _, _ in files:
         with limits.open_file(file) as stream:

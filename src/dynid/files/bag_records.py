@@ -14,12 +14,13 @@ import struct
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
+from dynid.files.hashed import HashedFile, Readable
 
 #: Length of the line ``#ROSBAG V2.0`` that opens every bag.
 MAGIC = b"#ROSBAG V2.0\n"
@@ -136,6 +137,8 @@ def scan(
 ) -> Iterator[Messages]:
     """Yield every readable message, chunk by chunk in the order of the file; those that are alike come together.
 
+    The file is hashed on the way, so that nothing reads it again for that.
+
     Args:
         path: the bag.
         recover: stop silently at the first broken record, and pass over broken chunks, instead of raising.
@@ -147,7 +150,7 @@ def scan(
         TooLarge: a chunk unpacks to more than the limit.
     """
     walk = _Walk(path, dict(index.connections) if index else {})
-    with limits.open_file(path) as stream:
+    with HashedFile(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(len(MAGIC))
         try:
@@ -166,6 +169,7 @@ def scan(
                         yield item
                 if walk.broken and not recover:
                     raise BrokenBag(walk.broken)
+            stream.finish()
         except BrokenBag:
             if not recover:
                 raise
@@ -179,7 +183,7 @@ def _without(index: Index, place: int, topics: Collection[str]) -> bool:
     return not any(number in index.connections and index.connections[number].topic in topics for number in counts)
 
 
-def _chunk(stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, walk: _Walk) -> Iterator[Messages]:
+def _chunk(stream: Readable, header: dict[bytes, bytes], size: int, end: int, walk: _Walk) -> Iterator[Messages]:
     """Yield the messages of a chunk.
 
     Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of an
@@ -200,13 +204,13 @@ def _chunk(stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, w
     yield from _messages(content, walk)
 
 
-def _read_exactly(stream: IO[bytes], size: int, end: int) -> bytes:
+def _read_exactly(stream: Readable, size: int, end: int) -> bytes:
     if size > end - stream.tell():
         raise BrokenBag("it ends in the middle of a record")
     return stream.read(size)
 
 
-def _read_head(stream: IO[bytes], end: int) -> tuple[dict[bytes, bytes], int]:
+def _read_head(stream: Readable, end: int) -> tuple[dict[bytes, bytes], int]:
     """Read a record's header and the size of its data."""
     length = struct.unpack("<I", _read_exactly(stream, 4, end))[0]
     if length > _LARGEST_HEADER:
@@ -358,7 +362,7 @@ def _number(header: dict[bytes, bytes], key: bytes) -> int:
     return int.from_bytes(value, "little")
 
 
-def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, walk: _Walk) -> bytes:
+def _unpacked(stream: Readable, size: int, compression: bytes, whole: bool, walk: _Walk) -> bytes:
     """Return the content of a chunk, of which ``size`` bytes are in the file; unpacked piece by piece within the limit.
 
     Why: a chunk that is cut gives what its complete blocks hold; one that is whole but does not decompress is given up,

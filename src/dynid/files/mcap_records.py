@@ -15,9 +15,9 @@ import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
 
 from dynid import limits
+from dynid.files.hashed import HashedFile, Readable
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
@@ -162,7 +162,7 @@ def _take_chunk(found: Summary, data: bytes) -> None:
 def scan(
     path: Path, topics: Collection[str] | None = None, summary: Summary | None = None
 ) -> Iterator[tuple[Channel, int, bytes]]:
-    """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file.
+    """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file, hashed on the way.
 
     Args:
         path: the file.
@@ -174,7 +174,7 @@ def scan(
         TooLarge: a chunk or a message is beyond the limit.
     """
     known = Summary()
-    with limits.open_file(path) as stream:
+    with HashedFile(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(0)
         if stream.read(len(MAGIC)) != MAGIC:
@@ -188,6 +188,7 @@ def scan(
         unpacked = 0
         for op, data, at in _records(stream, len(MAGIC), end, path, skip=skip):
             if op == _DATA_END:
+                stream.finish()
                 return
             if op == _CHUNK and len(data) >= _CHUNK_HEAD.size:
                 # Why: many small chunks that each expand as they like would take as long as one large one.
@@ -214,7 +215,7 @@ def _head(content: bytes, known: Summary) -> tuple[Channel, int]:
 
 
 def _records(
-    stream: IO[bytes], start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
+    stream: Readable, start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
 ) -> Iterator[tuple[int, bytes, int]]:
     """Yield kind, content and place of the records that matter; the others are passed over unread."""
     at = start
