@@ -13,7 +13,6 @@ import numpy as np
 
 from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
 from dynid.longarrays import release
-from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect, Floats, Joints, Shape
 
 #: Identifier and joints of a candidate.
@@ -109,7 +108,7 @@ def candidate_of(
 
 def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints) -> list[EffectCandidate]:
     """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
-    shapes = effect.grid(joined_motion([s.motion for s in regression.segments if s.fresh]), joints)
+    shapes = effect.grid(regression.motion, joints)
     groups: dict[int, list[dict[str, float]]] = {}
     for shape in shapes:
         groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
 from dynid.longarrays import Store
-from dynid.model.effects.interface import Floats
+from dynid.model.effects.catalogue import joined_motion
+from dynid.model.effects.interface import ArmMotion, Floats
 
 Ints = NDArray[np.int64]
 #: Whitened columns of one effect by joint, {joint: (k, M_j)}.
@@ -114,6 +115,11 @@ class WhitenedRegression:
     def store(self) -> Store | None:
         """Where columns of candidates are kept; None where the rows are few, and memory does."""
         return None if few(self.segments) else Store()
+
+    @cached_property
+    def motion(self) -> ArmMotion:
+        """All motion in which candidates act, one segment after the other."""
+        return joined_motion([s.motion for s in self.segments if s.fresh])
 
     @property
     def absorbed(self) -> float:
