@@ -88,6 +88,7 @@ def analyse_gap(
     earlier: Sequence[ConditionedLog] = (),
     arm: bool = False,
     possible: bool = False,
+    words: bool = True,
 ) -> GapAnalysis:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
@@ -101,6 +102,7 @@ def analyse_gap(
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
         arm: whether to find what only an odd arm would absorb too.
         possible: whether the physically possible set is in force, and judges what is named.
+        words: whether what is left is put into words at once; ``in_words`` does so later.
     """
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
@@ -117,12 +119,7 @@ def analyse_gap(
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
-    # Why not of a change: a formula of what has changed is no property of the arm.
-    wordless = () if problem.since else dict.fromkeys((*verdict.remainder, *unrepeatable(found.search)))
-    wording = find_formulas(found.search, tuple(wordless), progress)
-    if verdict.word == "unexplained" and wording.formulas:
-        verdict = replace(verdict, advice=advice_on_formulas(wording, base.robot.joint_names))
-    return GapAnalysis(
+    analysis = GapAnalysis(
         logs,
         problem,
         found.search,
@@ -132,8 +129,21 @@ def analyse_gap(
         simulation,
         verdict,
         invisible,
-        wording,
+        Wording(),
     )
+    return in_words(analysis, progress) if words else analysis
+
+
+def in_words(analysis: GapAnalysis, progress: Progress = SILENT) -> GapAnalysis:
+    """Return an analysis with what is left of its joints put into words."""
+    search = analysis.search
+    # Why not of a change: a formula of what has changed is no property of the arm.
+    wordless = () if analysis.problem.since else dict.fromkeys((*analysis.verdict.remainder, *unrepeatable(search)))
+    wording, verdict = find_formulas(search, tuple(wordless), progress), analysis.verdict
+    if verdict.word == "unexplained" and wording.formulas:
+        names = analysis.problem.base.robot.joint_names
+        verdict = replace(verdict, advice=advice_on_formulas(wording, names))
+    return replace(analysis, wording=wording, verdict=verdict)
 
 
 @dataclass(frozen=True)

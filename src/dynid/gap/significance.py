@@ -98,7 +98,7 @@ def candidate_of(
     products = np.zeros((*gram.shape[:2], regression.size + 1))
     for joint, C in columns.items():
         rows = regression.joints[joint]
-        products[..., :-1] += (C.reshape(-1, len(rows.y)) @ rows.A).reshape(*gram.shape[:2], -1)
+        products[..., :-1] += (C.reshape(gram[..., 0].size, -1) @ rows.A).reshape(*gram.shape[:2], -1)
         products[..., -1] += C @ rows.y
     if regression.store is not None:
         columns = {joint: regression.store.put(each) for joint, each in columns.items()}

@@ -463,6 +463,7 @@ class _Search:
         why: str,
         also: tuple[Key, ...] = (),
         conditioned: list[ConditionedLog] | None = None,
+        words: bool = True,
     ) -> Gap:
         """Ask one question of checked logs.
 
@@ -473,6 +474,7 @@ class _Search:
             why: why this is asked, in words.
             also: effects that are tried whatever is asked.
             conditioned: the recordings as ``conditioned`` returns them for this question, where they are at hand.
+            words: whether what is left is put into words.
         """
         from dynid.gap.analysis import analyse_gap, relative_error
         from dynid.gap.problem import kept_model
@@ -487,7 +489,7 @@ class _Search:
         wanted = replace(self.wanted, also=also)
         possible = self.result.in_force == "physical"
         analysis = analyse_gap(
-            conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm, possible=possible
+            conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm, possible=possible, words=words
         )
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
@@ -504,6 +506,17 @@ class _Search:
             before=tuple(earlier),
             signals=options,
         )
+
+    def _in_words(self, gap: Gap) -> Gap:
+        """Return an answer with what is left put into words."""
+        from dynid.gap.analysis import in_words
+        from dynid.gap.record import record_of
+
+        assert gap.analysis is not None
+        analysis = in_words(gap.analysis, self.progress)
+        record = record_of(analysis, self.base.robot, gap.question, gap.asked, gap.made_from)
+        more = {key: getattr(gap, key) for key in ("searched", "recordings", "before", "signals")}
+        return _with_methods(record, analysis=analysis, **more)
 
     def _weighed(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
@@ -546,7 +559,8 @@ class _Search:
 
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
-        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?", conditioned=conditioned)
+        # Why without words at first: of two answers one is given, and words take as long as all else.
+        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?", (), conditioned, words=False)
         analysis = found.analysis
         suspected = [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
         effects, joints = self.wanted.effects, self.wanted.joints
@@ -554,16 +568,16 @@ class _Search:
             one for one in suspected if not effects or COUNTERBALANCE in effects if not joints or one.joint in joints
         ]
         if not suspected:
-            return found
+            return self._in_words(found)
         names = self.base.robot.joint_names
         why = f"{found.asked} {_suspected(suspected, names)}: what would only odd links absorb?"
         places = [(one.joint,) for one in suspected]
         named = [(one.effect, one.indices) for one in found.named]
         also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
-        odd = self.ask("arm", logs, (), why, also, conditioned)
+        odd = self.ask("arm", logs, (), why, also, conditioned, words=False)
         if any(one.effect == COUNTERBALANCE for one in odd.named):
-            return odd
-        return replace(found, asked=f"{why} {_not_told(suspected, odd)}")
+            return self._in_words(odd)
+        return replace(self._in_words(found), asked=f"{why} {_not_told(suspected, odd)}")
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:

@@ -164,3 +164,15 @@ def test_noise_that_comes_in_bursts_widens_the_covariance(regression):
     per_block = np.median(np.bincount(rows.block)[np.bincount(rows.block) > 0])
     ratio = together.covariance[0, 0] / alone.covariance[0, 0]
     assert ratio == pytest.approx(1 + 4 * per_block, rel=0.5)
+
+
+def test_a_joint_that_rests_all_the_time_has_no_rows_and_shows_nothing(clean):
+    segments = [replace(s, use=s.use & np.array([True, False])) for s in clean.segments]
+    resting = replace(clean, segments=segments).regression()
+    assert len(resting.fit.e[1]) == 0
+    for name, joints in (("stribeck", (1,)), ("base_tilt", ())):
+        (candidate,) = candidates_at(resting, CATALOGUE[name], joints)
+        assert candidate.columns[1].shape[-1] == 0
+        assert np.isfinite(score_candidate(resting, candidate).score)
+    (alone,) = candidates_at(resting, CATALOGUE["stribeck"], (1,))
+    assert score_candidate(resting, alone).gain == 0.0
