@@ -22,6 +22,7 @@ from dynid.gap.refit import (
     lead_over_always,
     ratio_interval,
     refit,
+    surely_worse,
     with_columns,
 )
 from dynid.gap.search import EffectSearch, judged_search, search_effects, without
@@ -248,7 +249,7 @@ def spoiling(
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
     allowed = GROWN if problem.arm is None else GROWN_ARM
-    worse = improvement.worse(allowed)
+    worse = surely_worse(problem, search, effects) if problem.since else improvement.worse(allowed)
     if not worse or not effects:
         return []
 

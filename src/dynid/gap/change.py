@@ -11,12 +11,13 @@ Source: Chow 1960, "Tests of equality between sets of coefficients in two linear
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.estimation.model_error import GROUPS, LARGEST, shapes_of
 from dynid.gap.segments import Mask, SegmentRows
-from dynid.model.effects.interface import Floats
+from dynid.model.effects.interface import Floats, sign_of
 
 #: A joint has changed when its common fit is this much worse, beyond 1, than halves of logs are by themselves. Another
 #: motion asks for more of the model than the other half of the same one.
@@ -27,6 +28,8 @@ LEAST_GROWTH = 0.02
 #: The same for what parameters of the new logs alone leave of them, over what those of the old ones leave: a change
 #: that no parameters absorb shows nowhere else, but faster motion leaves more too.
 LEAST_MORE = 0.2
+#: Least rms speed that shapes of friction scale with [rad/s or m/s].
+SLOWEST = 1e-3
 #: Directions of normalised columns below this share of the strongest are left at zero.
 WEAK = 1e-6
 
@@ -39,13 +42,11 @@ class ChangeTest:
         growth: rms of the residual with one set of parameters for old and new logs, over that with one for each, (n,).
         halves: the largest such growth between halves of the old, and of the new logs, (n,).
         more: rms that the parameters of the new logs leave of them, over that of the old logs, (n,).
-        left: rms that the parameters of the old logs leave of them, (n,) [N m or N].
     """
 
     growth: Floats
     halves: Floats
     more: Floats
-    left: Floats
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -72,8 +73,58 @@ class Part:
         return Part(self.gram + other.gram, self.count + other.count)
 
 
+def with_always_missing(
+    segments: Sequence[SegmentRows], theta: Floats, level: Floats
+) -> tuple[list[SegmentRows], Floats]:
+    """Return rows with further base columns: what may have been missing before and is missing now, of each joint.
+
+    They are those of the residual model (``estimation/model_error.py``), and act in old and new logs alike, so that
+    what follows place, speed and load in both is no change.
+
+    Args:
+        segments: rows, old and new ones.
+        theta: base parameters, (p,).
+        level: rms of what parameters alone leave of the old logs, (n,) [N m or N].
+
+    Returns:
+        The rows, with p + 14 n base columns, and rows [columns, value] that say how large each column may be: as large
+        as an identification lets it be.
+    """
+    n, p = segments[0].W.shape[1:]
+    k = len(GROUPS)
+    speed = np.maximum(np.sqrt(np.mean(np.concatenate([s.qd for s in segments]) ** 2, axis=0)), SLOWEST)
+    shapes = []
+    for s in segments:
+        sign = np.stack([sign_of(s.motion, j) for j in range(n)], axis=1)
+        flat = shapes_of(s.motion.q, s.motion.qd, sign, speed).reshape(len(s.motion), -1)
+        D = s.filtered(np.ascontiguousarray(flat.T)).T.reshape(len(s), n, k)
+        D[:, :, -1] *= np.abs(s.W @ theta)
+        shapes.append(D)
+    use = np.concatenate([s.use for s in segments])[:, :, None]
+    power = np.sum(np.where(use, np.concatenate(shapes), 0.0) ** 2, axis=0) / np.maximum(use.sum(axis=0), 1)
+    scale = np.where(power > 0.0, np.sqrt(power), 1.0)
+    joints, columns = np.divmod(np.arange(n * k), k)
+    found = []
+    for s, D in zip(segments, shapes, strict=True):
+        rows = replace(
+            s.rows,
+            entries=np.concatenate([s.rows.entries, (D / scale).reshape(len(s), -1).T]),
+            joints=np.concatenate([s.rows.joints, joints]),
+            columns=np.concatenate([s.rows.columns, p + k * joints + columns]),
+            size=p + n * k,
+            command=None,
+        )
+        found.append(replace(s, rows=rows))
+    prior = np.zeros((n * k, p + n * k + 1))
+    prior[:, p:-1] = np.diag(1.0 / (level[:, None] * np.sqrt(LARGEST)[GROUPS]).ravel())
+    return found, prior
+
+
 def change_test(
-    segments: Sequence[SegmentRows], train: Sequence[Mask], nuisance: Sequence[Sequence[Floats]]
+    segments: Sequence[SegmentRows],
+    train: Sequence[Mask],
+    nuisance: Sequence[Sequence[Floats]],
+    held_by: Floats | None = None,
 ) -> ChangeTest:
     """Compare one set of parameters for old and new logs with one for each.
 
@@ -81,17 +132,23 @@ def change_test(
         segments: rows, old and new ones.
         train: rows that are searched, one mask (M,) per segment.
         nuisance: for each segment and joint, columns that are not judged, (c / n, M).
+        held_by: rows [columns, value] that hold base parameters, (k, p + 1); None for none.
     """
+    width = segments[0].W.shape[2]
+    prior = np.zeros((0, width + 1)) if held_by is None else held_by
+    wide = np.zeros((len(prior), width + sum(map(len, nuisance[0])) + 1))
+    wide[:, :width], wide[:, -1] = prior[:, :-1], prior[:, -1]
+    known = wide.T @ wide
     halves = [_halves(s, rows, columns) for s, rows, columns in zip(segments, train, nuisance, strict=True)]
     eras = [
         [_sum([half[k] for half, s in zip(halves, segments, strict=True) if s.fresh is fresh]) for k in (0, 1)]
         for fresh in (False, True)
     ]
     old, new = (first + second for first, second in eras)
-    sigma = _rms([old, new], _separate([old, new], np.ones(len(old.count))))
-    null = np.max([_growth(parts, sigma) for parts in eras], axis=0)
-    left, now = (_rms([part], [_solved(part, sigma)]) for part in (old, new))
-    return ChangeTest(_growth([old, new], sigma), null, now / np.maximum(left, 1e-300), left)
+    sigma = _rms([old, new], _separate([old, new], np.ones(len(old.count)), known))
+    null = np.max([_growth(parts, sigma, known) for parts in eras], axis=0)
+    left, now = (_rms([part], [_solved(part, sigma, known)]) for part in (old, new))
+    return ChangeTest(_growth([old, new], sigma, known), null, now / np.maximum(left, 1e-300))
 
 
 def _halves(segment: SegmentRows, train: Mask, nuisance: Sequence[Floats]) -> tuple[Part, Part]:
@@ -122,20 +179,20 @@ def _sum(parts: Sequence[Part]) -> Part:
     return total
 
 
-def _growth(parts: Sequence[Part], sigma: Floats) -> Floats:
+def _growth(parts: Sequence[Part], sigma: Floats, known: Floats) -> Floats:
     """Return rms of one set of parameters for all parts over that of one for each, (n,)."""
-    common = _solved(_sum(parts), sigma)
+    common = _solved(_sum(parts), sigma, known)
     together = _rms(parts, [common] * len(parts))
-    return together / np.maximum(_rms(parts, _separate(parts, sigma)), 1e-300)
+    return together / np.maximum(_rms(parts, _separate(parts, sigma, known)), 1e-300)
 
 
-def _separate(parts: Sequence[Part], sigma: Floats) -> list[Floats]:
-    return [_solved(part, sigma) for part in parts]
+def _separate(parts: Sequence[Part], sigma: Floats, known: Floats) -> list[Floats]:
+    return [_solved(part, sigma, known) for part in parts]
 
 
-def _solved(part: Part, sigma: Floats) -> Floats:
-    """Return [-theta, 1] of the weighted least-squares fit, (w + 1,)."""
-    whole = np.einsum("j,jab->ab", 1.0 / sigma**2, part.gram)
+def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
+    """Return [-theta, 1] of the weighted least-squares fit beside what is known of theta, (w + 1,)."""
+    whole = np.einsum("j,jab->ab", 1.0 / sigma**2, part.gram) + known
     gram, right = whole[:-1, :-1], whole[:-1, -1]
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0, size, 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
-from dynid.gap.change import ChangeTest, change_test
+from dynid.gap.change import ChangeTest, change_test, with_always_missing
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
@@ -35,6 +35,8 @@ NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
 OPEN = 1e-12
 #: Errors of an earlier identification are taken this much larger, for what its own model lacked.
 TRUST = 1.5
+#: Old and new logs fitted together leave at most so many times what each leaves alone, before anything is found.
+AT_FIRST = 1.5
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ class GapProblem:
         in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
             where the plain estimate is in force.
         arm: the prior of possible links, where it is asked what only an odd arm would absorb.
-        held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, (k, p + 1).
+        held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, or how
+            large what has always been missing may be, (k, p + 1).
         change: which joints have changed since the earlier logs, that are among the rows; None where there are none.
     """
 
@@ -304,8 +307,8 @@ def _problem_since(
 ) -> GapProblem:
     """Arrange a search for what has changed between earlier and new logs of other motion, all fitted together.
 
-    What is looked for acts in the new logs alone. Each joint's noise is at least what the model left of the earlier
-    logs.
+    What is looked for acts in the new logs alone, beside what may always have been missing. Each joint's noise is at
+    least what is left of old and new logs together.
 
     Args:
         earlier: rows of the logs that a model was identified from.
@@ -317,21 +320,21 @@ def _problem_since(
     before = [replace(s, fresh=False) for s in earlier]
     after = [replace(s, number=first + s.number) for s in segments]
     train, held, text = split(after, find_repeats(after), HELD_OUT_KEPT)
-    every = [*before, *after]
     train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
     held = [*(np.zeros(len(s), dtype=bool) for s in before), *held]
+    every, old, new = [*before, *after], slice(0, len(before)), slice(len(before), None)
+    level = _rms(before, unwhitened_fit(before, train[old], None)[1], train[old])
+    every, held_by = with_always_missing(every, kept.theta, level)
     repeats = [pair for pair in find_repeats(every) if every[pair.first].fresh == every[pair.second].fresh]
-    change = change_test(every, train, [nuisance_columns(s) for s in every])
-    theta = unwhitened_fit(every, train, None)[0]
-    eras = ((before, train[: len(before)]), (after, train[len(before) :]))
-    left = [residual for era, rows in eras for residual in unwhitened_fit(era, rows, None)[1]]
-    whole = unwhitened_fit(*eras[0], None, nuisance=False)[1]
-    # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
-    share = change.left / _rms(before, whole, train[: len(before)])
-    unexplained = np.maximum(change.left, kept.unexplained * np.minimum(1.0, share))
-    noise = measure_noise(every, left, repeats, train)
-    found = GapProblem(base, None, every, train, held, text, repeats, noise, theta, unexplained, 0.0, change)
-    return with_noise(found, noise, left)
+    change = change_test(every, train, [nuisance_columns(s) for s in every], held_by)
+    theta, together = unwhitened_fit(every, train, None, held_by)
+    alone = [r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]]
+    noise = measure_noise(every, alone, repeats, train)
+    # Why not all: what has changed is in it too, and is looked for first.
+    level = np.minimum(_rms(every, together, train), AT_FIRST * _rms(every, alone, train))
+    noise = with_misfit(noise, cut(every, train), alone, level)
+    theta = theta[: len(kept.theta)]
+    return GapProblem(base, None, every, train, held, text, repeats, noise, theta, change=change, held_by=held_by)
 
 
 def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
@@ -356,7 +359,7 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         more = np.sqrt(1.0 + 1.0 / problem.matched)
         return replace(problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
     level = _rms(problem.segments, residuals, problem.train) if problem.unexplained is None else problem.unexplained
-    return replace(problem, noise=with_misfit(noise, problem.segments, residuals, level))
+    return replace(problem, noise=with_misfit(noise, cut(problem.segments, problem.train), residuals, level))
 
 
 def _rms(segments: Sequence[SegmentRows], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
@@ -395,7 +398,12 @@ def _border(segments: Sequence[SegmentRows], share: float) -> float:
 
 
 def unwhitened_fit(
-    segments: Sequence[SegmentRows], train: Sequence[Mask], kept: KeptModel | None, *, nuisance: bool = True
+    segments: Sequence[SegmentRows],
+    train: Sequence[Mask],
+    kept: KeptModel | None,
+    held_by: Floats | None = None,
+    *,
+    nuisance: bool = True,
 ) -> tuple[Floats, list[Floats]]:
     """Fit the baseline without whitening, weighted by joint.
 
@@ -403,6 +411,7 @@ def unwhitened_fit(
         segments: rows.
         train: rows that are fitted, one mask (M,) per segment.
         kept: the model that holds the parameters; None for none.
+        held_by: rows [columns, value] that hold them where no model is kept, (k, p + 1).
         nuisance: whether shapes of reversals are left unjudged.
 
     Returns:
@@ -410,7 +419,7 @@ def unwhitened_fit(
     """
     columns = [nuisance_columns(s, nuisance) for s in segments]
     n, p = segments[0].W.shape[1:]
-    prior = None if kept is None else kept.prior_rows
+    prior = held_by if kept is None else kept.prior_rows
     regression = _baseline(segments, train, prior, NoiseModel.white(np.ones(n)), columns)
     sigma = [np.sqrt(max(float(np.mean(e**2)), 1e-18)) if len(e) else 1.0 for e in regression.fit.e]
     regression = _baseline(segments, train, prior, NoiseModel.white(np.array(sigma)), columns)

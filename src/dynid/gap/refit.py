@@ -16,7 +16,7 @@ from dynid.estimation.physical_constraints import pseudo_inertia
 from dynid.gap.noise import NoiseModel
 from dynid.gap.problem import GapProblem, at_possible, near_possible
 from dynid.gap.search import EffectSearch
-from dynid.gap.segments import cut, jackknife_blocks
+from dynid.gap.segments import LONGEST_BLOCK, SHORTEST_BLOCK, cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
@@ -34,6 +34,8 @@ SURE_Z = 3.0
 #: A joint is worse when the lower end of the interval of its error over the one before is above 1 and it has grown by
 #: this factor: the interval alone would reject true names, there are many joints.
 GROWN = 1.02
+#: Chance below which a joint counts as worse in a comparison with earlier logs, and the fewest blocks that tell.
+CHANCE, MIN_BLOCKS = 0.025, 3
 #: The same where links that no arm has are given up for possible ones: they fitted every joint a little too well.
 GROWN_ARM = 1.05
 #: A simple value as large as this stands for infinity.
@@ -325,6 +327,34 @@ def held_out_improvement(
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
 
 
+def surely_worse(first: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[int]:
+    """Return joints on which effects make the held-out error larger in a comparison with earlier logs, beyond chance.
+
+    Few blocks of time are held out there, and many joints have nothing to do with an effect but that the parameters of
+    the arm move beside it: so Student's t of the blocks, and the chance divided by the number of joints.
+
+    Args:
+        first: the problem before any delay was taken out.
+        search: the search.
+        effects: what it found.
+    """
+    from scipy import special
+
+    before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
+    after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
+    found = []
+    for j, ((b, block), (a, _)) in enumerate(zip(before, after, strict=True)):
+        names, index = np.unique(block, return_inverse=True)
+        if len(names) < MIN_BLOCKS or len(a) != len(b):
+            continue
+        more = np.bincount(index, a**2 - b**2, len(names))
+        t = float(more.mean() / max(more.std(ddof=1) / np.sqrt(len(names)), 1e-300))
+        chance = len(before) * (1.0 - float(special.stdtr(len(names) - 1, t)))
+        if chance < CHANCE and a @ a > GROWN**2 * (b @ b):
+            found.append(j)
+    return found
+
+
 def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
     """Return the 95 % interval of the held-out error with all effects over that without one, on its joint, (2,).
 
@@ -370,10 +400,11 @@ def _held_residuals(
     elif problem.arm is not None:
         # Why not as it is searched: the parabola is wide, and lets links be what no arm has.
         regression = at_possible(problem, regression)
-    theta = regression.fit.theta[: problem.base.reduction.rank]
     held = cut(problem.segments, problem.held)
+    theta = regression.fit.theta[: held[0].W.shape[2]]
     torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]
-    times = jackknife_blocks(held)
+    # Why longer: what a joint leaves of a comparison with earlier logs is not whitened, and goes on for longer.
+    times = jackknife_blocks(held, LONGEST_BLOCK if problem.since else SHORTEST_BLOCK)
     found = []
     for j in range(held[0].motion.n):
         parts, blocks = [], []

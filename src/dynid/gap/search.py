@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.gap.change import change_test
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import (
@@ -37,6 +38,8 @@ MOST_SELECTIONS = 5
 #: When the noise measured beside what was found differs by more than this from what it was before, the search starts
 #: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
+#: The same where old and new logs leave more together than was taken for noise at first: nothing is named for that.
+MORE_NOISE = 1.1
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def search_effects(
     first = problem = first or make_problem(logs, base, kept, earlier)
     before: dict[Key, float] = {}
     if earlier and not problem.matched:
-        then = make_problem(earlier, base, None if problem.change is not None else kept)
+        then = make_problem(earlier, base, kept) if problem.change is None else earlier_rows(problem)
         before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
     for _ in range(MOST_SELECTIONS):
         stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY)
@@ -105,13 +108,26 @@ def search_effects(
         floor = problem.noise.floor
         problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)
         change = problem.noise.floor / floor
-        if np.all((change > SAME_NOISE) & (change < 1 / SAME_NOISE)):
+        most = 1 / SAME_NOISE if problem.change is None else MORE_NOISE
+        if np.all((change > SAME_NOISE) & (change < most)) or (problem.change is not None and not stepwise.selected):
             break
     bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
     chi_before = (first.regression() if delay else bare).reduced_chi_square()
     selected = settled_rivals(problem, stepwise.selected)
     after, between = chi_squares(with_selected(bare, selected))
     return EffectSearch(problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
+
+
+def earlier_rows(problem: GapProblem) -> GapProblem:
+    """Return the earlier logs of a search for changes alone, as noisy as there, for what acts in them already."""
+    old = [k for k, s in enumerate(problem.segments) if not s.fresh]
+    return replace(
+        problem,
+        segments=[replace(problem.segments[k], fresh=True) for k in old],
+        train=[problem.train[k] for k in old],
+        held=[problem.held[k] for k in old],
+        change=None,
+    )
 
 
 def chi_squares(regression: WhitenedRegression) -> tuple[Floats, Floats]:
@@ -160,16 +176,38 @@ def with_noise_beside(
     """Return the problem with the noise measured again, after what was found is taken out of the residual.
 
     Why: a large effect does not repeat exactly when the motion does not, and would pass for noise. And rows that are
-    compared with the same motion before have no other measure of it; the first guess, which lets all parameters go, is
-    too small.
+    compared with earlier ones have no other measure of it; the first guess, which lets all parameters go, is too small.
     """
-    if problem.arm is not None or (not problem.matched and not (problem.noise.repeats and selected)):
+    if problem.arm is not None or (
+        problem.change is None and not problem.matched and not (problem.noise.repeats and selected)
+    ):
         return problem
     residuals = residuals_beside(problem, regression, selected)
     noise = measure_noise(problem.segments, residuals, problem.repeats, problem.train)
     # Why its parameters: candidates that scale with the model are those of the arm beside what was found.
     theta = regression.fit.theta[: problem.base.reduction.rank]
     return with_noise(replace(problem, theta=theta), noise, residuals)
+
+
+def still_changed(search: EffectSearch, selected: Sequence[SelectedEffect]) -> tuple[int, ...]:
+    """Return joints on which old and new logs do not agree although effects are taken out of the new ones.
+
+    Args:
+        search: a search for changes, old logs among its rows.
+        selected: what is taken out.
+    """
+    problem = search.problem
+    assert problem.change is not None, "old logs are not among the rows"
+    selected = [one for one in selected if one.name != "torque_delay"]
+    if not selected:
+        return problem.change.joints
+    regression = with_selected(problem.regression(), selected)
+    segments = []
+    for s in regression.segments:
+        torque = torque_in_rows(s, selected, regression.amplitudes).T
+        segments.append(replace(s, rows=replace(s.rows, tau=s.tau - torque)))
+    nuisance = [nuisance_columns(s) for s in segments]
+    return change_test(segments, problem.train, nuisance, problem.held_by).joints
 
 
 def residuals_beside(

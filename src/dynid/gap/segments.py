@@ -107,10 +107,15 @@ def segments_of(logs: Sequence[ConditionedLog], base: BaseModel, reference: Refe
     return found
 
 
-def jackknife_blocks(segments: Sequence[SegmentRows]) -> list[NDArray[np.int64]]:
-    """Return the number of the block of time of each row, one (M,) per segment; blocks of different segments differ."""
+def jackknife_blocks(segments: Sequence[SegmentRows], shortest: float = SHORTEST_BLOCK) -> list[NDArray[np.int64]]:
+    """Return the number of the block of time of each row, one (M,) per segment; blocks of different segments differ.
+
+    Args:
+        segments: rows.
+        shortest: length that each has at least [s].
+    """
     seconds = sum(float(s.use.any(axis=1).sum()) / s.rate for s in segments)
-    length = min(LONGEST_BLOCK, max(SHORTEST_BLOCK, seconds / BLOCKS))
+    length = min(LONGEST_BLOCK, max(shortest, seconds / BLOCKS))
     return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(segments)]
 
 

@@ -319,7 +319,7 @@ def change_of_torques(regression: WhitenedRegression, before: Floats, after: Flo
     power = np.zeros((2, len(regression.joints)))
     for s in regression.segments:
         for k, theta in enumerate((after - before, before)):
-            power[k] += np.sum(np.where(s.use, s.W @ theta, 0.0) ** 2, axis=0)
+            power[k] += np.sum(np.where(s.use, s.W[..., : len(theta)] @ theta, 0.0) ** 2, axis=0)
     return float(np.sqrt(np.max(power[0] / np.maximum(power[1], 1e-300))))
 
 
@@ -389,15 +389,8 @@ def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple
         if (use in effect.uses or (effect.name, joints) in options.also)
         if not options.effects or effect.name in options.effects
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
-        if not _in_model(effect, joints, problem) and _may_have_changed(effect, joints, problem)
+        if not _in_model(effect, joints, problem)
     ]
-
-
-def _may_have_changed(effect: Effect, joints: Joints, problem: GapProblem) -> bool:
-    """Return whether an effect acts on a joint that has changed; True where it is not known which have."""
-    if problem.change is None:
-        return True
-    return bool(set(effect.rows(joints, problem.base.robot.n)) & set(problem.change.joints))
 
 
 def _in_model(effect: Effect, joints: Joints, problem: GapProblem) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.refit import SURE_Z, HeldOutImprovement, possible
-from dynid.gap.search import EffectSearch
+from dynid.gap.search import EffectSearch, still_changed
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Joints
@@ -80,9 +80,8 @@ def judge(
     named, closest = tuple(named), tuple(refused)
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
-    if search.problem.change is not None:
-        above[[j for j in range(len(above)) if j not in search.problem.change.joints]] = False
-    remainder = tuple(np.flatnonzero(above).tolist())
+    since = search.problem.change is not None
+    remainder = still_changed(search, named) if since else tuple(np.flatnonzero(above).tolist())
     groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
     if groups:
         word = "ambiguous"
@@ -99,8 +98,12 @@ def judge(
 
 
 def unrepeatable(search: EffectSearch) -> list[int]:
-    """Return joints with disturbances that do not repeat, where what repeats is not larger than the noise itself."""
-    return [j for j in search.problem.noise.unrepeatable if search.before[j] - 1 < 1]
+    """Return joints with disturbances that do not repeat, where what repeats is not larger than the noise itself.
+
+    Where old and new logs are compared, all that they leave counts as noise, and such disturbances with it.
+    """
+    covered = () if search.problem.change is None else search.problem.noise.misfit
+    return [j for j in search.problem.noise.unrepeatable if search.before[j] - 1 < 1 and j not in covered]
 
 
 def refusal(
