@@ -359,7 +359,9 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         more = np.sqrt(1.0 + 1.0 / problem.matched)
         return replace(problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
     level = _rms(problem.segments, residuals, problem.train) if problem.unexplained is None else problem.unexplained
-    return replace(problem, noise=with_misfit(noise, cut(problem.segments, problem.train), residuals, level))
+    # Why not held-out rows: what few seconds of new logs determine leaves much more there, for seconds.
+    rows = problem.segments if problem.change is None else cut(problem.segments, problem.train)
+    return replace(problem, noise=with_misfit(noise, rows, residuals, level))
 
 
 def _rms(segments: Sequence[SegmentRows], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:

@@ -338,21 +338,31 @@ def surely_worse(first: GapProblem, search: EffectSearch, effects: Sequence[Sele
         search: the search.
         effects: what it found.
     """
-    from scipy import special
-
     before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
-    found = []
-    for j, ((b, block), (a, _)) in enumerate(zip(before, after, strict=True)):
-        names, index = np.unique(block, return_inverse=True)
-        if len(names) < MIN_BLOCKS or len(a) != len(b):
-            continue
-        more = np.bincount(index, a**2 - b**2, len(names))
-        t = float(more.mean() / max(more.std(ddof=1) / np.sqrt(len(names)), 1e-300))
-        chance = len(before) * (1.0 - float(special.stdtr(len(names) - 1, t)))
-        if chance < CHANCE and a @ a > GROWN**2 * (b @ b):
-            found.append(j)
-    return found
+    return [
+        j
+        for j, ((b, block), (a, _)) in enumerate(zip(before, after, strict=True))
+        if len(a) == len(b) and a @ a > GROWN**2 * (b @ b) and chance_of_growth(b, a, block) < CHANCE / len(before)
+    ]
+
+
+def chance_of_growth(before: Floats, after: Floats, block: NDArray[np.int64]) -> float:
+    """Return the chance of so much larger residuals when they are no larger in truth; 1 for too few blocks of time.
+
+    Args:
+        before: residuals, (M,).
+        after: others of the same rows, (M,).
+        block: number of the block of time of each row, (M,).
+    """
+    from scipy import special
+
+    names, index = np.unique(block, return_inverse=True)
+    if len(names) < MIN_BLOCKS:
+        return 1.0
+    more = np.bincount(index, after**2 - before**2, len(names))
+    error = max(float(more.std(ddof=1)) / np.sqrt(len(names)), 1e-300)
+    return float(special.stdtr(len(names) - 1, -float(more.mean()) / error))
 
 
 def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:

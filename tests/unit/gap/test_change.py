@@ -9,6 +9,7 @@ from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.refit import chance_of_growth
 from dynid.gap.stepwise_selection import SelectionOptions
 
 
@@ -65,3 +66,34 @@ def test_effects_act_in_new_logs_alone(twolinks, old, kept, on_joint):
     assert not fresh & {s.number for s in problem.segments if not s.fresh}
     assert all(not held.any() for s, held in zip(problem.segments, problem.held, strict=True) if not s.fresh)
     assert replace(problem, change=None).since is False
+
+
+def test_noise_of_a_comparison_does_not_know_held_out_rows(twolinks, on_joint):
+    """Whatever is recorded in them, what rows count for must not depend on the rows that are the proof."""
+    old = twolinks.logs(plans=(1, 2), repeats=1, seconds=10.0)
+    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    late = lambda t, q, qd, qdd: on_joint(0, 3.0 * np.sin(2.0 * t) * (t % 20.0 > 7.0))  # noqa: E731
+    one, other = (
+        make_problem(
+            twolinks.logs(added, plans=(5, 6), repeats=1, first=20, seconds=10.0), twolinks.base, kept, old
+        ).noise
+        for added in (None, late)
+    )
+    assert one.repeats == 0
+    for name in ("sigma", "floor", "count"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
+
+
+def test_a_joint_is_called_worse_no_more_often_than_the_chance_says():
+    """Residuals of equal size, four blocks of a second with a memory of half a second."""
+    rng = np.random.default_rng(3)
+    block = np.repeat(np.arange(4), 40)
+    smooth = np.ones(20) / 20.0
+    chances = []
+    for _ in range(2000):
+        before, after = (np.convolve(rng.standard_normal(180), smooth, "valid")[:160] for _ in range(2))
+        chances.append(chance_of_growth(before, after, block))
+    assert np.mean(np.array(chances) < 0.05) < 0.065
+    grown = 1.5 * rng.standard_normal(160)
+    assert chance_of_growth(rng.standard_normal(160), grown, block) < 0.05
+    assert chance_of_growth(grown[:80], 2 * grown[:80], block[:80]) == 1.0
