@@ -35,8 +35,9 @@ NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
 OPEN = 1e-12
 #: Errors of an earlier identification are taken this much larger, for what its own model lacked.
 TRUST = 1.5
-#: Old and new logs fitted together leave at most so many times what each leaves alone, before anything is found.
-AT_FIRST = 1.5
+#: Old and new logs fitted together count as leaving at most so many times what each leaves alone, before anything is
+#: found. More would be found a second time with less noise; where too little is, nothing is named before it is more.
+AT_FIRST = 1.2
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,10 @@ SURE_Z = 3.0
 #: A joint is worse when the lower end of the interval of its error over the one before is above 1 and it has grown by
 #: this factor: the interval alone would reject true names, there are many joints.
 GROWN = 1.02
-#: Chance below which a joint counts as worse in a comparison with earlier logs, and the fewest blocks that tell.
-CHANCE, MIN_BLOCKS = 0.025, 3
+#: Chance below which a joint counts as worse in a comparison with earlier logs.
+CHANCE = 0.025
+#: Fewest blocks of time whose spread says anything, of many short ones and of few long ones.
+MIN_BLOCKS = {False: 3, True: 4}
 #: The same where links that no arm has are given up for possible ones: they fitted every joint a little too well.
 GROWN_ARM = 1.05
 #: A simple value as large as this stands for infinity.
@@ -323,7 +325,8 @@ def held_out_improvement(
     before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
-    ratio = np.array([_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))])
+    few = first.since
+    ratio = np.array([_ratio(b, a, j, few=few) for j, (b, a) in enumerate(zip(before, after, strict=True))])
     return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
 
 
@@ -358,7 +361,7 @@ def chance_of_growth(before: Floats, after: Floats, block: NDArray[np.int64]) ->
     from scipy import special
 
     names, index = np.unique(block, return_inverse=True)
-    if len(names) < MIN_BLOCKS:
+    if len(names) < MIN_BLOCKS[True]:
         return 1.0
     more = np.bincount(index, after**2 - before**2, len(names))
     error = max(float(more.std(ddof=1)) / np.sqrt(len(names)), 1e-300)
@@ -378,7 +381,7 @@ def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one
     without, beside = (
         _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j] for some in (rest, effects)
     )
-    return _ratio(without, beside, j)
+    return _ratio(without, beside, j, few=search.problem.since)
 
 
 def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
@@ -427,13 +430,30 @@ def _held_residuals(
     return found
 
 
-def _ratio(before: tuple[Floats, NDArray[np.int64]], after: tuple[Floats, NDArray[np.int64]], seed: int) -> Floats:
-    """Return the 95 % interval of the ratio of rms values over blocks of time drawn with replacement, (2,)."""
+def _ratio(
+    before: tuple[Floats, NDArray[np.int64]], after: tuple[Floats, NDArray[np.int64]], seed: int, *, few: bool
+) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, (2,), of few long blocks of time or of many short ones."""
     names, block = np.unique(before[1], return_inverse=True)
-    if len(names) < 3 or len(before[0]) != len(after[0]):
+    if len(names) < MIN_BLOCKS[few] or len(before[0]) != len(after[0]):
         return np.array([0.0, np.inf])
     sums = [np.bincount(block, x[0] ** 2, len(names)).astype(np.float64) for x in (before, after)]
-    return ratio_interval(sums[0], sums[1], seed)
+    return few_blocks_interval(*sums) if few else ratio_interval(sums[0], sums[1], seed)
+
+
+def few_blocks_interval(before: Floats, after: Floats) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, from sums of squares of few blocks, (B,) each, as (2,).
+
+    Blocks that are drawn with replacement say too little of what a few of them may be off by: Student's t, and the
+    error of a ratio to first order.
+    """
+    from scipy import special
+
+    count, total = len(before), max(float(before.sum()), 1e-300)
+    share = float(after.sum()) / total
+    error = np.sqrt(count / (count - 1) * np.sum((after - share * before) ** 2)) / total
+    reach = float(special.stdtrit(count - 1, 0.975)) * error
+    return np.sqrt(np.maximum([share - reach, share + reach], 0.0))
 
 
 def ratio_interval(before: Floats, after: Floats, seed: int) -> Floats:
