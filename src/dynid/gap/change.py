@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.model_error import GROUPS, LARGEST, shapes_of
+from dynid.estimation.error_columns import GROUPS, shapes_of
+from dynid.estimation.model_error import LARGEST
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats, sign_of
 
