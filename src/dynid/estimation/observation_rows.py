@@ -136,7 +136,9 @@ class ObservationRows:
         return replace(self)
 
     def part(self, start: int, end: int, *, follows: bool, block: int) -> ObservationRows:
-        """Return some of the rows, copied so that they keep nothing else alive."""
+        """Return some of the rows, copied so that they keep nothing else alive; all of them as they are."""
+        if end - start == len(self.tau):
+            return replace(self, follows=follows, block=block)
         return replace(
             self,
             entries=self.entries[:, start:end].copy(),

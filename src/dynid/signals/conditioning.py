@@ -307,8 +307,8 @@ def _block(
     centres = slice(half, half + (count - 1) * step + 1, step)
     clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
     usable = np.ones((count, log.n), dtype=bool)
-    if clipped is not None:
-        usable = filtered(on_grid.column(clipped, wanted), np.ones((1, taps)))[0].T < 0.5
+    if clipped is not None and (some := on_grid.column(clipped, wanted)).any():
+        usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
     raw_qd = on_grid.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
     # Why: a command has no noise, but where it is a staircase its corners are no reversals.
     sign_of_command = None if command is None or velocity_sign is None else replace(velocity_sign, measured=False)
