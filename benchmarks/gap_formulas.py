@@ -230,7 +230,7 @@ def said(without, case):
     whole = replace(without, train=[np.ones(len(s), dtype=bool) for s in without.segments])
     regression = whole.regression()
     column = whitened_columns(regression, Hidden(case.law), (case.joint,), [{}])[case.joint][0, 0]
-    Q = regression.fit.Q[case.joint]
+    Q = regression.basis(case.joint)
     left = column - Q @ (Q.T @ column)
     # Why so large: a price of freedom must not count.
     left *= 1e4 / np.linalg.norm(left)
