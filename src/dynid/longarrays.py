@@ -11,7 +11,7 @@ import mmap
 import os
 import tempfile
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import IO, Any
 
@@ -141,6 +141,29 @@ def taken(array: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
         found[start : start + PIECE] = array[rows[start : start + PIECE]]
         release()
     return found
+
+
+def spans(count: int) -> Iterator[slice]:
+    """Yield the pieces of so many samples, and give back memory after each of several."""
+    for start in range(0, count, PIECE):
+        yield slice(start, min(start + PIECE, count))
+        if count > PIECE:
+            release()
+
+
+def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]:
+    """Return one number or flag per sample, (N,), computed piece by piece; in a file where they are many.
+
+    Args:
+        count: number of samples N.
+        compute: returns those of a piece.
+    """
+    found: NDArray[Any] | None = None
+    for part in spans(count):
+        some = compute(part)
+        found = empty((count,), some.dtype) if found is None else found
+        found[part] = some
+    return np.zeros(0) if found is None else found
 
 
 def joined(parts: Iterable[NDArray[Any]]) -> NDArray[Any]:

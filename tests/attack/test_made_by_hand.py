@@ -8,6 +8,7 @@ import re
 import resource
 import shutil
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,9 @@ import numpy as np
 import pytest
 from forked import contents, faults, run
 from inputs import BATCH, PLAN, ROBOT, URDF, motion
+
+import dynid
+from dynid.errors import NotAnArtifact
 
 LOG = motion(3)
 RING = "".join(
@@ -159,30 +163,96 @@ def test_a_strange_environment_is_no_crash(case, originals, tmp_path):
     assert "internal error" not in ended.err
 
 
+def damaged(path: Path, change: Callable[[dict[str, np.ndarray]], None]) -> None:
+    """Write a result file again with other arrays; "header" is one of them."""
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    change(arrays)
+    np.savez(path, **arrays)
+
+
+def header_with(pattern: str, new: str) -> Callable[[dict[str, np.ndarray]], None]:
+    """Return what puts other text into a header."""
+
+    def change(arrays: dict[str, np.ndarray]) -> None:
+        text, count = re.subn(pattern, new, str(arrays["header"]))
+        assert count, pattern
+        arrays["header"] = np.array(text)
+
+    return change
+
+
+def answer(originals: Path, tmp_path: Path, file: str, change: Callable[..., None], command: str) -> tuple[int, bool]:
+    """Return the status of a command beside a damaged result, and whether that is called damaged."""
+    folder = tmp_path / "work"
+    shutil.copytree(originals, folder)
+    damaged(folder / file, change)
+    before = contents(folder)
+    ended = run([*command.split(), "--no-input"], folder)
+    assert faults(ended, folder, before) == []
+    return ended.status, "error[E321]" in ended.err
+
+
 @pytest.mark.parametrize("fact", ["cutoff", "rate", "delay", "first_step"])
 @pytest.mark.parametrize("value", ["Infinity", "NaN", "-1e300", "1e300"])
 def test_a_stack_with_a_filter_that_is_none_is_damaged(fact, value, originals, tmp_path):
-    shutil.copytree(originals, tmp_path / "work")
-    path = tmp_path / "work" / "out" / "fullnumericregressor.npz"
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    header = re.sub(rf'"{fact}": [^,}}]+', f'"{fact}": {value}', str(arrays["header"]))
-    np.savez(path, **{**arrays, "header": np.array(header)})
-    ended = run(["identify", "arm.yaml", "--out", "out", "--no-input", "--force"], tmp_path / "work")
-    assert (ended.status, "error[E321]" in ended.err) == (3, True), ended
+    change = header_with(rf'"{fact}": [^,}}]+', f'"{fact}": {value}')
+    file, command = "out/fullnumericregressor.npz", "identify arm.yaml --out out --force"
+    assert answer(originals, tmp_path, file, change, command) == (3, True)
+
+
+REVIEW = "trajectory arm.yaml --review out/trajectory.npz --accept --preview none"
 
 
 @pytest.mark.parametrize("knots", ["[[]]", '"x"', "[0, Infinity]", "[1, 0]", "[]", "null", f"[{'0, ' * 5000}1]"])
 def test_a_plan_with_knots_that_are_none_is_damaged(knots, originals, tmp_path):
-    shutil.copytree(originals, tmp_path / "work")
-    path = tmp_path / "work" / "out" / "trajectory.npz"
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    header = re.sub(r'"knots": \[[^]]*\]', f'"knots": {knots}', str(arrays["header"]))
-    np.savez(path, **{**arrays, "header": np.array(header)})
-    words = ["trajectory", "arm.yaml", "--review", "out/trajectory.npz", "--accept", "--preview", "none", "--no-input"]
-    ended = run(words, tmp_path / "work")
-    assert (ended.status, "error[E321]" in ended.err) == (3, True), ended
+    change = header_with(r'"knots": \[[^]]*\]', f'"knots": {knots}')
+    assert answer(originals, tmp_path, "out/trajectory.npz", change, REVIEW) == (3, True)
+
+
+@pytest.mark.parametrize("command", [REVIEW, "trajectory arm.yaml --from-trajectory out/trajectory.npz --out out/x --preview none"])
+@pytest.mark.parametrize("value", [1e300, np.inf, np.nan])
+def test_a_plan_with_coefficients_that_are_none_is_damaged(value, command, originals, tmp_path):
+    def change(arrays):
+        arrays["coefficients"][0, 0] = value
+
+    assert answer(originals, tmp_path, "out/trajectory.npz", change, command) == (3, True)
+
+
+#: What somebody may have done to an array of a residual model.
+DAMAGE = {
+    "another shape": lambda x: x[..., :1], "text": lambda x: x.astype(str), "NaN": lambda x: x * np.nan,
+    "endless": lambda x: x * 1e300 + 1e300, "whole numbers": lambda x: x.astype("i1"), "half": lambda x: x.astype("f2"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("name", ["speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms"])
+def test_a_residual_model_that_is_none_is_damaged(name, damage, originals, tmp_path):
+    path = tmp_path / "parameters.npz"
+    shutil.copy(originals / "out" / "parameters.npz", path)
+    damaged(path, lambda arrays: arrays.update({f"error_{name}": DAMAGE[damage](arrays[f"error_{name}"])}))
+    with pytest.raises(NotAnArtifact, match=f"error_{name}"):
+        dynid.load(path)
+
+
+@pytest.mark.parametrize("name", ["error_root", "error_scale", "error_speed", "noise", "plain_covariance"])
+def test_a_load_beside_a_result_of_nothing_is_not_looked_for(name, originals, tmp_path):
+    def change(arrays):
+        arrays[name] = -np.eye(*arrays[name].shape) if name == "plain_covariance" else 0 * arrays[name]
+
+    command = "identify arm.yaml other.npz --payload-from out/parameters.npz --out out/x"
+    assert answer(originals, tmp_path, "out/parameters.npz", change, command) == (3, True)
+
+
+@pytest.mark.parametrize("words", ["identify arm.yaml log.npz --out --json", "check log.npz --log-file --json", "convert log.npz --to --force", "identify arm.yaml log.npz -o -f"])
+def test_an_option_is_no_folder_and_no_file(words, originals, tmp_path):
+    folder = tmp_path / "work"
+    shutil.copytree(originals, folder)
+    before = contents(folder)
+    ended = run([*words.split(), "--no-input"], folder)
+    assert faults(ended, folder, before) == []
+    assert (ended.status, "is an option" in ended.err) == (2, True)
 
 
 @pytest.mark.parametrize("columns", ["²", "9" * 5000, "-5", "0", "x"])

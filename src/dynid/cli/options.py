@@ -193,7 +193,22 @@ class Command(click.Command):
             from dynid.cli.runfile import repeated
 
             args = repeated(str(self.name), args)
-        return super().parse_args(ctx, args)
+        rest = super().parse_args(ctx, args)
+        self._refuse_options_as_values(ctx)
+        return rest
+
+    def _refuse_options_as_values(self, ctx: click.Context) -> None:
+        """Raise where an option without its value took the next option for it: ``--out --json`` is no folder."""
+        options = [param for param in self.params if isinstance(param, click.Option)]
+        names = {name for option in options for name in (*option.opts, *option.secondary_opts)}
+        for option in options:
+            given = ctx.params.get(str(option.name))
+            for value in given if isinstance(given, tuple) else (given,):
+                if isinstance(value, (str, Path)) and (str(value).startswith("--") or str(value) in names):
+                    raise WrongUsage(
+                        f"{option.opts[-1]} needs a value, and '{value}' is an option",
+                        fix=f"{option.opts[-1]} VALUE {value}, or ./{value} where a file is called so",
+                    )
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write usage, what it does, examples, options, common options."""

@@ -20,11 +20,10 @@ from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, merge
 from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
-from dynid.longarrays import Growing, empty
+from dynid.longarrays import Growing, empty, spans
 from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import condition_logs
-from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from dynid.estimation.least_squares import with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, joined
 from dynid.estimation.stack import Stack
+from dynid.longarrays import spans
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
-from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 

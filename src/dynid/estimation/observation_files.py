@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, require_shape, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact
 from dynid.longarrays import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
@@ -60,18 +60,15 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
         owners: Sequence[int] = h["source_of_segment"]
         n = int(segments[0].q.shape[1])
         for segment in segments:
-            require_fields(segment)
-            require_shape((len(segment.t), n), q=segment.q, qd=segment.qd, qdd=segment.qdd, tau=segment.tau)
-            require_shape((len(segment.t), n), usable=segment.usable, raw_q=segment.raw_q, raw_qd=segment.raw_qd)
-            require_shape((len(segment.t),), t=segment.t, elapsed=segment.elapsed)
+            N = len(segment.t)
+            require_numbers((N, n), q=segment.q, qd=segment.qd, qdd=segment.qdd, tau=segment.tau)
+            require_numbers((N, n), raw_q=segment.raw_q, raw_qd=segment.raw_qd, gaps=True)
+            require_numbers((N, n), np.bool_, usable=segment.usable)
+            require_numbers((N,), t=segment.t, elapsed=segment.elapsed)
             for name in ("command_q", "command_qd", "command_qdd", "coulomb_sign", "command_coulomb_sign"):
                 part = getattr(segment, name)
-                require_shape((len(segment.t), n if part.size else 0), **{name: part})
-            require_shape((len(segment.t), *segment.effects.shape[1:2]), effects=segment.effects)
-            if not all(
-                np.all(np.isfinite(part)) for part in (segment.t, segment.q, segment.qd, segment.qdd, segment.tau)
-            ):
-                raise ValueError("it holds values that are no numbers")
+                require_numbers((N, n if part.size else 0), **{name: part}, gaps=True)
+            require_numbers((N, *segment.effects.shape[1:2]), effects=segment.effects)
             if not np.all(np.diff(segment.t) > 0):
                 raise ValueError("its times do not rise")
         logs = []
@@ -104,8 +101,5 @@ def load_factors(path: Path) -> Floats:
 
 def _factors_in(arrays: Mapping[str, NDArray[Any]]) -> Floats:
     factors = arrays["R"]
-    if factors.dtype != np.float64 or factors.ndim != 3 or factors.shape[1] != factors.shape[2]:
-        raise ValueError(f"R is no triangular factor of each joint: {factors.dtype}, {factors.shape}")
-    if not np.all(np.isfinite(factors)):
-        raise ValueError("R holds values that are no numbers")
+    require_numbers((len(factors), *factors.shape[1:2] * 2), R=factors)
     return factors

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import accumulate
-from dynid.longarrays import Growing, release
+from dynid.longarrays import Growing, release, spans
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
 from dynid.signals.filters import decimate
-from dynid.signals.pieces import spans
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,7 +14,7 @@ from dynid import longarrays
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, reading, require_fields, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact
 from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
@@ -137,7 +137,11 @@ def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     artifact = read_artifact(path, SCHEMA)
     with reading(path):
         found = EstimatedMotion(**{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)})
-        require_fields(found)
+        shape = found.q_measured.shape
+        signals = {field.name: getattr(found, field.name) for field in fields(found) if field.name != "usable"}
+        require_numbers(shape[:1], t=signals.pop("t"))
+        require_numbers(shape, **signals)
+        require_numbers(shape, np.bool_, usable=found.usable)
         return found, dict(artifact.header)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact, WrongUsage
-from dynid.estimation.covariance import counted
+from dynid.estimation.covariance import WORDS, counted
+from dynid.estimation.error_columns import GROUPS
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
@@ -23,7 +24,7 @@ from dynid.files.artifact import (
     read_artifact,
     reading,
     require_fields,
-    require_shape,
+    require_numbers,
     write_artifact,
     write_text,
 )
@@ -53,8 +54,6 @@ Floats = NDArray[np.float64]
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
 
-#: Size of a parameter beyond which a file was changed by somebody.
-LARGEST = 1e30
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: Attributes that are stored as arrays, and those that are stored as they are.
@@ -65,6 +64,8 @@ SCALARS = (
 )  # fmt: skip
 FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
+#: By how much a covariance may exceed the product of its standard deviations, as a share.
+ROUNDING = 1e-6
 IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
 
 
@@ -534,7 +535,7 @@ def load(path: Path) -> Identification:
             physical=PhysicalParameters(**full),
             model_error=_model_error(stored["model_error_evidence"], a),
             expected=ExpectedError.of(stored["expected"]),
-            motions=tuple(a[f"motion_{k}"] for k in range(len(a)) if f"motion_{k}" in a),
+            motions=tuple(a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a),
             cutoff=float(h["cutoff_hz"]),
             delay=float(h.get("delay_applied_s") or 0.0),
             log_sha256=tuple(h["log_sha256"]),
@@ -546,34 +547,66 @@ def load(path: Path) -> Identification:
 
 
 def _check(found: Identification) -> None:
-    """Raise when the parts of a result do not fit each other."""
+    """Raise when the parts of a result do not fit each other, or are those of no arm."""
     require_fields(found)
     p, c, n = len(found.reduction.base), len(found.reduction.names), found.robot.n
-    require_shape((p,), theta=found.theta, plain=found.plain, std_error=found.std_error, prior=found.prior)
-    require_shape((p, p), covariance=found.covariance, plain_covariance=found.plain_covariance)
-    require_shape((n,), noise=found.noise, counts=found.counts)
-    require_shape((n, p + 1, p + 1), factors=found.factors)
+    require_numbers((p,), theta=found.theta, plain=found.plain)
+    require_numbers((p,), prior=found.prior, gaps=True)
+    require_numbers((n,), np.integer, counts=found.counts)
+    require_numbers((n,), noise=found.noise)
+    require_numbers((n, p + 1, p + 1), factors=found.factors)
     full = found.physical
-    require_shape((c,), full_x=full.x, full_std_error=full.std_error, full_data_share=full.data_share)
-    require_shape((c, c), full_covariance=full.covariance)
-    if len(found.knowledge) != p or len(found.joints) != n:
+    require_numbers((c,), full_x=full.x, full_std_error=full.std_error, full_data_share=full.data_share)
+    require_numbers((len(full.hessian),) * 2, full_hessian=full.hessian)
+    require_numbers((p,), std_error=found.std_error, endless=True)
+    _require_covariance(p, covariance=found.covariance, plain_covariance=found.plain_covariance)
+    _require_covariance(c, full_covariance=full.covariance)
+    for motion in found.motions:
+        require_numbers((len(motion), n), motion=motion)
+    if found.expected is not None:
+        require_numbers((n,), noise_nm=found.expected.noise)
+    if found.model_error is not None:
+        _check_model_error(found.model_error, n, p)
+    if len(found.knowledge) != p or len(found.joints) != n or full.names != found.reduction.names:
         raise ValueError("its joints or parameters are not those of its robot")
-    for name, values in {
-        "theta": found.theta,
-        "plain": found.plain,
-        "covariance": found.covariance,
-        "x": full.x,
-    }.items():
-        if np.any(np.isnan(values)) or (name != "covariance" and not np.all(np.isfinite(values))):
-            raise ValueError(f"'{name}' holds values that are no numbers")
-        if name != "covariance" and np.any(np.abs(values) > LARGEST):
-            raise ValueError(f"'{name}' holds values that no body has")
+    if found.in_force not in IN_FORCE or not set(found.knowledge) <= set(WORDS):
+        raise ValueError("the words for its parameters are unknown")
+    if not (np.all(found.noise > 0.0) and np.all(found.counts >= 0) and 0.0 < full.inflation < np.inf):
+        raise ValueError("its rows have no noise, or none")
+
+
+def _require_covariance(size: int, **arrays: Any) -> None:  # noqa: ANN401
+    """Raise when matrices are no covariances; infinity stands for what is not known."""
+    require_numbers((size, size), endless=True, **arrays)
+    for name, found in arrays.items():
+        known = np.isfinite(found)
+        variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
+        most = np.sqrt(np.maximum(variance, 0.0))
+        if np.any(variance < 0.0) or np.any(np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]):
+            raise ValueError(f"'{name}' is no covariance")
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
     if evidence is None:
         return None
     return ModelError(**{key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}, evidence=float(evidence))
+
+
+def _check_model_error(error: ModelError, n: int, p: int) -> None:
+    """Raise when a residual model is none of n joints and p parameters."""
+    k, groups = len(GROUPS), len(GROUP_NAMES)
+    require_numbers((n,), error_speed=error.speed)
+    require_numbers((p,), error_reference=error.reference)
+    require_numbers((n, k), error_scale=error.scale, error_mean=error.mean)
+    require_numbers((n, p, k), error_projection=error.projection)
+    require_numbers((n, k, k), error_root=error.root)
+    require_numbers((n, k, p), error_slope=error.slope)
+    require_numbers((groups,), error_size=error.size)
+    require_numbers((n, groups + 1), error_rms=error.rms)
+    if not all(np.all(sizes > 0.0) for sizes in (error.speed, error.scale, error.size)):
+        raise ValueError("the columns of its residual model have no size")
+    # Why: loads are found with what the root takes away.
+    require_numbers((n, k, k), error_root=np.linalg.inv(error.root))
 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
 from dynid.files import hashed
+from dynid.longarrays import spans
 from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
 from dynid.text import whole_number
 from dynid.version import __version__
@@ -42,14 +43,15 @@ class Artifact:
     arrays: Mapping[str, NDArray[Any]]
 
 
-#: Numbers beyond this are not measured, counted or computed by anybody.
-_LARGEST = 1e150
+#: Numbers beyond this are not measured, counted or computed by anybody: those of a header, and those of arrays, of
+#: which five may be multiplied.
+_LARGEST, LARGEST = 1e150, 1e60
 #: What the headers of results say about the run, wherever they say it.
 _HEADER: dict[str, Any] = {
     "robot": str, "key": str | None, "dynid": str, "command": str, "seed": int | None, "robot_file": str,
     "robot_path": str, "logs": list[str], "log_sha256": list[str] | str, "inputs": dict[str, str], "joints": list[str],
-    "cutoff_hz": float, "delay_s": float | None, "delay_std_error_s": float | None, "delay_applied_s": float | None,
-    "log_findings": list[dict[str, Any]], "findings": list[dict[str, Any]],
+    "cutoff_hz": float, "kept_rate_hz": float, "delay_s": float | None, "delay_std_error_s": float | None,
+    "delay_applied_s": float | None, "log_findings": list[dict[str, Any]], "findings": list[dict[str, Any]],
 }  # fmt: skip
 #: What reading a file that somebody has changed may raise on the way from its numbers to a value.
 _DAMAGE = (
@@ -84,15 +86,34 @@ def require_fields(value: Any) -> None:  # noqa: ANN401
         _require(getattr(value, each.name), hint, each.name)
 
 
-def require_shape(shape: tuple[int, ...], **arrays: NDArray[Any]) -> None:
-    """Raise when arrays of numbers have another shape.
+def require_numbers(
+    shape: tuple[int, ...],
+    kind: Any = np.float64,  # noqa: ANN401
+    *,
+    gaps: bool = False,
+    endless: bool = False,
+    **arrays: NDArray[Any],
+) -> None:
+    """Raise when arrays have another shape or type than dynid writes, or hold what nobody measures or computes.
+
+    Args:
+        shape: what each must have.
+        kind: type of its numbers, such as ``np.integer``.
+        gaps: whether NaN may stand for what is not known.
+        endless: whether infinity may.
+        arrays: by their names in the file.
 
     Raises:
         ValueError: names the array.
     """
     for name, array in arrays.items():
-        if array.shape != shape or array.dtype.kind not in "fiub":
-            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected numbers {shape}")
+        if array.shape != shape or not (array.dtype.isnative and np.issubdtype(array.dtype, kind)):
+            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
+        for part in (array[some] for some in spans(len(array) if shape else 0)):
+            size = np.abs(part)
+            known = (size < LARGEST) | (gaps & np.isnan(part)) | (endless & np.isinf(size))
+            if not known.all():
+                raise ValueError(f"'{name}' holds values that are no numbers, or that nothing has")
 
 
 def _require(value: Any, hint: Any, name: str) -> None:  # noqa: ANN401

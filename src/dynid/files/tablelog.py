@@ -22,7 +22,8 @@ from dynid.files.datestamps import seconds_of
 from dynid.files.dialect import Dialect, dialect_of
 from dynid.files.textlog import BLOCK, lines_of, positive_rate
 from dynid.log import Log
-from dynid.longarrays import PIECE, Growing, taken
+from dynid.longarrays import USUAL as NUMBERS
+from dynid.longarrays import Growing, filled, spread, taken
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
@@ -106,8 +107,7 @@ def read_table(
 
 def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[Finding, ...]]:
     """Return the rows that have any joint value: a table of several topics has a row for each message of any (W331)."""
-    parts = (values[start : start + PIECE, first:] for start in range(0, len(values), PIECE))
-    empty = np.concatenate([np.isnan(part).all(axis=1) for part in parts])
+    empty = filled(len(values), lambda part: np.asarray(np.isnan(values[part, first:]).all(axis=1)))
     if not empty.any() or empty.all():
         return values, ()
     text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no number of any joint and are left out"
@@ -120,7 +120,8 @@ def _time(stamps: Floats, layout: _Layout, where: str, rate: float | None) -> tu
         return np.arange(len(stamps)) / positive_rate(rate), ()
     if len(layout.time) == 2:
         # Why subtracted first: seconds since 1970 and nanoseconds do not fit into one number.
-        return (stamps[:, 0] - stamps[0, 0]) + stamps[:, 1] * SECONDS["ns"], ()
+        start = stamps[0, 0]
+        return filled(len(stamps), lambda part: (stamps[part, 0] - start) + stamps[part, 1] * SECONDS["ns"]), ()
     if layout.date:
         return stamps[:, 0], ()
     return in_seconds(stamps[:, 0], layout.time[0], where)
@@ -134,30 +135,32 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
         name: of their column, which may end with their unit.
         where: name of the file, for the message.
     """
-    finite = t[np.isfinite(t)]
-    step = np.diff(finite)
+    step = np.concatenate([np.diff(part[np.isfinite(part)]) for part in (t[some] for some in spread(len(t), NUMBERS))])
     usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
+    known = np.flatnonzero(filled(len(t), lambda part: np.isfinite(t[part])))
+    start, end = (float(t[known[0]]), float(t[known[-1]])) if len(known) else (0.0, 0.0)
     named = time_unit(name)[1] in _LONG
-    unit = time_unit(name)[1] if named else _unit_of(finite, usual)
+    unit = time_unit(name)[1] if named else _unit_of(start, len(known), usual)
     if unit == "s":
         return t, ()
     # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
-    start = float(finite[0]) if len(finite) else 0.0
-    seconds = (t - start) * SECONDS[unit] + (0.0 if abs(start) * SECONDS[unit] > 1e6 else start * SECONDS[unit])
-    span = float(finite[-1] - start) * SECONDS[unit] if len(finite) else 0.0
-    rate = f" at {1 / (usual * SECONDS[unit]):.4g} Hz" if usual else ""
+    factor = SECONDS[unit]
+    offset = 0.0 if abs(start) * factor > 1e6 else start * factor
+    seconds = filled(len(t), lambda part: (t[part] - start) * factor + offset)
+    span = (end - start) * factor
+    rate = f" at {1 / (usual * factor):.4g} Hz" if usual else ""
     said = f"as the name of {name} says" if named else f"a step of {usual:.4g} in {name} can be nothing else"
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
     return seconds, (Finding("W328", "info" if named else "warning", text, {"unit": unit, "seconds": span}),)
 
 
-def _unit_of(t: Floats, step: float) -> str:
+def _unit_of(start: float, count: int, step: float) -> str:
     """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
     for unit, factor in SECONDS.items():
-        if len(t) and CALENDAR[0] < t[0] * factor < CALENDAR[1]:
+        if CALENDAR[0] < start * factor < CALENDAR[1]:
             return unit
     told = next((unit for unit, (low, high) in STEPS.items() if low <= step < high), "s")
-    return told if len(t) >= TOLD else "s"
+    return told if count >= TOLD else "s"
 
 
 def template(names: Sequence[str]) -> dict[str, str]:
@@ -351,7 +354,10 @@ def _open_parquet(path: Path) -> Any:  # noqa: ANN401
     try:
         with limits.open_file(path):
             pass
-        return parquet.ParquetFile(path, thrift_string_size_limit=limits.MIB, thrift_container_size_limit=limits.MIB)
+        # Why: else a group of rows is read whole, and some writers put all rows into one.
+        stream = {"buffer_size": limits.MIB, "pre_buffer": False}
+        most = {"thrift_string_size_limit": limits.MIB, "thrift_container_size_limit": limits.MIB}
+        return parquet.ParquetFile(path, **stream, **most)
     except (pyarrow.ArrowException, OSError, ValueError) as error:
         raise LogNotFound(f"{path.name} is no Parquet file, or is damaged: {error}", where=str(path)) from error
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from dynid.errors import JointCountDiffers, NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
-from dynid.files.yamlfile import LARGEST
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
@@ -163,8 +162,6 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
     shape = (len(motion.t), len(stored.joints))
     if any(array.shape != shape for array in (motion.q, motion.qd, motion.qdd)) or len(motion.t) < 2:
         raise NotAnArtifact(f"{path}: the samples do not fit the {len(stored.joints)} joints", where=str(path))
-    if not np.all(np.abs(stored.coefficients) < LARGEST):
-        raise NotAnArtifact(f"{path}: its coefficients are those of no motion", where=str(path))
     if header["motion_sha256"] != motion_hash(motion):
         raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
     if robot is not None and stored.joints != robot.joint_names:

@@ -335,7 +335,7 @@ def read_record(path: Path) -> GapRecord:
     Raises:
         NotAnArtifact: it is damaged, or of another kind.
     """
-    from dynid.files.artifact import read_artifact, reading, require_fields, require_shape
+    from dynid.files.artifact import read_artifact, reading, require_fields, require_numbers
     from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
@@ -358,11 +358,11 @@ def read_record(path: Path) -> GapRecord:
         )
         record = GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
         n = len(record.joint_names)
-        require_shape((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
-        require_shape((n, 2), ratio=improvement.ratio)
-        require_shape((len(record.simulation), n), simulation=record.simulation)
+        require_numbers((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
+        require_numbers((n, 2), ratio=improvement.ratio)
+        require_numbers((len(record.simulation), n), simulation=record.simulation)
         for one in record.curves:
-            require_shape((len(one.t),), **{name: getattr(one, name) for name in _CURVE})
+            require_numbers((len(one.t),), **{name: getattr(one, name) for name in _CURVE})
         for value in (record, *record.named, *record.closest, *record.formulas, *record.joints, *record.curves):
             require_fields(value)
         if {one.joint for one in record.joints} != set(range(n)) or len(record.torque_units) != n:

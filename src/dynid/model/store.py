@@ -19,7 +19,7 @@ from dynid.files.artifact import (
     read_header,
     reading,
     require_fields,
-    require_shape,
+    require_numbers,
     write_artifact,
 )
 from dynid.model.program import Program
@@ -138,14 +138,15 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     )
     require_fields(found)
     p, c = len(found.base), len(found.names)
-    require_shape((p,), base=found.base)
-    require_shape((p, c), K=found.K)
+    require_numbers((p,), np.integer, base=found.base)
+    require_numbers((p, c), K=found.K)
+    require_numbers((len(found.singular_values),), singular_values=found.singular_values)
     known = set(found.names)
     if len(known) != c or not known.issuperset((*found.alone, *found.none, *found.combined)):
         raise ValueError("the names of its parameters contradict each other")
     if p == 0 or found.base.min() < 0 or found.base.max() >= c or np.any(np.diff(found.base) <= 0):
         raise ValueError("its base parameters are not among its parameters")
-    if not np.all(np.isfinite(found.K)) or not np.array_equal(found.K[:, found.base], np.eye(p)):
+    if not np.array_equal(found.K[:, found.base], np.eye(p)):
         raise ValueError("'K' is not the matrix of a reduction")
     if found.formulas and len(found.formulas) != p:
         raise ValueError("it has another number of formulas than of base parameters")

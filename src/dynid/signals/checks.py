@@ -14,13 +14,14 @@ import numpy as np
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, GravityRemoved
 from dynid.log import Log
+from dynid.longarrays import spans
 from dynid.robot import Robot
 from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot_columns, to_dh
 from dynid.signals.cutoff import check_position_noise
 from dynid.signals.gravity import check_gravity, check_zero
 from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
-from dynid.signals.pieces import changed, spans
+from dynid.signals.pieces import changed
 from dynid.signals.ranges import check_ranges
 from dynid.signals.repeats import without_stale
 from dynid.signals.stamps import (

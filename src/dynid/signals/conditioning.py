@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, median_step, release
+from dynid.longarrays import empty, filled, median_step, release, spans
 from dynid.robot import Coulomb, Robot
 from dynid.signals.cutoff import choose_cutoff
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
 from dynid.signals.motion import runs
-from dynid.signals.pieces import filled, samples_where, spans
+from dynid.signals.pieces import samples_where
 from dynid.signals.stamps import steps
 from dynid.signals.velocity_sign import NOISE_SAMPLES, VelocitySign, choose_velocity_sign
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from dynid.log import Log
-from dynid.longarrays import empty, taken
+from dynid.longarrays import empty, spans, taken
 from dynid.signals.conditioning import GAP_SAMPLES, Segment, resampled
-from dynid.signals.pieces import spans
 
 
 def without_delay(log: Log, delay: float) -> Log:

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.log import Log
+from dynid.longarrays import USUAL, spans, spread
 from dynid.robot import Robot
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from dynid.signals.motion import speeds
-from dynid.signals.pieces import changed, extremes, spans, take_samples
-from dynid.signals.stamps import GAP_SAMPLES
+from dynid.signals.pieces import changed, extremes, take_samples
+from dynid.signals.stamps import GAP_SAMPLES, steps
 from dynid.signals.values import measurable, unwrapped
 from dynid.signals.velocity import slopes
 
@@ -69,9 +70,10 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     samples = len(log)
     whole = _whole_rows(robot_columns(log, robot))
     clean = unwrapped(changed(whole, lambda part: to_dh(in_si(part, robot), robot)), robot)
-    step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
-    usual = float(np.median(step)) or float("nan")
-    low, high = np.percentile(step, [2.5, 97.5])
+    step = steps(clean.t) if len(clean) > 1 else np.zeros(1)
+    some = np.concatenate([step[part] for part in spread(len(step), USUAL)])
+    usual = float(np.median(some)) or float("nan")
+    low, high = np.percentile(some, [2.5, 97.5])
     rms, top, span = np.zeros(robot.n), np.zeros(robot.n), np.zeros(robot.n)
     if len(clean):
         top, span = np.max(np.abs(extremes(clean.tau)), axis=0), np.subtract(*extremes(clean.q)[::-1])
@@ -86,7 +88,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         duration=clean.duration,
         rate=1.0 / usual,
         jitter=float(high - low) / 2 / usual,
-        gaps=int(np.sum(step > GAP_SAMPLES * usual)),
+        gaps=sum(int(np.sum(step[part] > GAP_SAMPLES * usual)) for part in spans(len(step))),
         longest_gap=float(step.max()),
         matched=tuple(log.names[i] for i in columns) if log.names else (),
         ignored=tuple(ignored),
@@ -102,9 +104,12 @@ def describe(log: Log, robot: Robot) -> LogSummary:
 
 def _whole_rows(log: Log) -> Log:
     """Return the samples that are numbers throughout and later than the one before."""
-    latest = np.fmax.accumulate(np.concatenate([[-np.inf], log.t[:-1]]))
-    good = np.isfinite(log.t) & (log.t > latest)
+    good, latest = np.zeros(len(log), dtype=bool), -np.inf
     for part in spans(len(log)):
+        t = log.t[part]
+        before = np.fmax.accumulate(np.concatenate([[latest], t]))
+        latest = before[-1]
+        good[part] = np.isfinite(t) & (t > before[:-1])
         good[part] &= measurable(log.q[part]).all(axis=1) & measurable(log.tau[part]).all(axis=1)
     if log.qd is not None and not all(measurable(log.qd[part]).all() for part in spans(len(log))):
         log = replace(log, qd=None)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.log import Log
-from dynid.longarrays import empty
-from dynid.signals.pieces import extremes, spans
+from dynid.longarrays import empty, spans
+from dynid.signals.pieces import extremes
 
 Floats = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, release
+from dynid.longarrays import empty, release, spans
 from dynid.robot import Robot
-from dynid.signals.pieces import by_column, extremes, spans
+from dynid.signals.pieces import by_column, extremes
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

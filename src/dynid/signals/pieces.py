@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.log import Log
-from dynid.longarrays import PIECE, empty, release, taken
+from dynid.longarrays import PIECE, empty, spans, taken
 
 Floats = NDArray[np.float64]
 
@@ -35,14 +35,6 @@ class Piece:
     log: Log
     own: slice
     where: slice
-
-
-def spans(count: int) -> Iterator[slice]:
-    """Yield the pieces of so many samples, and give back memory after each of several."""
-    for start in range(0, count, PIECE):
-        yield slice(start, min(start + PIECE, count))
-        if count > PIECE:
-            release()
 
 
 def pieces(log: Log, reach: int = 0) -> Iterator[Piece]:
@@ -120,21 +112,6 @@ def _arrays(log: Log) -> dict[str, NDArray[Any]]:
 def has_rows(value: object, log: Log) -> bool:
     """Return whether a value of ``extra`` has one row per sample."""
     return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(log)
-
-
-def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]:
-    """Return one number or flag per sample, (N,), computed piece by piece; in a file where they are many.
-
-    Args:
-        count: number of samples N.
-        compute: returns those of a piece.
-    """
-    found: NDArray[Any] | None = None
-    for part in spans(count):
-        some = compute(part)
-        found = empty((count,), some.dtype) if found is None else found
-        found[part] = some
-    return np.zeros(0) if found is None else found
 
 
 def samples_where(count: int, condition: Callable[[slice], NDArray[np.bool_]]) -> NDArray[np.intp]:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty
+from dynid.longarrays import empty, spans
 from dynid.robot import Robot
 from dynid.signals.motion import any_moves, moving, runs
-from dynid.signals.pieces import spans, take_samples
+from dynid.signals.pieces import take_samples
 from dynid.signals.stamps import LEAST_SAMPLES, same_rows, with_findings
 
 Flags = NDArray[np.bool_]
@@ -94,12 +94,12 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     """
     kept: list[Log] = []
     findings: list[Finding] = []
-    seen = np.zeros(0, dtype=np.uint64)
+    seen = _Seen()
     for number, log in enumerate(logs, start=1):
         keys = _keys(log)
         copied = _copied(keys, seen)
         if number < len(logs):
-            seen = np.concatenate([seen, keys[~copied]])
+            seen.add(keys[~copied])
         if not copied.any():
             kept.append(log)
             continue
@@ -115,15 +115,41 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     return kept, tuple(findings)
 
 
-def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
+class _Seen:
+    """Keys of samples in rising arrays, each twice as long as the next at least: none is sorted often, however many."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray[np.uint64]] = []
+
+    def add(self, keys: NDArray[np.uint64]) -> None:
+        """Add keys, (N,)."""
+        if not len(keys):
+            return
+        latest = np.sort(keys)
+        while self._arrays and len(self._arrays[-1]) < 2 * len(latest):
+            latest = np.concatenate([self._arrays.pop(), latest])
+            latest.sort(kind="stable")  # which merges what rises already
+        self._arrays.append(latest)
+
+    def has(self, keys: NDArray[np.uint64]) -> Flags:
+        """Return which of some keys were added, (N,)."""
+        found = np.zeros(len(keys), dtype=bool)
+        for array in self._arrays:
+            place = np.minimum(np.searchsorted(array, keys), len(array) - 1)
+            found |= array[place] == keys
+        return found
+
+
+def _copied(keys: NDArray[np.uint64], seen: _Seen) -> Flags:
     """Return which samples with such keys, (N,), are copies of samples with keys that were seen before, or before."""
     copied = np.zeros(len(keys), dtype=bool)
     rising = np.sort(keys)
     repeats = any(np.any(rising[part.start + 1 : part.stop + 1] == rising[part]) for part in spans(len(keys) - 1))
     del rising
-    if not repeats and not len(seen):
+    again = seen.has(keys)
+    if not repeats and not again.any():
         return copied
-    again, inside = np.isin(keys, seen), np.ones(len(keys), dtype=bool)
+    inside = np.ones(len(keys), dtype=bool)
     inside[np.unique(keys, return_index=True)[1]] = False
     for run in runs(again | inside, LEAST_COPY):
         copied[run] = len(np.unique(keys[run])) >= DISTINCT * (run.stop - run.start)

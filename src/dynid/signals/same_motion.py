@@ -58,13 +58,27 @@ def same_motion(one: Floats, other: Floats) -> bool:
         return False
     reach = np.maximum(np.ptp(one, axis=0), np.ptp(other, axis=0))
     moving = reach > STILL * max(float(reach.max()), 1e-12)
-    a, b = (x[:, moving] / reach[moving] for x in (one, other))
+    # Why from the middle: squares of what both have in common would drown what differs.
+    middle = one[:, moving].mean(axis=0)
+    a, b = ((x[:, moving] - middle) / reach[moving] for x in (one, other))
     needed = max(2, int(np.ceil(OVERLAP * min(len(a), len(b)))))
-    for lag in range(needed - len(b), len(a) - needed + 1):
-        first, second = a[max(0, lag) : lag + len(b)], b[max(0, -lag) : len(a) - lag]
-        if np.all(np.sqrt(np.mean((first - second) ** 2, axis=0)) < ALIKE):
-            return True
-    return False
+    lags = np.arange(needed - len(b), len(a) - needed + 1)
+    first = np.maximum(0, lags)
+    count = np.minimum(len(a), lags + len(b)) - first
+    squares = _sums(a, first, count) + _sums(b, first - lags, count) - 2.0 * _products(a, b)[lags]
+    return bool(np.any(np.all(squares < ALIKE**2 * count[:, None], axis=1)))
+
+
+def _sums(x: Floats, first: NDArray[np.intp], count: NDArray[np.intp]) -> Floats:
+    """Return sums of squares over so many rows from each place, (lags, n)."""
+    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x**2, axis=0)])
+    return np.asarray(total[first + count] - total[first])
+
+
+def _products(a: Floats, b: Floats) -> Floats:
+    """Return sums of products of two motions by how many rows the second is moved, negative ones from the end."""
+    size = len(a) + len(b)
+    return np.asarray(np.fft.irfft(np.fft.rfft(a, size, axis=0) * np.fft.rfft(b, size, axis=0).conj(), size, axis=0))
 
 
 def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:

@@ -13,10 +13,10 @@ from dynid import limits
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
-from dynid.longarrays import PIECE, USUAL, empty, median_step, spread
+from dynid.longarrays import PIECE, USUAL, empty, filled, median_step, spans, spread
 from dynid.robot import Robot
 from dynid.signals.motion import any_moves, bandwidth
-from dynid.signals.pieces import filled, samples_where, spans, take_samples
+from dynid.signals.pieces import samples_where, take_samples
 
 Floats = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotFinite, PositionInDegrees, TorqueScale, WrongMessageType
 from dynid.log import Log
-from dynid.longarrays import empty
+from dynid.longarrays import empty, spans
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
 from dynid.signals.motion import STILL_SPAN, any_moves, per_joint, runs, speeds
-from dynid.signals.pieces import changed, extremes, spans
+from dynid.signals.pieces import changed, extremes
 from dynid.signals.stamps import same_rows, with_findings
 
 Floats = NDArray[np.float64]

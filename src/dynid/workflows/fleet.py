@@ -420,16 +420,16 @@ def _row(path: Path) -> Row | str:
 
     from dynid.estimation.covariance import NOT_DETERMINED
     from dynid.estimation.result import SCHEMA
-    from dynid.files.artifact import read_artifact, require_shape
+    from dynid.files.artifact import read_artifact, require_numbers
     from dynid.model.store import reduction_from
 
     try:
         artifact = read_artifact(path, SCHEMA)
         header, arrays = artifact.header, artifact.arrays
         names = reduction_from(header["reduction"], arrays).base_names
-        value, covariance = arrays["plain"].astype(float), arrays["plain_covariance"].astype(float)
-        require_shape((len(names),), plain=value)
-        require_shape((len(names), len(names)), plain_covariance=covariance)
+        value, covariance = arrays["plain"], arrays["plain_covariance"]
+        require_numbers((len(names),), plain=value)
+        require_numbers((len(names), len(names)), plain_covariance=covariance, endless=True)
         error = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         stored = header["result"]
         if int(stored["rank"]) < len(names):

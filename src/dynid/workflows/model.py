@@ -173,7 +173,7 @@ class DerivedModel:
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
     """Return what differs between the robot of a stored regressor and this one; None where nothing does."""
-    from dynid.files.artifact import read_header
+    from dynid.files.artifact import read_header, reading
     from dynid.model.store import key_of, paths, stored_key
 
     path = paths(folder)[0]
@@ -181,14 +181,15 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
         return None
     header = read_header(path) or {}
     found: list[str] = []
-    rows = header.get("geometry", [])
-    for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
-        now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
-        for name, old, new in zip(("type", "a", "twist", "d", "theta_offset"), row, now, strict=True):
-            if old != new:
-                found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
-    if len(rows) != robot.n:
-        found.append(f"{len(rows)} joints -> {robot.n}")
+    with reading(path):
+        rows = header.get("geometry", [])
+        for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
+            now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
+            for name, old, new in zip(("type", "a", "twist", "d", "theta_offset"), row, now, strict=True):
+                if old != new:
+                    found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
+        if len(rows) != robot.n:
+            found.append(f"{len(rows)} joints -> {robot.n}")
     for name, new_value in (("convention", robot.convention), ("gravity", list(robot.gravity))):
         if header.get(name) != new_value:
             found.append(f"{name} {header.get(name)} -> {new_value}")

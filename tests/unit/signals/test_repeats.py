@@ -78,3 +78,12 @@ def test_a_recording_joined_to_itself_counts_once():
     twice = replace(log, t=t, q=np.tile(log.q, (2, 1)), tau=np.tile(log.tau, (2, 1)))
     kept, _ = without_copies([twice])
     np.testing.assert_array_equal(kept[0].q, log.q)
+
+
+def test_copies_are_found_among_many_logs():
+    log = moving_log()
+    part = replace(log, t=log.t[:200], q=log.q[:200], tau=log.tau[:200])
+    logs = [replace(part, q=part.q + 0.01 * RNG.standard_normal(part.q.shape)) for _ in range(300)]
+    kept, findings = without_copies([*logs, logs[7], logs[250], *logs[:100]])
+    assert kept == logs
+    assert [finding.evidence["log"] for finding in findings] == list(range(301, 403))
