@@ -41,6 +41,7 @@ LARGEST = {"torque_gain": 0.3, "encoder_offset": 0.2}
 ARMS = {
     "LWR4+ 1, 2": ("kuka_lwr4plus", "kuka_lwr4plus/run1.bag", "kuka_lwr4plus/run2.bag"),
     "LWR4+ 2, 1": ("kuka_lwr4plus", "kuka_lwr4plus/run2.bag", "kuka_lwr4plus/run1.bag"),
+    "LWR4+ 1, 3": ("kuka_lwr4plus", "kuka_lwr4plus/run1.bag", "kuka_lwr4plus/run3.bag"),
     "UR10": ("ur10", "ur10_salerno/exc.npz:0:0.6", "ur10_salerno/exc.npz:0.6:1"),
 }
 AS_THEY_ARE = {

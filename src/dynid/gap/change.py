@@ -1,9 +1,11 @@
-"""Whether an arm has changed between two sets of logs: one set of parameters for both against one for each (Chow).
+"""Old and new logs of other motion together: what may always have been missing, and which joints have changed.
 
-The posterior of earlier logs is no judge of that: on another motion a real arm differs from it by several of its
-standard errors although nothing has changed, because what the model lacks was fitted along. So the statistic of old
-against new logs is compared with the same statistic between halves of the old logs, and of the new ones, where nothing
-can have changed: what one part of a motion leaves of another.
+The posterior of earlier logs is no judge of a change: on another motion a real arm differs from it by several of its
+standard errors although nothing has changed, because what the model lacks was fitted along. So old and new logs are
+fitted together, with the columns of the residual model in both alike, and what is looked for acts in the new ones.
+
+Whether anything has changed at all is asked joint by joint: one set of parameters for both against one for each
+(Chow), compared with the same between halves of the old logs, and of the new ones, where nothing can have changed.
 
 Source: Chow 1960, "Tests of equality between sets of coefficients in two linear regressions", for the statistic.
 """
@@ -79,7 +81,7 @@ def with_always_missing(
 ) -> tuple[list[SegmentRows], Floats]:
     """Return rows with further base columns: what may have been missing before and is missing now, of each joint.
 
-    They are those of the residual model (``estimation/model_error.py``), and act in old and new logs alike, so that
+    They are those of the residual model (``estimation/error_columns.py``), and act in old and new logs alike, so that
     what follows place, speed and load in both is no change.
 
     Args:
