@@ -23,6 +23,7 @@ from dynid.gap.refit import (
     ratio_interval,
     refit,
     surely_worse,
+    unsure_of_reversals,
     with_columns,
 )
 from dynid.gap.search import EffectSearch, judged_search, search_effects, without
@@ -200,7 +201,9 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
             # Why not against odd links: no arm moves as these do.
             failing = spoiling_replay(search, effects, simulation) if problem.arm is None else []
         if not failing:
-            return Proof(search, effects, refused, improvement, regression, simulation)
+            # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
+            sized = unsure_of_reversals(search, effects)
+            return Proof(search, sized, refused, improvement, regression, simulation)
         refused += failing
         for one, _ in failing:
             search = without(problem, search, one)

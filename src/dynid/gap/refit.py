@@ -248,17 +248,11 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
     """Return one effect with amplitudes and shape; its slopes join its columns, so that errors know of each other."""
     one = selected[k]
     others = with_selected(regression, [other for other in selected if other is not one])
-    base = {j: C[0] for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()}
     units = one.effect.amplitudes(one.shape)
     start = sum(len(other.effect.amplitudes(other.shape)) for other in selected[:k])
     beta = regression.amplitudes[start : start + len(units)]
-    columns = dict(base)
-    for name in one.free_shape:
-        step = STEP * max(abs(one.shape[name]), 1e-3)
-        shape = one.shape | {name: one.shape[name] + step}
-        near = whitened_columns(regression, one.effect, one.joints, [shape])
-        for j in base:
-            columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
+    columns = _linearised(regression, one, beta)
+    base = {j: C[: len(units)] for j, C in columns.items()}
     test = significance_test(others, columns)
     # Why: blocks of time say nothing of how far the links may be from what the prior takes them for.
     covariance = test.covariance + test.open if regression.odd else test.covariance
@@ -271,6 +265,51 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
         | dict(zip([*units, *one.free_shape], sizes.tolist(), strict=True)),
         z=_distance(beta, covariance[: len(beta), : len(beta)]),
     )
+
+
+def _linearised(regression: WhitenedRegression, one: SelectedEffect, beta: Floats) -> EffectColumns:
+    """Return whitened columns of an effect, and slopes of its torque in its free shape, {joint: (k, M)}."""
+    columns = {j: C[0] for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()}
+    base = dict(columns)
+    for name in one.free_shape:
+        step = STEP * max(abs(one.shape[name]), 1e-3)
+        shape = one.shape | {name: one.shape[name] + step}
+        near = whitened_columns(regression, one.effect, one.joints, [shape])
+        for j in base:
+            columns[j] = np.vstack([columns[j], (beta @ (near[j][0] - base[j]) / step)[None]])
+    return columns
+
+
+def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Return effects whose errors also count what another shape of reversals would change of them.
+
+    Numbers are fitted with the model's own sign of friction. Where columns of other widths beside it move them by more
+    than these columns' own noise does, they depend on what nobody knows.
+
+    Source: Hausman 1978, "Specification tests in econometrics", for the variance of the difference.
+
+    Args:
+        search: the search.
+        effects: what it found, with numbers.
+    """
+    problem, shown = search.problem, with_columns(effects)
+    if problem.arm is not None:
+        return list(effects)
+    bare, judged = problem.regression(nuisance=False), problem.regression()
+    found = []
+    for one in effects:
+        if one not in shown:
+            found.append(one)
+            continue
+        others = [other for other in shown if other is not one]
+        columns = _linearised(bare, one, np.array([one.values[name] for name in one.amplitudes]))
+        own, wide = (significance_test(with_selected(rows, others), columns) for rows in (bare, judged))
+        noise = np.maximum(np.diag(wide.covariance) - np.diag(own.covariance), 0.0)
+        more = np.maximum((wide.amplitudes - own.amplitudes) ** 2 - noise, 0.0)
+        names = [*one.amplitudes, *one.free_shape]
+        errors = {name: float(np.hypot(one.std_errors[name], x)) for name, x in zip(names, more**0.5, strict=True)}
+        found.append(replace(one, std_errors=one.std_errors | errors))
+    return found
 
 
 def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:

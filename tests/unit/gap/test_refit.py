@@ -6,7 +6,7 @@ import pytest
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.formulas import held_out_effect
-from dynid.gap.refit import held_out_improvement, refit
+from dynid.gap.refit import held_out_improvement, refit, unsure_of_reversals
 from dynid.gap.search import judged_search, search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 
@@ -64,6 +64,26 @@ def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_othe
     for key, value in truth.items():
         assert abs(one.values[key] - value) < 3 * one.std_errors[key], key
         assert one.std_errors[key] < 0.05 * max(abs(value), 0.6), key
+
+
+@pytest.mark.parametrize(("width", "wider"), [(twolink.SMOOTH, False), (0.04, True)])
+def test_errors_know_that_the_shape_of_reversals_is_not_known(twolinks, on_joint, width, wider):
+    """A power law beside friction that turns more slowly than the robot file says: its power comes out wrong."""
+
+    def torque(t, q, qd, qdd):
+        turns = twolink.COULOMB[0] * (np.tanh(qd[:, 0] / width) - np.tanh(qd[:, 0] / twolink.SMOOTH))
+        return on_joint(0, 0.5 * np.sign(qd[:, 0]) * qd[:, 0] ** 2 + turns)
+
+    search = searched(twolinks, torque, ("nonlinear_viscous",))
+    (one,), _ = refit(search)
+    (sized,) = unsure_of_reversals(search, [one])
+    away, before, after = abs(one.values["p"] - 2.0), one.std_errors["p"], sized.std_errors["p"]
+    assert sized.values == one.values
+    assert away < 1.96 * after
+    if wider:
+        assert away > 3 * before
+    else:
+        assert after < 1.2 * before
 
 
 def test_a_delay_comes_back_with_its_error(twolinks):
