@@ -212,7 +212,14 @@ def run(set_name, k, seed=0):
         "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
         "chi": [seen.search.before.round(2).tolist(), seen.search.after.round(2).tolist(), seen.search.between_reversals.round(2).tolist()],
     }  # fmt: skip
-    if row["truth"] and outcome(row) == "exact" and set_name in ("single", "double", "changed", "messy") and k % 10 == 3:
+    if set_name == "partial":
+        row["part"] = float(visible_alone(base, effects[0], size, arm, number))
+    if (
+        row["truth"]
+        and outcome(row) == "exact"
+        and set_name in ("single", "double", "changed", "messy")
+        and k % 10 == 3
+    ):
         row["oracle"] = oracle_of(effects, size, arm, number, extra, known).tolist()
         row["simulated"] = simulated(seen)
     return row
@@ -317,6 +324,8 @@ SETS = {
     "changed": ((0.5, 1e9), (-1, 0.5)), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
     "crude": ((1, 1e9), (0.5, 1), (-1, 0.5)), "partial": ((-1, 1e9),), "counterbalance": ((-1, 1e9),),
 }  # fmt: skip
+#: Visible sizes over noise of an effect that is a part, without the rest: a cap on sizes leaves some that none can see.
+PART_BANDS = (("1 and more", 1, 1e9), ("0.5 to 1", 0.5, 1), ("less than 0.5", -1, 0.5))
 #: Visible size from which something outside the catalogue should be seen: twice the power of a clean joint's limit.
 SEEN = 0.5
 
@@ -397,15 +406,17 @@ def figures(rows):
     if pairs:
         inside = np.mean([abs(error) < 1.96 * sigma for _, error, sigma in pairs])
         lines.append(f"True sizes inside their 95 % intervals: {100 * inside:.0f} % of {len(pairs)}.")
-    partial = [r for r in rows if r["set"] == "partial"]
-    if partial:
+    for what, low, high in PART_BANDS:
+        partial = [r for r in rows if r["set"] == "partial" and low <= r["part"] < high]
+        if not partial:
+            continue
         truth = [[(name, tuple(place)) for name, place in r["truth"]] for r in partial]
         named = [[(name, tuple(place)) for name, place in r["named"]] for r in partial]
         right = [true[0] in said for true, said in zip(truth, named, strict=True)]
         near = [all(abs(error) < 2 * sigma for _, error, sigma in intervals([r])) for r in partial]
         other = [any(one not in true for one in said) for true, said in zip(truth, named, strict=True)]
         lines.append(
-            f"Effects that are 15 to 50 % of their joint's gap: named in {sum(right)} of {len(partial)}, with the size within two "
+            f"Effects drawn as 15 to 50 % of their joint's gap, visible alone at {what}: named in {sum(right)} of {len(partial)}, with the size within two "
             f"standard errors in {sum(a and b for a, b in zip(right, near, strict=True))}; a stand-in in {sum(other)}."
         )
     if replays:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from dynid.errors import PackageMissing
-from dynid.gap.formulas import Wording, advice_on_formulas, find_formulas, outdone
+from dynid.gap.beside_formula import parts_beside_formulas
+from dynid.gap.formulas import JOINTS, Wording, advice_on_formulas, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
@@ -26,12 +28,12 @@ from dynid.gap.refit import (
     unsure_of_reversals,
     with_columns,
 )
-from dynid.gap.search import EffectSearch, judged_search, search_effects, without
+from dynid.gap.search import EffectSearch, judged_search, search_effects, with_part, without
 from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.significance import Key
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
-from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, judge, refusal, unrepeatable
+from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, joints_with_more, judge, refusal, unrepeatable
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -112,7 +114,7 @@ def analyse_gap(
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
     if possible and kept is None and not arm:
         search = replace(search, problem=judged_search(replace(search, selected=[])).problem)
-    found = proved(problem, search, simulate=simulate)
+    found = with_parts(problem, options, proved(problem, search, simulate=simulate), simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
     simulation = None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
@@ -169,7 +171,13 @@ class Proof:
     simulation: tuple[Replay, Replay] | None
 
 
-def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False) -> Proof:
+def proved(
+    problem: GapProblem,
+    search: EffectSearch,
+    parts: Mapping[Key, SelectedEffect] = MappingProxyType({}),
+    *,
+    simulate: bool = False,
+) -> Proof:
     """Fit what was found and prove it on held-out rows, alone: whatever is shown is what passed.
 
     What fails there is withdrawn first and the rest proved again, because a wrong effect spoils the prediction that
@@ -179,22 +187,27 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
     Args:
         problem: what was searched, before anything was found.
         search: the search.
+        parts: effects that were proved beside a formula for the rest of their joint's gap, with their numbers.
         simulate: whether the forward simulation is asked too.
     """
     refused: list[tuple[SelectedEffect, str]] = []
     doubts: dict[Key, str] = {}
     while True:
         effects, regression = refit(search)
+        effects = [parts.get(one.key, one) for one in effects]
         improvement = held_out_improvement(problem, search, effects)
         said = [(one, refusal(search, effects, one, improvement)) for one in effects]
-        said = [(one, _as_part(search, effects, one, why, doubts)) for one, why in said]
+        said = [
+            (one, _beside_formula(one, why, improvement) if one.beside else _as_part(search, effects, one, why, doubts))
+            for one, why in said
+        ]
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
         failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
         failing = failing or companions(search, effects) or spoiling(problem, search, effects, improvement)
         if not failing and problem.arm is None and not problem.since:
-            failing = outdone(search, effects, doubts)
+            failing = outdone(search, effects, {*doubts, *parts})
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
@@ -209,6 +222,32 @@ def proved(problem: GapProblem, search: EffectSearch, *, simulate: bool = False)
             search = without(problem, search, one)
 
 
+def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, simulate: bool) -> Proof:
+    """Return a proof with the effects that explain a part of what it leaves, each beside a formula for the rest.
+
+    Args:
+        problem: what was searched, before anything was found.
+        options: what was searched for.
+        found: what passed without.
+        simulate: whether the forward simulation is asked too.
+    """
+    search = found.search
+    # Why not of a change: a part of it is no property of the arm, and no arm has what odd links leave.
+    if problem.since or problem.arm is not None:
+        return found
+    loud = [j for j in joints_with_more(search) if j not in unrepeatable(search)]
+    loudest = sorted(loud, key=lambda j: -search.after[j])[:JOINTS]
+    parts = {one.key: one for one in parts_beside_formulas(search, options, loudest)}
+    if not parts:
+        return found
+    for one in parts.values():
+        search = with_part(search, one)
+    whole = proved(problem, search, parts, simulate=simulate)
+    named = {one.key for one in whole.effects}
+    earlier = [(one, why) for one, why in found.refused if one.key not in named]
+    return replace(whole, refused=[*whole.refused, *earlier])
+
+
 def companions(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
     """Return the weakest effect that does not reduce what the others leave of held-out rows, with the reason.
 
@@ -216,6 +255,8 @@ def companions(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[
     """
     columns = with_columns(effects)
     for one in sorted(columns, key=lambda one: one.score) if len(columns) > 1 else ():
+        if one.beside:
+            continue
         low, high = held_out_beside(search, effects, one)
         if high >= 1.0:
             change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
@@ -247,12 +288,26 @@ def _as_part(
     return f"{why}; as a part of it: {doubts[one.key]}" if doubts[one.key] else ""
 
 
+def _beside_formula(one: SelectedEffect, why: str, improvement: HeldOutImprovement) -> str:
+    """Return why an effect that was proved beside a formula is not named all the same.
+
+    Alone, it explains little of its joint's gap, and the rest hides what it gains there.
+    """
+    smaller = improvement.after[one.test.joint] < improvement.before[one.test.joint]
+    return "" if why.startswith(LITTLE) or (why.startswith(NOT_SMALLER) and smaller) else why
+
+
 def spoiling(
     problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], improvement: HeldOutImprovement
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
-    allowed = GROWN if problem.arm is None else GROWN_ARM
-    worse = surely_worse(problem, search, effects) if problem.since else improvement.worse(allowed)
+    # Why more where none of them acts: a joint's error moves with the parameters that it shares.
+    own = {j for one in effects for j in one.effect.rows(one.joints, len(improvement.before))}
+    near = [
+        GROWN if problem.since or (j in own and problem.arm is None) else GROWN_ARM
+        for j in range(len(improvement.before))
+    ]
+    worse = surely_worse(problem, search, effects) if problem.since else improvement.worse(np.array(near))
     if not worse or not effects:
         return []
 
@@ -265,7 +320,7 @@ def spoiling(
     j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
     joint = problem.base.robot.joints[j]
     change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
-    limit = f"no joint may grow by {100 * (allowed - 1):.0f} %"
+    limit = f"it may not grow by {100 * (near[j] - 1):.0f} %"
     return [(culprit, f"it makes {joint.name} worse on unseen data ({change}; {limit})")]
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynid.gap.formula_library import Factor, forms, library_of
 from dynid.gap.noise import whitened
 from dynid.gap.segments import SegmentRows
+from dynid.gap.significance import whitened_columns
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
@@ -43,10 +44,19 @@ class FactorRows:
         self.place = {text: k for k, text in enumerate(texts, start=1)}
         self.kept = list(self.library.products())
         self.columns = sum(len(forms(one)) for one in self.kept)
+        self._made: dict[str, Floats] = {}
 
     def formula(self, terms: Sequence[str]) -> Formula:
         """Return the formula of terms."""
         return Formula(formula_text(terms), self.revolute, self.joint)
+
+    def made(self, regression: WhitenedRegression, terms: Sequence[str]) -> Floats:
+        """Return the whitened columns of terms, made before the filter, (k, M); each is made once."""
+        new = [term for term in terms if term not in self._made]
+        if new:
+            columns = whitened_columns(regression, self.formula(new), (self.joint,), [{}])[self.joint][0]
+            self._made |= zip(new, columns, strict=True)
+        return np.array([self._made[term] for term in terms])
 
     def screen(self, regression: WhitenedRegression) -> None:
         """Keep the products that explain most of a part of the rows."""

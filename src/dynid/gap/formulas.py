@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.gap.formula_library import cost_of, forms
 from dynid.gap.formula_rows import ABSORBED, FactorRows
@@ -26,7 +25,7 @@ from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_sele
 from dynid.gap.significance import Key, significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
 from dynid.gap.verdict import unrepeatable
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
+from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
@@ -43,8 +42,6 @@ EXACT = 40
 DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 #: Chance of a term by accident, over all products that are tried.
 CHANCE = 0.01
-#: Share of a term's power within that of an effect from which on the two are one.
-IDENTICAL = 0.99
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
 #: Excess beside names below which no formula can do clearly better.
@@ -221,42 +218,13 @@ def outdone(
         text = formula_text(best.terms)
         columns = [C for one in with_selected(bare, mine).effects for C in one[j]]
         own = significance_test(regression, {j: np.array(columns)})
-        other = significance_test(regression, {j: _columns(regression, j, rows.formula(best.terms))})
+        other = significance_test(regression, {j: rows.made(regression, best.terms)})
         price = (len(best.terms) - sum(one.freedom for one in mine)) * np.log(len(regression.fit.e[j]))
         lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
         spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
         if lead > max(EQUAL, SURE * spread):
             return [(one, f"a formula explains clearly more of this joint: {text}") for one in mine]
     return []
-
-
-def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectColumns) -> tuple[float, float]:
-    """Return how much the best short formula explains of a joint, told or not, and how much an effect does beside it.
-
-    Args:
-        regression: the rows, with what explains part of them already.
-        joint: 0-based.
-        one: columns of the effect.
-    """
-    terms, _, _ = _greedy(regression, joint)
-    if not terms:
-        return 0.0, 0.0
-    revolute = [one.revolute for one in regression.segments[0].motion.robot.joints]
-    found = _columns(regression, joint, Formula(formula_text(terms), revolute, joint))
-    # Why without those: a formula with the effect as one of its terms speaks for it.
-    others = found[~_same(regression, joint, found, one)]
-    beside = regression.with_effects([*regression.effects, {joint: others}]) if len(others) else regression
-    return significance_test(regression, {joint: found}).gain, significance_test(beside, one).gain
-
-
-def _same(regression: WhitenedRegression, joint: int, columns: Floats, one: EffectColumns) -> NDArray[np.bool_]:
-    """Return which columns, (k, M), are those of an effect, beside the baseline, (k,)."""
-    if joint not in one:
-        return np.zeros(len(columns), dtype=bool)
-    Q = regression.basis(joint)
-    C, E = (x - (x @ Q) @ Q.T for x in (columns, one[joint]))
-    U = np.linalg.svd(E, full_matrices=False)[2]
-    return np.asarray(np.sum((C @ U.T) ** 2, axis=1) > IDENTICAL * np.sum(C**2, axis=1))
 
 
 def _formula_of(
@@ -269,10 +237,11 @@ def _formula_of(
         before = float(regression.reduced_chi_square()[joint])
         if before - 1 < NEGLIGIBLE:
             return None, "nothing is left of it beside the others"
-        terms, stable, tests = _greedy(regression, joint)
+        rows = screened_rows(regression, joint)
+        terms, stable = short_formula(regression, rows)
         if not terms:
             return None, ""
-        formula = _selected(problem, effects, formula_text(terms), joint)
+        formula = fitted_formula(problem, effects, formula_text(terms), joint)
         beside = with_selected(regression, [*effects, formula])
         after = float(beside.reduced_chi_square()[joint])
         if after - 1 < NEGLIGIBLE:
@@ -280,7 +249,7 @@ def _formula_of(
         # Why again: without the formula the links took up part of it, and loads were those of wrong links.
         theta = beside.fit.theta[: problem.base.reduction.rank]
     share = 1 - (after - 1) / (before - 1)
-    why = _doubt(formula, share, stable, tests) or _unproved(problem, effects, formula, joint)
+    why = _doubt(formula, share, stable, rows.columns) or _unproved(problem, effects, formula, joint)
     return (None, f"{formula_text(terms)}: {why}") if why else (formula, "")
 
 
@@ -318,22 +287,32 @@ def _doubt(formula: SelectedEffect, share: float, stable: float, tests: int) -> 
 
 
 # ---------------------------------------------------------------- choosing
-def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], float, int]:
-    """Return the terms of the best short formula, the least share of half logs that agree, and what was tried."""
+def screened_rows(regression: WhitenedRegression, joint: int) -> FactorRows:
+    """Return the products that explain most of a part of the rows of a joint."""
     rows = FactorRows(regression, joint)
     rows.screen(regression)
-    terms: list[str] = []
-    stable, tests, fixed = 1.0, rows.columns, list(regression.effects)
+    return rows
+
+
+def short_formula(regression: WhitenedRegression, rows: FactorRows) -> tuple[list[str], float]:
+    """Return the terms of the best short formula of a joint, and the least share of half logs that agree.
+
+    Args:
+        regression: the rows, with what explains part of them already.
+        rows: the products that may become terms.
+    """
+    joint, terms = rows.joint, list[str]()
+    stable, fixed = 1.0, list(regression.effects)
     for _ in range(MOST):
         excess = float(regression.reduced_chi_square()[joint]) - 1
         if excess < NEGLIGIBLE:
             break
         exact = [one for one in leading(regression, rows, terms) if len(terms) + len(one.terms) <= LONGEST]
         best = max(exact, key=lambda one: one.score, default=None)
-        if best is None or best.score <= 2 * np.log(tests):
+        if best is None or best.score <= 2 * np.log(rows.columns):
             break
         chosen = _shortest(best, exact)
-        fixed.append({joint: _columns(regression, joint, rows.formula(chosen.terms))})
+        fixed.append({joint: rows.made(regression, chosen.terms)})
         regression = regression.with_effects(fixed)
         left = float(regression.reduced_chi_square()[joint]) - 1
         agreed = _stability(chosen, exact)
@@ -341,7 +320,7 @@ def _greedy(regression: WhitenedRegression, joint: int) -> tuple[list[str], floa
             break
         stable = min(stable, agreed)
         terms += chosen.terms
-    return terms, stable, tests
+    return terms, stable
 
 
 def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Floats:
@@ -366,7 +345,7 @@ def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[st
         fresh = [k for k, term in enumerate(terms) if term not in taken]
         if not fresh:
             continue
-        C = _columns(regression, joint, rows.formula([terms[k] for k in fresh]))
+        C = rows.made(regression, [terms[k] for k in fresh])
         raw = np.einsum("km,km->k", C, C)
         C = C - (C @ Q) @ Q.T
         seen = np.flatnonzero(np.einsum("km,km->k", C, C) > ABSORBED * raw).tolist()
@@ -428,7 +407,7 @@ def _solved(gram: Floats, right: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- proof
-def _selected(problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int) -> SelectedEffect:
+def fitted_formula(problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int) -> SelectedEffect:
     """Return a formula with its numbers, fitted beside the model and other effects without what is not judged."""
     revolute = [one.revolute for one in problem.base.robot.joints]
     formula = Formula(text, revolute, joint)
@@ -456,6 +435,14 @@ def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: Se
         if j != joint and low > 1 and ratio > GROWN:
             return f"it makes {problem.base.robot.joint_names[j]} worse on unseen data"
     return ""
+
+
+def held_out_ratio(
+    problem: GapProblem, before: Sequence[SelectedEffect], after: Sequence[SelectedEffect], joint: int
+) -> tuple[float, float]:
+    """Return the 95 % interval of a joint's held-out error with some effects over that with others."""
+    squares = (held_out_squares(problem, some)[joint] for some in (before, after))
+    return _ratio(*squares)[:2]
 
 
 def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Floats]:

@@ -12,15 +12,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.gap.formulas import best_formula_gains
+from dynid.gap.formulas import screened_rows, short_formula
 from dynid.gap.problem import GapProblem
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import SegmentRows, cut, segments_of, with_reference
 from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import candidates_at, score_candidate, whitened_columns
+from dynid.gap.significance import candidates_at, score_candidate, significance_test, whitened_columns
 from dynid.gap.stepwise_selection import SelectionOptions, contains, wanted_effects
-from dynid.gap.whitened_regression import WhitenedRegression, whitened_regression
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_regression
 from dynid.model.effects.interface import Floats
 from dynid.model.reference import model_torques
 
@@ -36,6 +37,8 @@ CUTOFFS, MOVED = (0.5, 2.0), 0.2
 FORMULA = 1.2
 #: Share of its gain that a right name keeps beside a formula that explains more: that is the rest, and it is itself.
 BESIDE_FORMULA = 0.7
+#: Share of a term's power within that of an effect from which on the two are one.
+IDENTICAL = 0.99
 
 
 def doubt(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
@@ -89,6 +92,35 @@ def best_rival(regression: WhitenedRegression, problem: GapProblem, one: Selecte
     own = max(scores.pop("own", 0.0), one.score, 1e-12)
     name = max(scores, key=lambda name: scores[name], default="")
     return name, scores.get(name, 0.0) / own
+
+
+def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectColumns) -> tuple[float, float]:
+    """Return how much the best short formula explains of a joint, told or not, and how much an effect does beside it.
+
+    Args:
+        regression: the rows, with what explains part of them already.
+        joint: 0-based.
+        one: columns of the effect.
+    """
+    rows = screened_rows(regression, joint)
+    terms, _ = short_formula(regression, rows)
+    if not terms:
+        return 0.0, 0.0
+    found = rows.made(regression, terms)
+    # Why without those: a formula with the effect as one of its terms speaks for it.
+    others = found[~same_columns(regression, joint, found, one)]
+    beside = regression.with_effects([*regression.effects, {joint: others}]) if len(others) else regression
+    return significance_test(regression, {joint: found}).gain, significance_test(beside, one).gain
+
+
+def same_columns(regression: WhitenedRegression, joint: int, columns: Floats, one: EffectColumns) -> NDArray[np.bool_]:
+    """Return which columns, (k, M), are those of an effect, beside the baseline, (k,)."""
+    if joint not in one:
+        return np.zeros(len(columns), dtype=bool)
+    Q = regression.basis(joint)
+    C, E = (x - (x @ Q) @ Q.T for x in (columns, one[joint]))
+    U = np.linalg.svd(E, full_matrices=False)[2]
+    return np.asarray(np.sum((C @ U.T) ** 2, axis=1) > IDENTICAL * np.sum(C**2, axis=1))
 
 
 def change_of_size(problem: GapProblem, selected: Sequence[SelectedEffect], share: float) -> float:

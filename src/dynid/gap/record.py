@@ -66,15 +66,17 @@ class GapEffect:
     formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
+    beside: str = ""
 
     @property
     def said(self) -> str:
         """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
         if self.why_not or self.formula:
             return self.why_not or "not in the catalogue"
+        size = f"; its size is that beside {self.beside}" if self.beside else ""
         if self.share is None:
-            return "named"
-        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}; the rest is unexplained"
+            return f"named{size}"
+        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}; the rest is unexplained{size}"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -95,6 +97,7 @@ class GapEffect:
             **({"why_not": self.why_not} if self.why_not else {}),
             **({"formula": self.formula} if self.formula else {}),
             **({} if self.share is None else {"share_of_gap": self.share}),
+            **({"size_beside": self.beside} if self.beside else {}),
         }
 
     def open(self, name: str) -> bool:
@@ -283,6 +286,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         formula=one.effect.text if isinstance(one.effect, Formula) else "",
         share=partly,
         rival_keys=one.rivals,
+        beside=one.beside,
     )
 
 

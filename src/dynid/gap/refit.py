@@ -38,7 +38,8 @@ GROWN = 1.02
 CHANCE = 0.025
 #: Fewest blocks of time whose spread says anything, of many short ones and of few long ones.
 MIN_BLOCKS = {False: 3, True: 4}
-#: The same where links that no arm has are given up for possible ones: they fitted every joint a little too well.
+#: The same on joints that no effect acts on, and where links that no arm has are given up for possible ones: they
+#: fitted every joint a little too well.
 GROWN_ARM = 1.05
 #: A simple value as large as this stands for infinity.
 FAR = 1e5
@@ -65,7 +66,7 @@ class HeldOutImprovement:
     ratio: Floats
     floor: Floats
 
-    def worse(self, allowed: float = GROWN) -> list[int]:
+    def worse(self, allowed: Floats | float = GROWN) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
         grown = self.after > allowed * self.before
         return np.flatnonzero(grown & (self.ratio[:, 0] > 1.0)).tolist()

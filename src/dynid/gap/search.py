@@ -170,6 +170,14 @@ def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) ->
     return replace(search, problem=problem, selected=selected, after=after, between_reversals=between)
 
 
+def with_part(search: EffectSearch, one: SelectedEffect) -> EffectSearch:
+    """Return a search with an effect whose shape is held as it is, in place of the same one if it is there."""
+    held = replace(one, std_errors=dict.fromkeys(one.effect.steps, float("inf")))
+    selected = [*(other for other in search.selected if other.key != one.key), held]
+    after, between = chi_squares(with_selected(search.problem.regression(), selected))
+    return replace(search, selected=selected, after=after, between_reversals=between)
+
+
 def with_noise_beside(
     problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
 ) -> GapProblem:

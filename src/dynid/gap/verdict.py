@@ -78,10 +78,8 @@ def judge(
         joints: joint names.
     """
     named, closest = tuple(named), tuple(refused)
-    limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
-    above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
     since = search.problem.change is not None
-    remainder = still_changed(search, named) if since else tuple(np.flatnonzero(above).tolist())
+    remainder = still_changed(search, named) if since else joints_with_more(search)
     groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
     if groups:
         word = "ambiguous"
@@ -95,6 +93,13 @@ def judge(
     # Why: the same effect on other joints is a group of one identifier, and told only where there is no other group.
     different = tuple(group for group in groups if len(group) > 1)
     return GapVerdict(word, named, closest, remainder, different or groups, advice)
+
+
+def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
+    """Return the joints with more left than noise, 0-based."""
+    limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
+    above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
+    return tuple(np.flatnonzero(above).tolist())
 
 
 def unrepeatable(search: EffectSearch) -> list[int]:
@@ -116,7 +121,7 @@ def refusal(
     if one.test.joint in unrepeatable(search) and one.test.visible_rms < 1:
         return "the disturbance of this joint does not repeat"
     return (
-        _undetermined(one)
+        undetermined(one)
         or ("it is not the same in all parts of the logs" if _differs(search, one) else "")
         or _beside_larger(effects, one)
         or _not_smaller(one, improvement)
@@ -133,7 +138,7 @@ def _differs(search: EffectSearch, one: SelectedEffect) -> bool:
     return search.problem.arm is None and one.test.chow_p_value < SAME
 
 
-def _undetermined(one: SelectedEffect) -> str:
+def undetermined(one: SelectedEffect) -> str:
     """Return why size or shape are not known well enough, or nothing."""
     if one.z < SURE_Z:
         return f"its size is not determined: {one.z:.1f} standard errors from zero; {SURE_Z:g} are needed"

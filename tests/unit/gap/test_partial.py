@@ -76,3 +76,25 @@ def test_a_stand_in_for_something_else_is_no_part(twolinks, on_joint):
     found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
     assert found.verdict.named == ()
     assert all(LITTLE in why or "unseen" in why or "not" in why for _, why in found.verdict.closest)
+
+
+def test_a_part_is_named_and_sized_beside_a_formula_for_the_rest(twolinks, on_joint):
+    """A rest that is larger than the effect: fitted without it, the friction is off by several of its errors."""
+    size = 0.25
+    law = lambda t, q, qd, qdd: on_joint(  # noqa: E731
+        1, size * np.abs(qd[:, 1]) + 0.35 * np.sin(2 * q[:, 1]) * np.abs(qd[:, 1]) * np.sign(qd[:, 0])
+    )
+    found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
+    (one,) = found.verdict.named
+    assert one.key == ("asymmetric_viscous", (1,))
+    assert "sin(2 q2)" in one.beside
+    assert abs(one.values["a"] - size) < 3 * one.std_errors["a"]
+    (told,) = record_of(found, twolinks.base.robot, "numbers", "", "").named
+    assert told.said.endswith(f"its size is that beside {one.beside}")
+    assert told.facts()["size_beside"] == one.beside
+
+
+def test_nothing_is_named_where_a_formula_explains_everything(twolinks, on_joint):
+    law = lambda t, q, qd, qdd: on_joint(1, 0.5 * np.sin(2 * q[:, 1]) * np.abs(qd[:, 1]) * np.sign(qd[:, 0]))  # noqa: E731
+    found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
+    assert found.verdict.named == ()
