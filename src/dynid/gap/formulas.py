@@ -56,6 +56,8 @@ PARTS, FOLLOWED = 12, 0.1
 BINS = 24
 #: Share of its power that a formula follows a quantity with, to be drawn over that; else it is drawn over itself.
 FOLLOWS_ONE = 0.9
+#: Why an effect gives way to a formula.
+OUTDONE = "a formula explains clearly more of this joint"
 #: Why a joint that has nothing to repeat has no formula.
 STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
@@ -223,7 +225,7 @@ def outdone(
         lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
         spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
         if lead > max(EQUAL, SURE * spread):
-            return [(one, f"a formula explains clearly more of this joint: {text}") for one in mine]
+            return [(one, f"{OUTDONE}: {text}") for one in mine]
     return []
 
 
