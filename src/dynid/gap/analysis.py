@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.errors import PackageMissing
 from dynid.gap.beside_formula import parts_beside_formulas
-from dynid.gap.formulas import JOINTS, Wording, advice_on_formulas, find_formulas, outdone
+from dynid.gap.formulas import JOINTS, OUTDONE, Wording, advice_on_formulas, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
@@ -237,7 +237,9 @@ def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, 
         return found
     loud = [j for j in joints_with_more(search) if j not in unrepeatable(search)]
     loudest = sorted(loud, key=lambda j: -search.after[j])[:JOINTS]
-    parts = {one.key: one for one in parts_beside_formulas(search, options, loudest)}
+    # Why not these: the formula is the effect with another factor, one law and no part of it.
+    outdone_by = {one.key for one, why in found.refused if why.startswith(OUTDONE)}
+    parts = {one.key: one for one in parts_beside_formulas(search, options, loudest) if one.key not in outdone_by}
     if not parts:
         return found
     for one in parts.values():
@@ -303,10 +305,8 @@ def spoiling(
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
     # Why more where none of them acts: a joint's error moves with the parameters that it shares.
     own = {j for one in effects for j in one.effect.rows(one.joints, len(improvement.before))}
-    near = [
-        GROWN if problem.since or (j in own and problem.arm is None) else GROWN_ARM
-        for j in range(len(improvement.before))
-    ]
+    own |= set(range(len(improvement.before))) if problem.since else set()
+    near = [GROWN if j in own and problem.arm is None else GROWN_ARM for j in range(len(improvement.before))]
     worse = surely_worse(problem, search, effects) if problem.since else improvement.worse(np.array(near))
     if not worse or not effects:
         return []
