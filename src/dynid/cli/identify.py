@@ -17,6 +17,7 @@ from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
 from dynid.text import yaml_text
+from dynid.threads import Ahead
 from dynid.workflows.identify import IdentifyOptions
 
 if TYPE_CHECKING:
@@ -130,25 +131,29 @@ def run_identify(
         show: print the tables.
         final: print the JSON answer and the next command as well; not when another command goes on.
     """
+    from dynid.workflows.robots import load_robot
+
+    options = options or IdentifyOptions()
+    arm = load_robot(robot)
+    # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
+    read = reading(arm, logs, options)
     from dynid.estimation import result as results
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import answer_of, find_payload, signals_as
     from dynid.workflows.prior import with_prior
-    from dynid.workflows.robots import load_robot
 
-    options = options or IdentifyOptions()
     files = {"loaded": loaded, "prior_file": options.prior, "update": update, "holdout": options.holdout}
     unloaded, earlier = (results.load(path) if path else None for path in (payload_from, update))
     if before := unloaded or earlier:
         options = signals_as(options, before)
-    arm = with_prior(load_robot(robot), options)
+    arm = with_prior(arm, options)
     if options.prior is not None:
         options = replace(options, prior=arm.prior)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
     if unloaded is not None:
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
-    recordings = Recordings(common, arm, logs, options)
+    recordings = Recordings(common, arm, logs, options, read)
     gains = recordings.gains(loaded, load_mass)
     facts: dict[str, Any] = {}
     if gains is not None:
@@ -179,28 +184,44 @@ def run_identify(
     return facts
 
 
+def reading(robot: Robot, paths: tuple[Path, ...], options: IdentifyOptions) -> Ahead[list[Log]]:
+    """Begin to read logs as they are on disk."""
+    # Why here: two threads that import the same could meet a module that is not whole.
+    import dynid.files.logs  # noqa: F401
+    from dynid.workflows.logs import read_log
+
+    return Ahead(lambda: [read_log(path, robot, options) for path in paths])
+
+
 class Recordings:
-    """The logs of a run, read from disk when they are first needed and only once.
+    """The logs of a run, read from disk only once.
 
     Args:
         common: the common options.
         robot: the arm.
         paths: the logs.
         options: how they are read.
+        read: the logs as read.
     """
 
-    def __init__(self, common: Common, robot: Robot, paths: tuple[Path, ...], options: IdentifyOptions) -> None:
+    def __init__(
+        self,
+        common: Common,
+        robot: Robot,
+        paths: tuple[Path, ...],
+        options: IdentifyOptions,
+        read: Ahead[list[Log]],
+    ) -> None:
         self._common, self._robot, self._paths, self._options = common, robot, paths, options
-        self._read: list[Log] = []
+        self._ahead = read
+        self._read: list[Log] | None = None
 
     def read(self) -> list[Log]:
         """Return the logs as read."""
-        from dynid.workflows.logs import read_log
-
-        if not self._read:
+        if self._read is None:
             with self._common.terminal.progress() as progress:
                 progress.stage("read")
-                self._read = [read_log(path, self._robot, self._options) for path in self._paths]
+                self._read = self._ahead.result()
         return self._read
 
     def with_rows(self, result: Identification, base: BaseModel) -> Identification:

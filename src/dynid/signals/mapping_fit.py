@@ -46,7 +46,7 @@ POINTS, MARGIN, MARGIN_SHARE = 4, 0.1, 0.25
 #: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
 OWN = 4
 #: Motions whose columns are formed together; more leave the cache.
-TOGETHER = 16
+TOGETHER = 8
 #: Random samples on which two robot files are compared, and singular values that count as zero, relative.
 RANDOM, SPAN = 60, 1e-9
 
