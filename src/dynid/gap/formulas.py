@@ -510,7 +510,7 @@ def _held_out(
         shown: the last of them, where its torque is wanted.
     """
     regression = fitted_with(problem, selected)
-    theta, beta = regression.fit.theta[: problem.base.reduction.rank], regression.amplitudes
+    theta, beta = regression.fit.theta[: problem.segments[0].W.shape[2]], regression.amplitudes
     held = cut(problem.segments, problem.held)
     e, torques = [], []
     for s, row in zip(held, regression.segments, strict=True):
