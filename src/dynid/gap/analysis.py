@@ -14,11 +14,12 @@ from dynid.gap.formulas import JOINTS, OUTDONE, Wording, advice_on_formulas, fin
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.partial import doubt
-from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm
+from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm, without_always_missing
 from dynid.gap.refit import (
     GROWN,
     GROWN_ARM,
     HeldOutImprovement,
+    fitted_with,
     held_out_beside,
     held_out_improvement,
     lead_over_always,
@@ -360,6 +361,13 @@ def replays(
     """
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
     old = [k for k, s in enumerate(problem.segments) if problem.change is None or not s.fresh]
+    if problem.change is not None:
+        # Why: the columns of what has always been missing take part of what they leave out, and no replay has them.
+        problem, search = (
+            without_always_missing(problem),
+            replace(search, problem=without_always_missing(search.problem)),
+        )
+        regression = fitted_with(search.problem, with_columns(effects))
     kept = replace(problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old])
     try:
         before = simulate_held_out(problem, kept.regression(nuisance=False), [])

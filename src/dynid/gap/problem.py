@@ -338,6 +338,18 @@ def _problem_since(
     return GapProblem(base, None, every, train, held, text, repeats, noise, theta, change=change, held_by=held_by)
 
 
+def without_always_missing(problem: GapProblem) -> GapProblem:
+    """Return a comparison with earlier logs with the base parameters of the arm alone."""
+    p, narrow = problem.base.reduction.rank, []
+    for s in problem.segments:
+        own = s.rows.columns < p
+        rows = replace(
+            s.rows, entries=s.rows.entries[own], joints=s.rows.joints[own], columns=s.rows.columns[own], size=p
+        )
+        narrow.append(replace(s, rows=rows))
+    return replace(problem, segments=narrow, held_by=None)
+
+
 def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
