@@ -8,6 +8,10 @@ import pytest
 
 from runner import Runner
 
+# Before NumPy is loaded, as the command does: with two workers on two cores, threads of linear algebra wait for each
+# other in loops that take five times the work itself.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 ROOT = Path(__file__).parents[1]
 #: Recordings of real arms, beside the project; tests that use them carry the mark ``data``.
 RECORDINGS = ROOT.parent / "shared" / "data"

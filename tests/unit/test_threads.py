@@ -22,6 +22,7 @@ def threads() -> set[int]:
 def two_threads():
     np.linalg.inv(np.eye(2))  # NumPy has its library loaded, whichever test is the first
     with threadpool_limits(limits=2, user_api="blas"):
+        assert 2 in threads()
         yield threads()
 
 
