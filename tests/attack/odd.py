@@ -17,7 +17,7 @@ WHOLE = (
     "run batch.yaml --out out", "report out", "export out/parameters.npz --format urdf", "export out/parameters.npz --format python",
     "simulate arm.yaml out/trajectory.npz --out out", "record arm.yaml out/trajectory.npz --dry-run --out out", "doctor", "explain E201",
     "completion bash", "identify arm.yaml text --out out", "identify arm.yaml log.parquet --out out", "sim-driver arm.yaml --duration 1",
-    "fleet runs.csv --out out/fleet", "gap out/parameters.npz other.npz --apply best --new-name out/a.yaml --out out", "explain robot-file", "model arm.yaml -v --out out",
+    "fleet runs.csv --out out/fleet", "gap out/parameters.npz other.npz --apply best --new-name out/named.yaml --out out", "explain robot-file", "model arm.yaml -v --out out",
     "identify --from out/run.yaml --out out", "identify arm.yaml log.npz --update out/parameters.npz --out out",
 )  # fmt: skip
 VALUES = (
