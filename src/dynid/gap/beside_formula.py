@@ -246,12 +246,13 @@ def explanations(
 def _candidates(
     search: EffectSearch, options: SelectionOptions, regression: WhitenedRegression, joint: int
 ) -> list[EffectCandidate]:
-    """Return all effects that act on a joint and are not selected yet."""
+    """Return all effects that act on a joint and are not selected yet, but for constants: an unknown rest has one."""
     n, taken = len(regression.joints), {one.key for one in search.selected}
     return [
         candidate
         for effect, joints in wanted_effects(search.problem, options)
-        if effect.name != "torque_delay" and joint in effect.rows(joints, n) and (effect.name, joints) not in taken
+        if effect.name not in ("torque_delay", "torque_offset") and joint in effect.rows(joints, n)
+        if (effect.name, joints) not in taken
         for candidate in candidates_at(regression, effect, joints)
     ]
 
