@@ -266,8 +266,7 @@ def _oddly(rng: np.random.Generator, x: np.ndarray, name: str) -> np.ndarray:
     if kind == 8:
         return np.zeros_like(x)
     if kind == 9 and len(x) > 3:
-        x[len(x) // 2 :] += size
-        return x
+        return np.concatenate([x[: len(x) // 2], x[len(x) // 2 :] + size])
     if kind == 10:
         return x[::-1].copy()
     if kind == 11:

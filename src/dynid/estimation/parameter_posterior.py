@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.body_prior import COUNTED, curvature
 from dynid.estimation.least_squares import merge, symmetric_root
-from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of
+from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of, require_possible_prior
 from dynid.estimation.posterior import exciting_states
 from dynid.model.prior import prior_base_parameters
 
@@ -103,8 +103,12 @@ def prior_information(base: BaseModel) -> Floats:
 
     Args:
         base: model and base parameters.
+
+    Raises:
+        NotPhysical: a body of the prior cannot exist.
     """
     constraints, K = constraints_of(base), base.reduction.K
+    require_possible_prior(constraints)
     q, qd, qdd = exciting_states(base)
     W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
     theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)

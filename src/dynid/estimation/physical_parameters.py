@@ -343,6 +343,21 @@ def exact_parameters(
     return _report(objective, replace(minimum, steps=steps), constraints), worst
 
 
+def require_possible_prior(constraints: PhysicalConstraints) -> None:
+    """Raise unless every link's body of the prior can exist.
+
+    Raises:
+        NotPhysical: names the link that is furthest from it.
+    """
+    eigenvalues = smallest_eigenvalues(constraints.prior[constraints.bodies])
+    if np.any(eigenvalues <= 0.0):
+        worst = constraints.parameters[constraints.bodies[int(np.argmin(eigenvalues)), 0]].number
+        raise NotPhysical(
+            f"the prior of link {worst} is no possible body",
+            fix="in the robot file each principal moment of inertia_com is at most the sum of the other two",
+        )
+
+
 def feasible_start(constraints: PhysicalConstraints) -> Floats:
     """Return a parameter vector strictly inside all bounds, near the prior, (c,), each in its unit.
 
@@ -355,13 +370,8 @@ def feasible_start(constraints: PhysicalConstraints) -> Floats:
     Raises:
         NotPhysical: the prior's bodies or the bounds contradict each other.
     """
+    require_possible_prior(constraints)
     x = constraints.prior.copy()
-    eigenvalues = smallest_eigenvalues(x[constraints.bodies])
-    if np.any(eigenvalues <= 0.0):
-        worst = constraints.parameters[constraints.bodies[int(np.argmin(eigenvalues)), 0]].number
-        raise NotPhysical(
-            f"the prior of link {worst} is no possible body", fix="correct the prior in the robot file: dynid check"
-        )
     single = np.count_nonzero(constraints.G, axis=1) == 1
     for row in constraints.G[single & (constraints.slack(x) <= 0.0)]:
         k = int(np.flatnonzero(row)[0])
