@@ -313,7 +313,10 @@ def _shared(columns: Columns, tau: Floats) -> Floats:
             weight = 1.0 / (ALIKE * s**2)
             G[10 * j :, 10 * j :] += weight * gram
             side[10 * j :] += weight * own
-        theta = np.linalg.solve(G, side)
+        try:
+            theta = np.linalg.solve(G, side)
+        except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them
+            theta = np.linalg.lstsq(G, side, rcond=None)[0]
         parts = ((theta[10 * j :], gram, own) for j, (gram, own) in enumerate(zip(columns.grams, sides, strict=True)))
         quads = np.array([float(part @ gram @ part - 2 * part @ own) for part, gram, own in parts])
         rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
