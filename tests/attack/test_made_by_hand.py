@@ -41,6 +41,17 @@ def silent(path: Path) -> None:
     replace(LOG, tau=tau).save(path)
 
 
+def a_pause(seconds: float) -> Callable[[Path], None]:
+    """A log that was stopped in the middle and went on later."""
+
+    def write(path: Path) -> None:
+        t = LOG.t.copy()
+        t[len(t) // 2 :] += seconds
+        replace(LOG, t=t).save(path)
+
+    return write
+
+
 def one_stamp(path: Path) -> None:
     """A table in which one sample is repeated with its stamp."""
     path.write_text("t;q_shoulder;q_elbow;tau_shoulder;tau_elbow\n" + "0,1;1;2;3;4\n" * 50)
@@ -107,6 +118,9 @@ CASES = {
     "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
     "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
     "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),
+    "a pause of 1e6 s": ("log.npz", a_pause(1e6), "identify arm.yaml other.npz log.npz --out out", 0, "the recording pauses"),
+    "a pause of 1e9 s": ("log.npz", a_pause(1e9), "identify arm.yaml other.npz log.npz --out out", 0, "the recording pauses"),
+    "a pause of 1e6 s before a gap": ("log.npz", a_pause(1e6), "gap out/parameters.npz log.npz --no-apply --out out", 0, "the recording pauses"),
     "an arm with one run": ("runs.csv", "result,arm,time\nout,a,2026-01-01\n", "fleet runs.csv --out out/f", 0, "no arm has the three runs"),
     "a name that steers the terminal": ("batch.yaml", job(logs="\x1b[31m\u202e.npz", name="\x1b]0;x\x07"), "run batch.yaml --out out --junit out/j.xml --log-file out/said.log", 3, "no such file"),
     "a robot that steers the terminal": ("arm.yaml", ROBOT.replace("a: 0.4", 'a: "\\e[31m"'), "check arm.yaml --log-file out/said.log", 3, "E2"),
@@ -211,7 +225,9 @@ def test_a_plan_with_knots_that_are_none_is_damaged(knots, originals, tmp_path):
     assert answer(originals, tmp_path, "out/trajectory.npz", change, REVIEW) == (3, True)
 
 
-@pytest.mark.parametrize("command", [REVIEW, "trajectory arm.yaml --from-trajectory out/trajectory.npz --out out/x --preview none"])
+@pytest.mark.parametrize(
+    "command", [REVIEW, "trajectory arm.yaml --from-trajectory out/trajectory.npz --out out/x --preview none"]
+)
 @pytest.mark.parametrize("value", [1e300, np.inf, np.nan])
 def test_a_plan_with_coefficients_that_are_none_is_damaged(value, command, originals, tmp_path):
     def change(arrays):
@@ -246,7 +262,15 @@ def test_a_load_beside_a_result_of_nothing_is_not_looked_for(name, originals, tm
     assert answer(originals, tmp_path, "out/parameters.npz", change, command) == (3, True)
 
 
-@pytest.mark.parametrize("words", ["identify arm.yaml log.npz --out --json", "check log.npz --log-file --json", "convert log.npz --to --force", "identify arm.yaml log.npz -o -f"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "identify arm.yaml log.npz --out --json",
+        "check log.npz --log-file --json",
+        "convert log.npz --to --force",
+        "identify arm.yaml log.npz -o -f",
+    ],
+)
 def test_an_option_is_no_folder_and_no_file(words, originals, tmp_path):
     folder = tmp_path / "work"
     shutil.copytree(originals, folder)

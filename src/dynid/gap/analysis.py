@@ -25,7 +25,6 @@ from dynid.gap.refit import (
     lead_over_always,
     ratio_interval,
     refit,
-    surely_worse,
     unsure_of_reversals,
     with_columns,
 )
@@ -306,9 +305,9 @@ def spoiling(
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
     # Why more where none of them acts: a joint's error moves with the parameters that it shares.
     own = {j for one in effects for j in one.effect.rows(one.joints, len(improvement.before))}
-    own |= set(range(len(improvement.before))) if problem.since else set()
-    near = [GROWN if j in own and problem.arm is None else GROWN_ARM for j in range(len(improvement.before))]
-    worse = surely_worse(problem, search, effects) if problem.since else improvement.worse(np.array(near))
+    strict = range(len(improvement.before)) if problem.since else own if problem.arm is None else set()
+    near = [GROWN if j in strict else GROWN_ARM for j in range(len(improvement.before))]
+    worse = improvement.worse(np.array(near))
     if not worse or not effects:
         return []
 
@@ -363,10 +362,8 @@ def replays(
     old = [k for k, s in enumerate(problem.segments) if problem.change is None or not s.fresh]
     if problem.change is not None:
         # Why: the columns of what has always been missing take part of what they leave out, and no replay has them.
-        problem, search = (
-            without_always_missing(problem),
-            replace(search, problem=without_always_missing(search.problem)),
-        )
+        problem = without_always_missing(problem)
+        search = replace(search, problem=without_always_missing(search.problem))
         regression = fitted_with(search.problem, with_columns(effects))
     kept = replace(problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old])
     try:

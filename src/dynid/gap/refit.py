@@ -24,6 +24,9 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import BODY_PARAMETERS
 
+#: Held-out residuals of a joint and the number of the block of time of each, (M,) and (M,).
+HeldOutRows = tuple[Floats, NDArray[np.int64]]
+
 #: Relative step of a shape parameter for its slope.
 STEP = 1e-3
 #: Steps towards the best shapes, gain of the last one, and damping: the first, and the one at which none helps.
@@ -36,8 +39,9 @@ SURE_Z = 3.0
 GROWN = 1.02
 #: Chance below which a joint counts as worse in a comparison with earlier logs.
 CHANCE = 0.025
-#: Fewest blocks of time whose spread says anything, of many short ones and of few long ones.
-MIN_BLOCKS = {False: 3, True: 4}
+#: Fewest short blocks of time whose spread says anything, and fewest long ones.
+MIN_BLOCKS = 3
+MIN_LONG_BLOCKS = 4
 #: The same on joints that no effect acts on, and where links that no arm has are given up for possible ones: they
 #: fitted every joint a little too well.
 GROWN_ARM = 1.05
@@ -59,17 +63,20 @@ class HeldOutImprovement:
         after: rms with them [N m or N].
         ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
         floor: the noise [N m or N].
+        chance: of such growth where there is none, in a comparison with earlier logs.
     """
 
     before: Floats
     after: Floats
     ratio: Floats
     floor: Floats
+    chance: Floats | None = None
 
     def worse(self, allowed: Floats | float = GROWN) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
-        grown = self.after > allowed * self.before
-        return np.flatnonzero(grown & (self.ratio[:, 0] > 1.0)).tolist()
+        # Why the number of joints: many have nothing to do with an effect but that the arm's parameters move beside it.
+        sure = self.ratio[:, 0] > 1.0 if self.chance is None else self.chance < CHANCE / len(self.chance)
+        return np.flatnonzero((self.after > allowed * self.before) & sure).tolist()
 
 
 def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
@@ -365,45 +372,26 @@ def held_out_improvement(
     before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
     rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
-    few = first.since
-    ratio = np.array([_ratio(b, a, j, few=few) for j, (b, a) in enumerate(zip(before, after, strict=True))])
-    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor)
+    pairs = list(zip(before, after, strict=True))
+    ratio = np.array([_ratio(b, a, j, few=first.since) for j, (b, a) in enumerate(pairs)])
+    # Why another test: few blocks of time are held out there, and their ratio says too little.
+    chance = np.array([chance_of_growth(b, a) for b, a in pairs]) if first.since else None
+    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor, chance)
 
 
-def surely_worse(first: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[int]:
-    """Return joints on which effects make the held-out error larger in a comparison with earlier logs, beyond chance.
-
-    Few blocks of time are held out there, and many joints have nothing to do with an effect but that the parameters of
-    the arm move beside it: so Student's t of the blocks, and the chance divided by the number of joints.
-
-    Args:
-        first: the problem before any delay was taken out.
-        search: the search.
-        effects: what it found.
-    """
-    before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
-    after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
-    return [
-        j
-        for j, ((b, block), (a, _)) in enumerate(zip(before, after, strict=True))
-        if len(a) == len(b) and a @ a > GROWN**2 * (b @ b) and chance_of_growth(b, a, block) < CHANCE / len(before)
-    ]
-
-
-def chance_of_growth(before: Floats, after: Floats, block: NDArray[np.int64]) -> float:
-    """Return the chance of so much larger residuals when they are no larger in truth; 1 for too few blocks of time.
+def chance_of_growth(before: HeldOutRows, after: HeldOutRows) -> float:
+    """Return the chance of so much larger residuals when they are no larger in truth, of Student's t over blocks.
 
     Args:
-        before: residuals, (M,).
-        after: others of the same rows, (M,).
-        block: number of the block of time of each row, (M,).
+        before: residuals and numbers of their blocks of time, (M,) each.
+        after: others of the same rows; of other rows, or of too few blocks, the chance is 1.
     """
     from scipy import special
 
-    names, index = np.unique(block, return_inverse=True)
-    if len(names) < MIN_BLOCKS[True]:
+    names, index = np.unique(before[1], return_inverse=True)
+    if len(names) < MIN_LONG_BLOCKS or len(before[0]) != len(after[0]):
         return 1.0
-    more = np.bincount(index, after**2 - before**2, len(names))
+    more = np.bincount(index, after[0] ** 2 - before[0] ** 2, len(names))
     error = max(float(more.std(ddof=1)) / np.sqrt(len(names)), 1e-300)
     return float(special.stdtr(len(names) - 1, -float(more.mean()) / error))
 
@@ -438,7 +426,7 @@ def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Whit
 
 def _held_residuals(
     problem: GapProblem, selected: Sequence[SelectedEffect], in_force: NoiseModel | None
-) -> list[tuple[Floats, NDArray[np.int64]]]:
+) -> list[HeldOutRows]:
     """Return held-out torque residuals and blocks of time of each joint, {(M_j,), (M_j,)}.
 
     Args:
@@ -470,12 +458,10 @@ def _held_residuals(
     return found
 
 
-def _ratio(
-    before: tuple[Floats, NDArray[np.int64]], after: tuple[Floats, NDArray[np.int64]], seed: int, *, few: bool
-) -> Floats:
+def _ratio(before: HeldOutRows, after: HeldOutRows, seed: int, *, few: bool) -> Floats:
     """Return the 95 % interval of the ratio of rms values, (2,), of few long blocks of time or of many short ones."""
     names, block = np.unique(before[1], return_inverse=True)
-    if len(names) < MIN_BLOCKS[few] or len(before[0]) != len(after[0]):
+    if len(names) < (MIN_LONG_BLOCKS if few else MIN_BLOCKS) or len(before[0]) != len(after[0]):
         return np.array([0.0, np.inf])
     sums = [np.bincount(block, x[0] ** 2, len(names)).astype(np.float64) for x in (before, after)]
     return few_blocks_interval(*sums) if few else ratio_interval(sums[0], sums[1], seed)

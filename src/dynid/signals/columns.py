@@ -59,10 +59,10 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
 
 def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
     """Return the list to paste: in chain order where names are numbers or alike, else with places to fill in."""
-    from scipy.optimize import linear_sum_assignment
-
     if all(name.isdecimal() and len(name) < 4 for name in names) and len(names) == robot.n:
         return f"[{', '.join(yaml_word(name) for name in sorted(names, key=int))}]"
+    from scipy.optimize import linear_sum_assignment
+
     likeness = np.array([[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names])
     rows, columns = linear_sum_assignment(-likeness)
     if np.all(likeness[rows, columns] > ALIKE):

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.longarrays import release
+from dynid.signals.pieces import samples_where
 
 Floats = NDArray[np.float64]
 
 #: Rate at which positions are compared [Hz].
 RATE = 5.0
+#: Of a pause in a recording, no more than this is compared [s]: it has no samples, however long it is.
+PAUSE = 1.0
 #: Instants that are looked up together.
 TOGETHER = 4096
 #: Two motions are the same when the positions of every joint differ by at most this share of its range ...
@@ -29,18 +32,22 @@ STILL = 0.02
 
 
 def sampled(t: Floats, q: Floats, rate: float = RATE) -> Floats:
-    """Return positions at the rate at which motions are compared, (M, n) [rad or m].
+    """Return positions at the rate at which motions are compared, with short pauses, (M, n) [rad or m].
 
     Args:
         t: time, (N,) [s].
         q: positions, (N, n) [rad or m].
         rate: [Hz].
     """
-    limits.check("samples", (t[-1] - t[0]) * rate, "a log")
-    grid = np.arange(t[0], t[-1], 1.0 / rate)
+    pauses = samples_where(len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]) > PAUSE)
+    lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - PAUSE)])
+    ends = t[pauses + 1] - lost[1:]
+    limits.check("samples", (t[-1] - lost[-1] - t[0]) * rate, "a log")
+    grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / rate)
     found = np.empty((len(grid), q.shape[1]))
     for start in range(0, len(grid), TOGETHER):
         part = grid[start : start + TOGETHER]
+        part = part + lost[np.searchsorted(ends, part, side="right")]
         near = slice(max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1)
         found[start : start + TOGETHER] = np.column_stack([np.interp(part, t[near], column) for column in q[near].T])
         release()
@@ -65,20 +72,25 @@ def same_motion(one: Floats, other: Floats) -> bool:
     lags = np.arange(needed - len(b), len(a) - needed + 1)
     first = np.maximum(0, lags)
     count = np.minimum(len(a), lags + len(b)) - first
-    squares = _sums(a, first, count) + _sums(b, first - lags, count) - 2.0 * _products(a, b)[lags]
-    return bool(np.any(np.all(squares < ALIKE**2 * count[:, None], axis=1)))
+    for x, y in zip(a.T, b.T, strict=True):
+        squares = _sums(x, first, count) + _sums(y, first - lags, count) - 2.0 * _products(x, y)[lags]
+        alike = squares < ALIKE**2 * count
+        if not alike.any():
+            return False
+        lags, first, count = lags[alike], first[alike], count[alike]
+    return True
 
 
 def _sums(x: Floats, first: NDArray[np.intp], count: NDArray[np.intp]) -> Floats:
-    """Return sums of squares over so many rows from each place, (lags, n)."""
-    total = np.vstack([np.zeros(x.shape[1]), np.cumsum(x**2, axis=0)])
+    """Return sums of squares of one joint over so many rows from each place, (lags,)."""
+    total = np.concatenate([[0.0], np.cumsum(x**2)])
     return np.asarray(total[first + count] - total[first])
 
 
 def _products(a: Floats, b: Floats) -> Floats:
-    """Return sums of products of two motions by how many rows the second is moved, negative ones from the end."""
+    """Return sums of products of two motions of a joint by how many rows the second is moved, negative from the end."""
     size = len(a) + len(b)
-    return np.asarray(np.fft.irfft(np.fft.rfft(a, size, axis=0) * np.fft.rfft(b, size, axis=0).conj(), size, axis=0))
+    return np.asarray(np.fft.irfft(np.fft.rfft(a, size) * np.fft.rfft(b, size).conj(), size))
 
 
 def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:

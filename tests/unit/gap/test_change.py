@@ -92,8 +92,8 @@ def test_a_joint_is_called_worse_no_more_often_than_the_chance_says():
     chances = []
     for _ in range(2000):
         before, after = (np.convolve(rng.standard_normal(180), smooth, "valid")[:160] for _ in range(2))
-        chances.append(chance_of_growth(before, after, block))
+        chances.append(chance_of_growth((before, block), (after, block)))
     assert np.mean(np.array(chances) < 0.05) < 0.065
     grown = 1.5 * rng.standard_normal(160)
-    assert chance_of_growth(rng.standard_normal(160), grown, block) < 0.05
-    assert chance_of_growth(grown[:80], 2 * grown[:80], block[:80]) == 1.0
+    assert chance_of_growth((rng.standard_normal(160), block), (grown, block)) < 0.05
+    assert chance_of_growth((grown[:80], block[:80]), (2 * grown[:80], block[:80])) == 1.0

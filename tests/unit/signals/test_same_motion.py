@@ -44,3 +44,13 @@ def test_motions_are_compared_at_every_beginning():
         ]
         alike = [np.sqrt(np.mean(np.square(each), axis=0)) < 0.05 for each in overlaps if len(each) >= needed]
         assert same_motion(one, other) == any(map(np.all, alike))
+
+
+def test_a_pause_of_days_is_compared_as_a_short_one():
+    t = np.arange(0, 25.0, 0.005)
+    rest = np.where(t < 10.0, t, t + 1e6)
+    q = np.sin(np.outer(t, [0.7, 1.3]))
+    paused, short = sampled(rest, q), sampled(np.where(t < 10.0, t, t + 0.995), q)
+    assert same_motion(paused, short)
+    recorded = np.r_[0:49, 56 : len(short)]
+    np.testing.assert_allclose(paused[recorded], short[recorded], atol=1e-6)
