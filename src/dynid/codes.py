@@ -8,6 +8,7 @@ WARNINGS: dict[str, str] = {
     "W202": "A DH angle was within 1e-4 rad of a multiple of 15 degrees and was snapped to it.",
     "W203": "A key of the DH table was given by another usual name and understood.",
     "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
+    "W207": "A body of the robot file has an inertia that no distribution of mass has.",
     "W210": "The URDF leaves something open or wrong: no mass, an inertia of no body, joints on a link of the arm.",
     "W304": "The messages have no usable time stamps; the time of arrival in the bag is used.",
     "W305": "The bag was cut or not closed; what could be read was recovered.",

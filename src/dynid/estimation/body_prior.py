@@ -31,6 +31,9 @@ FOLLOWED = 0.5
 #: Share of the mean link's mass that a default cylinder gives for a ball of the mean link's extent: a cylinder as short
 #: as a small DH offset is no link.
 BALL = 0.1
+#: Second moment of a body along an axis, as a share of all of it, below which the body has no width there, and the same
+#: as a share of all of it about the frame's origin: what rounding leaves of a point.
+THIN, ROUNDED = 1e-6, 1e-12
 #: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
 #: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
 COUNTED = 0.5
@@ -54,6 +57,33 @@ def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
     ball += point[:, :, None] * point[:, None, :]
     prior = constraints.prior.copy()
     prior[constraints.bodies] = body_parameters((P + BALL * np.mean(mass) * ball) / (1.0 + BALL))
+    return replace(constraints, prior=prior)
+
+
+def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstraints:
+    """Return the constraints with a width for prior bodies that have none: point masses, thin rods, links without mass.
+
+    Mass and centre are often known where an inertia is not. Such a body is spread as its link's cylinder is, beside
+    what is given; a link without mass becomes a light cylinder.
+
+    Args:
+        constraints: those whose prior is made of given bodies.
+        shapes: pseudo-inertias of the links' cylinders, each for 1 kg, (L, 4, 4).
+    """
+    P = constraints.prior_pseudo_inertia.copy()
+    if not len(P):
+        return constraints
+    mass, about_origin = P[:, 3, 3].copy(), P[:, :3, :3]
+    com = P[:, :3, 3] / np.where(mass > 0.0, mass, 1.0)[:, None]
+    own = about_origin - mass[:, None, None] * com[:, :, None] * com[:, None, :]
+    least, every, whole = np.linalg.eigvalsh(own)[:, 0], *(np.trace(x, axis1=1, axis2=2) for x in (own, about_origin))
+    thin = np.abs(least) <= THIN * every + ROUNDED * whole
+    middle = shapes[:, :3, 3]
+    P[thin, :3, :3] += (mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :]))[thin]
+    light = mass == 0.0
+    P[light] += BALL * np.mean(mass) * shapes[light]
+    prior = constraints.prior.copy()
+    prior[constraints.bodies[thin | light]] = body_parameters(P[thin | light])
     return replace(constraints, prior=prior)
 
 

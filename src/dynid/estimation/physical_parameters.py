@@ -16,17 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical
-from dynid.estimation.body_prior import COUNTED, curvature, followed, likeliest_size, rounded
+from dynid.estimation.body_prior import COUNTED, curvature, followed, likeliest_size, rounded, widened
 from dynid.estimation.interior_point import Minimum, Objective, approach, minimise
 from dynid.estimation.physical_constraints import (
     PhysicalConstraints,
     basis,
     body_parameters,
     make_constraints,
+    pseudo_inertia,
     smallest_eigenvalues,
 )
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_vector
+from dynid.model.prior import link_cylinders, prior_vector
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -103,7 +104,11 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
         ratings=friction_ratings(base.robot),
     )
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
-    return found if base.robot.prior and base.robot.prior.links else rounded(found)
+    if not (base.robot.prior and base.robot.prior.links):
+        return rounded(found)
+    cylinders = np.array([shape.body(1.0 / shape.volume).parameters() for shape in link_cylinders(base.robot)])
+    links = [found.parameters[k].number - 1 for k in found.bodies[:, 0]]
+    return widened(found, pseudo_inertia(cylinders[links]))
 
 
 def friction_ratings(robot: Robot) -> dict[str, float]:

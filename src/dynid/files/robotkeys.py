@@ -39,6 +39,9 @@ from dynid.units import ANGLE, FACTORS
 SNAP_RAD = 1e-4
 SNAP_STEP = math.pi / 12
 
+#: Share of an inertia that rounding may have made too large: a thin rod has two moments that are equal, and none.
+ROUNDED_INERTIA = 1e-6
+
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 REQUIRED = "required"
@@ -368,6 +371,22 @@ def _inertia(value: Value, context: Context) -> tuple[float, ...]:
     return tuple(found[name].number() if name in found else 0.0 for name in INERTIA)
 
 
+def _body(value: Value, context: Context) -> Body:
+    """Read a body; say so where its inertia is one that no distribution of mass has (W207)."""
+    found = Body(**read_keys(value, BODY, context))
+    size = float(np.abs(found.inertia_com).max())
+    moments = np.linalg.eigvalsh(found.tensor / (size or 1.0))
+    if moments[0] + moments[1] - moments[2] < -ROUNDED_INERTIA:
+        shown = [float(f"{size * moment:.3g}") for moment in moments]
+        moments_text = ", ".join(f"{moment:g}" for moment in shown)
+        text = (
+            f"{value.where}: no body has this inertia_com: its principal moments are {moments_text} kg m^2, "
+            "and the largest is more than the other two together"
+        )
+        context.findings.append(Finding("W207", "warning", text, {"principal_moments": shown}))
+    return found
+
+
 VECTOR = several(NUMBER, 3)
 _NOISE = per_joint(positive(NUMBER, "it is a standard deviation in N m"), shared=True, nullable=True)
 _GAIN = per_joint(positive(NUMBER, "reverse a current with `sign:` under `driver:`"), shared=True, nullable=True)
@@ -471,8 +490,11 @@ BODY = (
     Key("mass", not_negative(NUMBER, " kg"), REQUIRED, "Mass.", "kg"),
     Key("com", VECTOR, "`[0, 0, 0]`", "Centre of mass in the DH frame of the link.", "m"),
     Key("inertia_com", Kind(f"mapping: {', '.join(INERTIA)}", _inertia), "0",
-        "Inertia about the centre of mass, axes of the DH frame of the link.", "kg m^2"),
+        "Inertia about the centre of mass, axes of the DH frame of the link. Before it is fitted, a link without width "
+        "(a point, a thin rod) is spread as a cylinder along its DH offset.", "kg m^2"),
 )  # fmt: skip
+
+A_BODY = Kind("mapping", _body, BODY)
 
 CYLINDERS = (
     Key("density", positive(NUMBER), "none", "Density of the cylinders; this or `mass`.", "kg/m^3"),
@@ -483,7 +505,7 @@ CYLINDERS = (
 PRIOR = (
     Key("cylinders", Kind("mapping", _cylinders, CYLINDERS), "none",
         "Uniform cylinders along the DH offsets (Paper Eq. 9); this or `links`."),
-    Key("links", Kind("list with one body per link", per_joint(mapping(BODY, Body)).read, BODY), "none",
+    Key("links", Kind("list with one body per link", per_joint(A_BODY).read, BODY), "none",
         "Bodies with numbers; this or `cylinders`."),
 )  # fmt: skip
 
@@ -543,7 +565,7 @@ ROBOT = (
     Key("simulator", Kind("mapping", _simulator, SIMULATOR), "none", "How the joint angles of a simulator become DH "
         "quantities."),
     Key("prior", Kind("mapping", read_prior, PRIOR), "none", "What is known of the links before measuring."),
-    Key("tool", mapping(BODY, Body), "none", "A body fixed to the last link.", nullable=True),
+    Key("tool", A_BODY, "none", "A body fixed to the last link.", nullable=True),
     Key("known", mapping(KNOWN, Known), "none", "Bounds that the full set keeps (see "
         "[consistency](../explanation/consistency.md))."),
     Key("controller", mapping(CONTROLLER, Controller), "none", "Position controller on the joint side, in DH "

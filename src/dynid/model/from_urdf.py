@@ -291,7 +291,8 @@ def _bodies(
     empty = [str(i) for i, body in enumerate(bodies, start=1) if not body.mass]
     if empty:
         text = (
-            f"the URDF has no mass for link {', '.join(empty)}: correct the prior before asking for feasible parameters"
+            f"the URDF has no mass for link {', '.join(empty)}: dynid starts from a light cylinder there; "
+            "give the prior a mass if you know one"
         )
         findings.append(Finding("W210", "warning", text, {"links": empty}))
     return tuple(bodies), findings
