@@ -5,8 +5,7 @@ history, the person who mounted the arm. That wander is not in the covariance of
 of one arm follow each other, arm by arm, and steadied by what the other arms do. A change is a step that neither
 explains.
 
-Source: Smyth 2004 (moderated t: variances of many small samples, empirical Bayes); Benjamini, Hochberg 1995; Benjamini,
-Bogomolov 2014 (families first, then their members); Hampel 1974 for single runs that are off; Simes 1986.
+Source: Hampel 1974 for single runs that are off; ``small_samples`` and ``many_tests`` name theirs.
 """
 
 from __future__ import annotations
@@ -17,6 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dynid.estimation.many_tests import selected
+from dynid.estimation.small_samples import moderated, prior_variance
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -232,45 +234,6 @@ def look_at(history: History, false_share: float = FALSE_SHARE) -> FleetFindings
     )
 
 
-# ---------------------------------------------------------------- many tests at once
-def benjamini_hochberg(p_values: Floats, share: float) -> Mask:
-    """Return which tests hold when an expected share of those that hold may be false; NaN never holds.
-
-    Why not scipy.stats, which has it since 1.11: its import takes half a second, longer than a fleet of a few arms.
-    """
-    flat = np.where(np.isnan(p_values), 2.0, p_values).ravel()
-    count = int(np.sum(flat <= 1.0))
-    order = np.argsort(flat, kind="stable")
-    below = np.flatnonzero(flat[order] <= share * np.arange(1, len(flat) + 1) / max(count, 1))
-    found = np.zeros(len(flat), dtype=bool)
-    if len(below):
-        found[order[: below[-1] + 1]] = True
-    return found.reshape(p_values.shape)
-
-
-def simes(p_values: Floats) -> Floats:
-    """Return the chance of each row, (A,), when none of its tests (A, P) has anything; NaN where it has no test."""
-    known = np.sum(~np.isnan(p_values), axis=1)
-    ordered = np.sort(np.where(np.isnan(p_values), np.inf, p_values), axis=1)
-    found = np.min(ordered / np.arange(1, p_values.shape[1] + 1), axis=1)
-    return np.where(known > 0, np.minimum(np.where(known > 0, found, 0.0) * known, 1.0), np.nan)
-
-
-def selected(p_values: Floats, share: float) -> Mask:
-    """Return which parameters of which arms have changed, (A, P).
-
-    Arms are selected first, so that the share of false ones holds for arms; the parameters of each are then tested as
-    strictly as the number of selected arms asks for.
-    """
-    arms = benjamini_hochberg(simes(p_values), share)
-    tested = max(1, int(np.sum(np.any(~np.isnan(p_values), axis=1))))
-    inside = share * arms.sum() / tested
-    found = np.zeros(p_values.shape, dtype=bool)
-    for a in np.flatnonzero(arms):
-        found[a] = benjamini_hochberg(p_values[a], inside)
-    return found
-
-
 # ---------------------------------------------------------------- one parameter of all arms
 def shortened(history: History) -> History:
     """Return a history of at most ``LONGEST`` points an arm: where there are more, neighbours are averaged."""
@@ -311,7 +274,7 @@ def _test(history: History, k: int) -> _Tested:
         p_value, scale, freedom = _judged(found)
         # Why twice: the most restless arms were left out for the sake of those that changed, which are known now.
         usual, left_out = ~(p_value < SUSPECT), 0.0
-    own = _moderated(found.rss - found.power, found.count - 2, scale, freedom)
+    own = moderated(found.rss - found.power, found.count - 2, scale, freedom)
     table = Wander(
         parameter=history.names[k],
         level=_median(found.level[found.count > 0]),
@@ -334,7 +297,7 @@ def _judged(found: _Steps) -> tuple[Floats, float, float]:
     usual = enough.copy()
     p_value, scale, freedom = np.full(len(enough), np.nan), 1.0, 0.0
     for _ in range(3):
-        scale, freedom = _prior_variance(found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1)
+        scale, freedom = prior_variance(found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1)
         p_value = np.where(enough, _chance(found, scale, freedom), np.nan)
         usual = enough & ~(p_value < SUSPECT)
     return p_value, scale, freedom
@@ -503,60 +466,16 @@ def _firm(step: Floats, rest: Floats, one: Floats, weight: Floats, lower: Floats
     return found, np.maximum(rr[:, 0] - (vr**2 / np.where(vv > 1e-12, vv, 1.0))[a, least] - found, 0.0)
 
 
-def _moderated(rss: Floats, freedom: NDArray[np.int64], scale: float, prior: float) -> Floats:
-    """Return each series' variance, its own steadied by that of the others."""
-    if np.isinf(prior):
-        return np.full(len(rss), scale)
-    return np.asarray((prior * scale + np.maximum(rss, 0.0)) / np.maximum(prior + np.maximum(freedom, 0), 1.0))
-
-
 def _chance(found: _Steps, scale: float, prior: float) -> Floats:
     """Return the chance of the best step of each series when nothing changed: Student's t, at most so many places."""
     from scipy import special
 
     freedom = np.maximum(found.count - 3, 0)
-    own = _moderated(found.firm_rest, freedom, scale, prior)
+    own = moderated(found.firm_rest, freedom, scale, prior)
     t = np.sqrt(found.firm / np.maximum(own, 1e-300))
     tail = 2.0 * special.stdtr(np.maximum(np.minimum(prior, 1e9) + freedom, 1.0), -t)
     side = np.where(found.count >= 2 * SIDE + 1, SIDE, 1)
     return np.asarray(np.minimum(1.0, np.maximum(found.count + 1 - 2 * side, 1) * tail))
-
-
-def _prior_variance(variances: Floats, freedom: NDArray[np.int64]) -> tuple[float, float]:
-    """Return what is usual among variances of small samples, and how many degrees of freedom knowing it is worth.
-
-    Source: Smyth 2004, section 6.2: moments of the logarithms.
-    """
-    from scipy import special
-
-    use = variances > 0
-    if use.sum() < 2:
-        return max(1.0, float(np.mean(variances)) if len(variances) else 1.0), 0.0
-    d = freedom[use].astype(float)
-    e = np.log(variances[use]) - special.digamma(d / 2) + np.log(d / 2)
-    excess = float(np.var(e, ddof=1) - np.mean(special.polygamma(1, d / 2)))
-    if excess <= 0:
-        return float(np.exp(np.mean(e))), float("inf")
-    half = _inverse_trigamma(excess)
-    return float(np.exp(np.mean(e) + special.digamma(half) - np.log(half))), 2.0 * half
-
-
-def _inverse_trigamma(x: float) -> float:
-    """Return y with trigamma(y) = x, by Newton steps on 1 / trigamma, which is nearly straight."""
-    from scipy import special
-
-    if x > 1e7:
-        return float(1.0 / np.sqrt(x))
-    if x < 1e-6:
-        return 1.0 / x
-    y = 0.5 + 1.0 / x
-    for _ in range(50):
-        value = float(special.polygamma(1, y))
-        step = value * (1.0 - value / x) / float(special.polygamma(2, y))
-        y += step
-        if -step / y < 1e-9:
-            break
-    return float(y)
 
 
 # ---------------------------------------------------------------- twins

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.fleet import History, benjamini_hochberg, look_at, simes
+from dynid.estimation.fleet import History, look_at
+from dynid.estimation.many_tests import benjamini_hochberg, simes
 
 #: Names, typical values and standard errors of a run: two inertial parameters, two of friction.
 NAMES = ("mcz2", "Iyy2", "fv1", "fc1")
