@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
-    from dynid.workflows.gap import Gap, GapOptions, earlier_logs, find_gap
+    from dynid.workflows.gap import earlier_logs, find_gap
+    from dynid.workflows.gap_options import GapOptions
+    from dynid.workflows.gap_result import Gap
     from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
     from dynid.workflows.logs import LogOptions, load_log
     from dynid.workflows.model import ModelOptions, base_model
@@ -49,8 +51,8 @@ _HOMES = {
     "BaseModel": "dynid.model.base_model",
     "ExportOptions": "dynid.workflows.export",
     "ExportedModel": "dynid.workflows.export",
-    "Gap": "dynid.workflows.gap",
-    "GapOptions": "dynid.workflows.gap",
+    "Gap": "dynid.workflows.gap_result",
+    "GapOptions": "dynid.workflows.gap_options",
     "Identification": "dynid.estimation.result",
     "IdentifyOptions": "dynid.workflows.identify",
     "Log": "dynid.log",

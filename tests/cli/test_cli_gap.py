@@ -144,7 +144,7 @@ def test_demo_names_what_can_be_hidden(dynid):
 
 def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed_files(tmp_path, monkeypatch):
     from dynid.files.robotfile import load_robot
-    from dynid.workflows.gap import robot_file_beside
+    from dynid.workflows.gap_result import robot_file_beside
 
     monkeypatch.chdir(tmp_path)
     assert robot_file_beside(load_robot("kuka_lwr4plus"), []).resolve() == tmp_path / "kuka_lwr4plus.yaml"

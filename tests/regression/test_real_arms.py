@@ -17,7 +17,8 @@ from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.prior import prior_parameters
 from dynid.robot import Body
-from dynid.workflows.gap import GapOptions, find_gap
+from dynid.workflows.gap import find_gap
+from dynid.workflows.gap_options import GapOptions
 from dynid.workflows.identify import IdentifyOptions, identify
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
 from dynid.workflows.validate import ValidateOptions, validate

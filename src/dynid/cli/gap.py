@@ -12,11 +12,11 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.text import shell
-from dynid.workflows.gap import GapOptions
+from dynid.workflows.gap_options import GapOptions
 
 if TYPE_CHECKING:
     from dynid.gap.record import GapEffect
-    from dynid.workflows.gap import Gap
+    from dynid.workflows.gap_result import Gap
 
 
 @dynid_command(
@@ -83,7 +83,8 @@ def run_gap(
         new_name: path of the copy of the robot file.
         plot: whether pictures are drawn.
     """
-    from dynid.workflows.gap import earlier_logs, find_gap, selection_options
+    from dynid.workflows.gap import earlier_logs, find_gap
+    from dynid.workflows.gap_options import selection_options
     from dynid.workflows.logs import load_log
     from dynid.workflows.results import base_model_of, load_run
 
@@ -109,7 +110,7 @@ def run_gap(
 
 def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None) -> list[Path]:
     """Write the copy of the robot file and the arm identified again with the effects."""
-    from dynid.workflows.gap import robot_file_beside
+    from dynid.workflows.gap_result import robot_file_beside
 
     assert gap.analysis is not None
     copy = new_name or robot_file_beside(gap.analysis.problem.base.robot, chosen)

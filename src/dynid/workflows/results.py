@@ -36,7 +36,7 @@ def load(path: Path | str) -> Any:  # noqa: ANN401
 
         return read_trajectory(path)
     if kind == "dynid/gap":
-        from dynid.workflows.gap import Gap
+        from dynid.workflows.gap_result import Gap
 
         return Gap.load(path)
     raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))

@@ -5,7 +5,7 @@ import pytest
 
 import twolink
 from dynid import GapOptions, IdentifyOptions, Log, find_gap, identify, load_robot
-from dynid.workflows.gap import Gap
+from dynid.workflows.gap_result import Gap
 
 SIZE = 0.4
 

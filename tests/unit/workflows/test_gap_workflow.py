@@ -11,7 +11,8 @@ from dynid import GapOptions, IdentifyOptions, Log, earlier_logs, find_gap, iden
 from dynid.cli.terminal import plain
 from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.robot import Known
-from dynid.workflows.gap import Gap, joint_indices
+from dynid.workflows.gap_options import joint_indices
+from dynid.workflows.gap_result import Gap
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0

@@ -1,0 +1,335 @@
+"""What a gap search found: tables, pictures, files, and the model with what was missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import WrongUsage
+from dynid.gap.record import GapEffect, GapRecord
+from dynid.log import Log
+from dynid.robot import EffectSpec, Robot
+from dynid.table import Table
+from dynid.workflows.gap_options import GapOptions, joint_indices
+from dynid.workflows.logs import condition_logs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from dynid.estimation.result import Identification
+    from dynid.gap.analysis import GapAnalysis
+
+#: What the verdicts mean.
+VERDICTS = {
+    "named": "named",
+    "nothing_missing": "nothing is missing",
+    "nothing_changed": "nothing has changed since the model was identified",
+    "unexplained": "something is missing that no effect of the catalogue explains",
+    "ambiguous": "fit equally well",
+}
+#: A joint with a larger share of the disagreement of all joints is told.
+TOLD_SHARE = 0.1
+
+
+@dataclass(frozen=True, repr=False)
+class Gap(GapRecord):
+    """What ``find_gap`` found.
+
+    Attributes:
+        analysis: the rows and the search; None when it was read from a file.
+        searched: the result that was searched; None when it was read from a file.
+        recordings: the recordings, checked; none when it was read from a file.
+        before: those that the result was identified from, where what has changed since was named.
+        signals: how they were read.
+    """
+
+    analysis: GapAnalysis | None = field(default=None, compare=False)
+    searched: Identification | None = field(default=None, compare=False)
+    recordings: tuple[Log, ...] = field(default=(), compare=False)
+    before: tuple[Log, ...] = field(default=(), compare=False)
+    signals: GapOptions = field(default=GapOptions(), compare=False)
+
+    @property
+    def noise_text(self) -> str:
+        """Where the noise floor comes from and what it allows for."""
+        return "; ".join(["from " + self.noise_from, *([self.noise_note] if self.noise_note else [])])
+
+    @property
+    def where_text(self) -> str:
+        """On which joints the disagreement is, and where in their motion."""
+        from dynid.gap.localisation import NEGLIGIBLE
+
+        loud = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
+        return "; ".join(
+            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
+            for one in sorted(loud, key=lambda one: -one.share)
+        ) or "no joint is above its noise floor"  # fmt: skip
+
+    @property
+    def verdict_text(self) -> str:
+        """The verdict in words."""
+        groups = [" or ".join([f"{one.effect} on {one.where}", *one.rivals]) for one in self.named if one.rivals]
+        return ": ".join([VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])])
+
+    def table(self) -> Table:
+        """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
+        rows = [
+            {
+                "effect": one.formula or one.effect,
+                "where": one.where,
+                "size": ", ".join(one.texts()),
+                "rms before": one.rms_before,
+                "rms after": one.rms_after,
+                "unit": one.unit,
+                "p-value": one.p_value,
+                "said": one.said,
+            }
+            for one in (*self.named, *self.closest, *self.formulas)
+        ]
+        return Table(rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice))
+
+    def joint_table(self) -> Table:
+        """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
+        held_out, rows = self.improvement, []
+        for j, name in enumerate(self.joint_names):
+            row = {
+                "joint": name,
+                "rms before": float(held_out.before[j]),
+                "rms after": float(held_out.after[j]),
+                "noise": float(held_out.floor[j]),
+                "unit": self.torque_units[j],
+            }
+            if len(self.simulation):
+                row |= {f"simulated {word}": float(self.simulation[k, j]) for k, word in enumerate(("before", "after"))}
+            rows.append(row)
+        return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
+
+    def summary(self) -> str:
+        """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
+        sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
+        sizes += [f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas]
+        lines = [
+            self.verdict_text,
+            *([self.asked] if self.asked else []),
+            *sizes,
+            f"where: {self.where_text}",
+            f"noise: {self.noise_text}",
+            self.advice,
+        ]
+        return "\n".join(lines)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the table of effects as a pandas DataFrame."""
+        return self.table().to_dataframe()
+
+    def __repr__(self) -> str:
+        """Return the table of effects as text."""
+        return repr(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_() + self.joint_table()._repr_html_()
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid gap`` says."""
+        from dynid.model.effects.catalogue import CATALOGUE
+
+        held_out = self.improvement
+        before, after = self.simulation if len(self.simulation) else (None, None)
+        return {
+            "schema": "dynid/gap/1",
+            "robot": self.robot,
+            "mode": self.mode,
+            "question": self.question,
+            "asked": self.asked,
+            "verdict": self.verdict,
+            "where": [
+                {"joint": self.joint_names[one.joint], "share": one.share, "region": one.text, "chi": one.chi}
+                for one in self.joints
+            ],
+            "named": [one.facts() for one in self.named],
+            "alternatives": [list(group) for group in self.alternatives],
+            "closest": [one.facts() for one in self.closest],
+            "formulas": [one.facts() for one in self.formulas],
+            "clues": list(self.clues),
+            "gap": {
+                "joints": list(self.joint_names),
+                "heldout_before_nm": held_out.before,
+                "heldout_after_nm": held_out.after,
+                "noise_floor_nm": held_out.floor,
+                "ratio_interval": held_out.ratio,
+                "simulation_before": before,
+                "simulation_after": after,
+                "heldout": self.heldout,
+                "noise_from": self.noise_from,
+            },
+            "not_repeatable": list(self.not_repeatable),
+            "cannot_judge": {
+                name: [self.joint_names[j] for j in joints]
+                for name, joints in self.cannot_judge.items()
+                if name in CATALOGUE
+            },
+            "advice": self.advice,
+        }
+
+    def save(self, path: Path | str) -> None:
+        """Write gap.npz."""
+        from dynid.gap.record import write_record
+
+        write_record(Path(path), self)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Gap:
+        """Read gap.npz; what is read prints as it did, and cannot be applied."""
+        from dynid.gap.record import read_record
+
+        return with_methods(read_record(Path(path)))
+
+    def plot_residual(self) -> Figure:
+        """Return a figure of residual over noise power of each joint, by speed, position, load, time and direction."""
+        from dynid.reports.gap_figures import residual_figure
+
+        return residual_figure(self.joints, self.joint_names, self.robot)
+
+    def plot_improvement(self) -> Figure:
+        """Return a figure of the held-out error of each joint before and after, with the noise."""
+        from dynid.reports.gap_figures import improvement_figure
+
+        title = f"{self.robot}: the gap on unseen data ({self.heldout})"
+        return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
+
+    def plot_effects(self) -> list[Figure]:
+        """Return a figure of each named effect and formula: unseen data without and with it, its curve in the data."""
+        from dynid.reports.gap_figures import effect_figure
+
+        return [effect_figure(one, curve, self.robot) for one, curve in self.drawn()]
+
+    def write_figures(self, folder: Path) -> list[Path]:
+        """Write the figures as PNG: where.png, shrink.png, and one of each named effect and formula."""
+        from dynid.reports.figures import write_figure
+
+        figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
+        for k, (figure, (one, _)) in enumerate(zip(self.plot_effects(), self.drawn(), strict=True), start=1):
+            figures[f"effect_{k}_{one.effect}"] = figure
+        return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
+
+    def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
+        """Return selected effects by name.
+
+        Args:
+            text: ``"best"`` for those that are named, or an identifier such as ``"spring"`` or ``"spring@7"``, with the
+                joint by name or number.
+
+        Raises:
+            WrongUsage: this was not found.
+        """
+        if text == "best":
+            return self.named
+        name, _, where = text.partition("@")
+        joints = joint_indices(self.joint_names, where, "--apply")
+        found = [
+            one
+            for one in self._selected()
+            if one.effect == name and (not joints or one.indices[:1] in [(j,) for j in joints])
+        ]
+        if not found:
+            there = [f"{one.effect}@{','.join(str(j + 1) for j in one.indices[:1])}" for one in self._selected()]
+            raise WrongUsage(f"--apply {text}: this was not found", why=f"found: {', '.join(there) or 'nothing'}")
+        return tuple(found)
+
+    def _selected(self) -> list[GapEffect]:
+        """Return all effects that were found, named or not, and formulas."""
+        return [*self.named, *self.closest, *self.formulas]
+
+    def apply(
+        self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
+    ) -> Identification:
+        """Return the arm identified again with effects, from the logs that were searched, as the result before it was.
+
+        Args:
+            effects: ``"best"`` for those that are named, a name such as ``"spring@7"``, or effects of this search.
+            robot_file: where a copy of the robot file with the effects is written; None writes none.
+
+        Raises:
+            WrongUsage: the search was read from a file, or there is nothing to add.
+        """
+        from dynid.gap.apply import specs_of, write_robot
+
+        analysis = self.analysis
+        if analysis is None:
+            raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
+        wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
+        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest), *analysis.wording.formulas)
+        chosen = [one for one in every if (one.name, one.joints) in wanted]
+        if not chosen:
+            raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")
+        robot = analysis.problem.base.robot
+        specs = specs_of(chosen, robot)
+        if robot_file is not None:
+            write_robot(robot, specs, Path(robot_file))
+        found = self._identified(specs)
+        header = {
+            **found.header,
+            "inputs": {f"log {k}": hashed for k, hashed in enumerate(found.log_sha256, start=1)},
+            "effects": [asdict(spec) for spec in specs],
+            "made_from": self.made_from,
+        }
+        path = None if robot_file is None else Path(robot_file)
+        return replace(found, robot=replace(found.robot, path=path), header=header)
+
+    def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
+        """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
+        from dynid.gap.analysis import on_one_clock
+        from dynid.gap.apply import stacked_with
+        from dynid.workflows.identify import IdentifyOptions, identify
+        from dynid.workflows.parameters import Observations
+
+        before, analysis = self.searched, self.analysis
+        assert before is not None
+        assert analysis is not None
+        late = self.signals.delay if any(spec.effect == "torque_delay" for spec in specs) else before.delay
+        signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
+        model, every = analysis.problem.base.model, (*self.before, *self.recordings)
+        logs = on_one_clock(condition_logs(self.recordings, model, signals))
+        earlier = condition_logs(self.before, model, replace(signals, delay=before.delay)) if self.before else []
+        base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta, earlier)
+        seen = Observations(
+            base=base,
+            stack=stack,
+            logs=tuple(str(log.source or "") for log in every),
+            log_sha256=tuple(log.sha256 for log in every),
+            delay=None,
+            applied_delay=late or 0.0,
+            findings=(),
+        )
+        asked = before.why == "as asked"
+        options = IdentifyOptions(
+            method=before.method if asked else "auto",
+            # Why not where the data contradicted every possible arm: with what was missing they may not any more.
+            feasible=True if before.in_force == "physical" else False if asked or before.choice == "as asked" else None,
+            # Why: an effect of one joint says nothing about how much is missing on the others.
+            residual_model=before.model_error is not None if before.in_force == "physical" else None,
+            drop_weak=True,
+        )
+        return identify(base.robot, seen, options, like=before)
+
+
+def with_methods(record: GapRecord, **more: Any) -> Gap:  # noqa: ANN401
+    """Return what a search found with the methods of ``Gap``; ``more`` are its attributes beyond the record's."""
+    return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, **more)
+
+
+def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
+    """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
+    import os
+
+    from dynid.files.robotfile import packaged
+    from dynid.gap.apply import new_name
+
+    shipped = packaged("robots").resolve()
+    folder = Path("robots") if Path("robots").is_dir() else Path()
+    if robot.path is not None and shipped not in robot.path.resolve().parents and os.access(robot.path.parent, os.W_OK):
+        folder = robot.path.parent
+    return folder / f"{new_name(robot, effects)}.yaml"
