@@ -49,6 +49,12 @@ PARTS = (
     "torque_crosstalk",
 )  # fmt: skip
 RESTS = ("odd_cross", "load_viscous", "sum_angle", "dead_band", "ringing")
+#: What old and new logs alike hold where nothing has changed: what goes on from one session to the next as it was.
+ALWAYS = tuple(
+    name
+    for name in (*hidden.CATALOGUE, *hidden.OUTSIDE)
+    if name not in ("warmup_friction", "torque_drift", "contacts", "wandering")
+)
 _MODELS = {}
 
 
@@ -118,6 +124,10 @@ def draw(set_name, k, seed=0):
         name = effects[k % len(effects)]
         changed = [(name if name != "none" else "torque_offset", joint)]
         return changed, 0.0 if name == "none" else max(size, 1.5), arm, "plain"
+    if set_name == "unchanged":
+        nothing = k % 2 == 0
+        name = "torque_offset" if nothing else ALWAYS[(k // 2) % len(ALWAYS)]
+        return [(name, joint)], 0.0 if nothing else max(size, 1.0), arm, "plain"
     names = [n for n in (*hidden.CATALOGUE, *LACKING) if set_name == "single" or n != "torque_delay"]
     first = names[k % len(names)] if set_name == "single" else str(rng.choice(names[:18]))
     if first == "motor_inertia":
@@ -150,7 +160,12 @@ def logs_of(effects, size, arm, seed, extra="plain", **options):
 def known_of(base, arm, seed):
     """Identify the arm from an earlier session of other motion without the change; return its logs too."""
     case = hidden.Case(arm, "torque_offset", 2, 0.0, seed + 77)
-    sources = sources_of(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base.model)
+    return identified(hidden.simulate(case, trajectories=2, plan_seed=seed + 5000), base)
+
+
+def identified(logs, base):
+    """Return the model that logs give, to be kept, and these as they are compared with later ones."""
+    sources = sources_of(logs, base.model)
     return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None)), sources
 
 
@@ -178,7 +193,11 @@ def run(set_name, k, seed=0):
     number = 10_000 + 97 * k + zlib.crc32(set_name.encode()) % 9973 + 1_000_003 * seed
     base = model_of(arm, effects[0] if effects[0][0] in LACKING else None)
     known, earlier = known_of(base, arm, number) if set_name == "changed" else (None, ())
-    logs, cases = logs_of(effects, size, arm, number, extra)
+    longer = {"trajectories": 5} if set_name == "unchanged" else {}
+    logs, cases = logs_of(effects, size, arm, number, extra, **longer)
+    if set_name == "unchanged":
+        # Why one session: what is hidden is then the same before and after, only the motion is another.
+        (known, earlier), logs = identified(logs[:4], base), logs[4:]
     if set_name == "crude":
         # Why the whole: which set is in force, and which questions are asked, is decided there.
         robot = crude(base.robot, arm, np.random.default_rng([number, 3]))
@@ -198,15 +217,16 @@ def run(set_name, k, seed=0):
         if len(cases) == 1 or set_name == "partial"
         else min(visible_alone(base, e, size, arm, number) for e in effects)
     )
+    changed = [] if set_name == "unchanged" else cases
     row = {
         "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
-        "truth": truth_of(cases, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
+        "truth": truth_of(changed, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
         "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
         "equals": [[[name, list(place)] for name, place in f.rivals] for f in seen.verdict.named],
         "sizes": [[f.name, list(f.joints), f.values, f.std_errors] for f in seen.verdict.named],
-        "true": [[*place, size] for place, size in zip(truth_of(cases, base.robot.n), map(hidden.sizes_of, visible_cases(cases)), strict=True)],
+        "true": [[*place, size] for place, size in zip(truth_of(changed, base.robot.n), map(hidden.sizes_of, visible_cases(changed)), strict=True)],
         "visible": float(size_seen), "joint": joint, "seconds": seconds,
         "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.wander.tolist()],
         "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
@@ -321,7 +341,7 @@ WORDS = (
 )
 SETS = {
     "clean": ((-1, 1e9),), "single": ((1, 1e9), (0.5, 1), (-1, 0.5)), "double": ((1, 1e9), (-1, 1)),
-    "changed": ((0.5, 1e9), (-1, 0.5)), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
+    "changed": ((0.5, 1e9), (-1, 0.5)), "unchanged": ((-1, 1e9),), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
     "crude": ((1, 1e9), (0.5, 1), (-1, 0.5)), "partial": ((-1, 1e9),), "counterbalance": ((-1, 1e9),),
 }  # fmt: skip
 #: Visible sizes over noise of an effect that is a part, without the rest: a cap on sizes leaves some that none can see.
@@ -432,7 +452,7 @@ def misses(rows):
     lines = ["Cases that were not exact:", "", "| set | hidden | visible | named | verdict |", "|---|---|---|---|---|"]
     for r in rows:
         if outcome(r) != "exact":
-            text = ", ".join(f"{n} on joint {j + 1}" for n, j in r["hidden"]) if r["set"] != "clean" else "nothing"
+            text = ", ".join(f"{n} on joint {j + 1}" for n, j in r["hidden"]) if r["size"] else "nothing"
             text += f" ({r['extra']})" if r["extra"] != "plain" else ""
             said = ", ".join(f"{n} {'-'.join(str(j + 1) for j in p)}" for n, p in r["named"]) or "-"
             lines.append(f"| {r['set']} | {text} | {r['visible']:.2f} | {said} | {r['verdict']} |")
