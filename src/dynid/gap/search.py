@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.gap.change import change_test
+from dynid.gap.late_torques import late_torques
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import (
@@ -96,9 +97,11 @@ def search_effects(
     if earlier and not problem.matched:
         then = make_problem(earlier, base, kept) if problem.change is None else earlier_rows(problem)
         before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
+    # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
+    guess = late_torques(problem) if problem.since else None
     for _ in range(MOST_SELECTIONS):
-        stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY)
-        late = stepwise.run()
+        stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY, late=guess)
+        late, guess = stepwise.run(), None
         if late is not None:
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late

@@ -81,6 +81,7 @@ class StepwiseSelection:
         progress: told how far the work is.
         explained_before: gain of each candidate in earlier logs, which is no evidence for a change.
         delay: whether a delay is tried.
+        late: a delay that was found by moving the torques, where that is of use.
     """
 
     def __init__(
@@ -91,10 +92,12 @@ class StepwiseSelection:
         explained_before: Mapping[Key, float],
         *,
         delay: bool,
+        late: SelectedEffect | None = None,
     ) -> None:
         self.problem, self.options, self.progress = problem, options, progress
         self.explained_before = explained_before
         self.wanted = [x for x in wanted_effects(problem, options) if delay or x[0].name != "torque_delay"]
+        self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.selected: list[SelectedEffect] = []
         self.barred: set[Key] = set()
         self.visibility: dict[Key, float] = {}
@@ -120,6 +123,8 @@ class StepwiseSelection:
             # Why only now: to make candidates again takes longer than all else, and most searches end here.
             if best is not None and (best.effect.needs_model or self.selected) and self._refreshed():
                 best = self._best()
+            if self.late is not None and self._passes(self.late) and (best is None or self.late.score > best.score):
+                best = self.late
             if best is None:
                 break
             if best.effect.name == "torque_delay":

@@ -1,0 +1,55 @@
+"""Torques that come late by much more than their slope can say."""
+
+import numpy as np
+import pytest
+
+from dynid.estimation.estimate import estimate
+from dynid.estimation.stack import stack_base
+from dynid.gap.analysis import analyse_gap
+from dynid.gap.late_torques import late_torques
+from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.stepwise_selection import SelectionOptions
+
+
+@pytest.fixture(scope="module")
+def old(twolinks):
+    return twolinks.logs(plans=(1, 2))
+
+
+@pytest.fixture(scope="module")
+def kept(twolinks, old):
+    return kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+
+
+@pytest.mark.parametrize("seconds", [0.23, -0.12])
+def test_torques_that_are_late_since_are_found_on_another_motion(twolinks, old, kept, seconds):
+    new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)
+    late = late_torques(make_problem(new, twolinks.base, kept, old))
+    assert late.test.amplitudes[0] == pytest.approx(seconds, abs=1e-3)
+    assert late.test.p_value < 1e-6
+
+
+def test_a_delay_that_its_slope_does_not_tell_is_named_with_its_size(twolinks, old, kept):
+    seconds = 0.18
+    new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)
+    seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
+    (one,) = seen.verdict.named
+    assert one.name == "torque_delay"
+    assert abs(one.values["delay"] - seconds) < 3 * one.std_errors["delay"] < 0.02
+
+
+def test_torques_in_time_stay_where_they_are(twolinks, old, kept, on_joint):
+    more = lambda t, q, qd, qdd: on_joint(1, 0.15 * np.tanh(qd[:, 1] / 0.01))  # noqa: E731
+    for added in (None, more):
+        new = twolinks.logs(added, plans=(5, 6), first=20)
+        assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
+
+
+def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, old, kept):
+    new = twolinks.logs(plans=(5, 6), repeats=1, first=20, delay=0.2)
+    problem = make_problem(new, twolinks.base, kept, old)
+    for s, rows in zip(problem.segments, problem.train, strict=True):
+        if s.fresh:
+            s.use[:] = False
+            rows[:] = False
+    assert late_torques(problem) is None
