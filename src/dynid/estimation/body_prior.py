@@ -64,7 +64,7 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     """Return the constraints with a width for prior bodies that have none: point masses, thin rods, links without mass.
 
     Mass and centre are often known where an inertia is not. Such a body is spread as its link's cylinder is, beside
-    what is given; a link without mass becomes a light cylinder.
+    what is given; a mass alone becomes that cylinder, and a link without mass a light one.
 
     Args:
         constraints: those whose prior is made of given bodies.
@@ -80,8 +80,9 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     thin = np.abs(least) <= THIN * every + ROUNDED * whole
     middle = shapes[:, :3, 3]
     P[thin, :3, :3] += (mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :]))[thin]
-    light = mass == 0.0
+    light, alone = mass == 0.0, (mass > 0.0) & (whole == 0.0)
     P[light] += BALL * np.mean(mass) * shapes[light]
+    P[alone] = mass[alone, None, None] * shapes[alone]
     prior = constraints.prior.copy()
     prior[constraints.bodies[thin | light]] = body_parameters(P[thin | light])
     return replace(constraints, prior=prior)

@@ -107,7 +107,7 @@ def test_the_prior_follows_half_way(constraints):
 
 
 def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
-    """A point mass, a rod along x, no mass, and a body as it was given."""
+    """A point mass, a rod along x, no mass, a mass alone, and a body as it was given."""
     k = constraints.bodies
     links = len(k)
     shape = np.zeros((links, 4, 4))
@@ -118,10 +118,11 @@ def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
     prior[k[0]] = Body(2.0, tuple(point)).parameters()
     prior[k[1]] = Body(3.0, tuple(rod), (0.0, 0.0, 0.0, 0.04, 0.0, 0.04)).parameters()
     prior[k[2]] = 0.0
+    prior[k[3]] = Body(1.5).parameters()
     before = replace(constraints, prior=prior)
     found = widened(before, shape)
     assert np.all(smallest_eigenvalues(found.prior[found.bodies]) > 0.0)
-    np.testing.assert_array_equal(found.prior[k[3:]], prior[k[3:]])
+    np.testing.assert_array_equal(found.prior[k[4:]], prior[k[4:]])
     np.testing.assert_allclose(found.prior[k[:2, :4]], prior[k[:2, :4]])
     # A ball of that spread has the inertia 2 * m * r^2 / 4 about its centre.
     added = Body(2.0, tuple(point), (0.5 * 2.0 * radius**2, 0, 0, 0.5 * 2.0 * radius**2, 0, 0.5 * 2.0 * radius**2))
@@ -129,6 +130,7 @@ def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
     mass = found.prior[k[2, 0]]
     assert 0.0 < mass < 0.2 * prior[k[:, 0]].max()
     np.testing.assert_allclose(found.prior[k[2, 1:4]], mass * middle)
+    np.testing.assert_allclose(found.prior[k[3, :4]], 1.5 * np.append(1.0, middle), atol=1e-15)
 
 
 def test_a_body_that_cannot_exist_stays_as_it_is(constraints):
