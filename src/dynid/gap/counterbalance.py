@@ -6,13 +6,15 @@ error of torques tells them apart, however large it is. What links cost that car
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.estimation.physical_parameters import fit_sized
 from dynid.gap.possible_arm import (
+    COUNTERBALANCE,
     LEAST_GAIN,
     MASSES,
     PossibleArm,
@@ -23,8 +25,20 @@ from dynid.gap.possible_arm import (
 )
 from dynid.gap.problem import GapProblem, with_misfit_of_numbers
 from dynid.gap.selected_effects import SelectedEffect, with_selected
+from dynid.gap.significance import Key, whitened_columns
+from dynid.gap.stepwise_selection import EQUAL
+from dynid.gap.verdict import judge
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.interface import Floats
+
+if TYPE_CHECKING:
+    from dynid.gap.analysis import GapAnalysis
+
+#: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
+LOOKALIKES = ("torque_offset", "spring", "end_stop")
+#: Share of what one of these brings possible links, from which a counterbalance is as good: a cylinder on a crank
+#: is no pure wave, and a curve with one number more comes a few percent nearer.
+AS_GOOD = 0.95
 
 
 @dataclass(frozen=True)
@@ -37,6 +51,8 @@ class Suspicion:
         least: the same, the least over heavier links too.
         link: number of the link whose mass it changes most.
         masses: of that link without and with the counterbalance [kg].
+        instead: the effect that was named on this joint and brings as much, or little more; None for none.
+        beaten: whether that one is clearly worse.
     """
 
     joint: int
@@ -44,6 +60,8 @@ class Suspicion:
     least: float
     link: int
     masses: tuple[float, float]
+    instead: Key | None = None
+    beaten: bool = False
 
     @property
     def sure(self) -> bool:
@@ -58,16 +76,72 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
         problem: a search of what no numbers absorb.
         selected: effects that it found.
     """
-    regression = with_selected(with_misfit_of_numbers(problem).regression(), selected)
-    arm = possible_arm(regression, problem.base)
-    found = []
+    bare = with_misfit_of_numbers(problem).regression()
+    found = _suspected(with_selected(bare, selected), problem)
+    for one in selected:
+        # Why without it: beside what carries the weight in its stead, no links are odd.
+        if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in found}:
+            found += _instead(bare, problem, one, [other for other in selected if other is not one])
+    return found
+
+
+def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Suspicion]:
+    """Return the joints that are likely to have a counterbalance beside the effects of a regression."""
+    arm, found = possible_arm(regression, problem.base), []
     for joint, one in imitated_counterbalances(regression, problem.base).items():
-        price = len(one[joint]) * float(np.log(sum(len(e) for e in regression.fit.e)))
+        price = _price(regression, one)
         gain = least_gain(regression, arm, one, MASSES[:1]) - price
         if gain >= LEAST_GAIN:
             least = least_gain(regression, arm, one) - price
             found.append(Suspicion(joint, gain, least, *_carrier(regression, arm, one)))
     return found
+
+
+def _instead(
+    bare: WhitenedRegression, problem: GapProblem, one: SelectedEffect, others: Sequence[SelectedEffect]
+) -> list[Suspicion]:
+    """Return the joint of an effect where a counterbalance is sure without it, and brings possible links as much.
+
+    Args:
+        bare: the rows, without effects.
+        problem: what was searched.
+        one: an effect that looks like what is left of a counterbalance.
+        others: the other effects.
+    """
+    regression = with_selected(bare, others)
+    found = [each for each in _suspected(regression, problem) if each.joint == one.joints[0] and each.sure]
+    if not found:
+        return []
+    made = whitened_columns(regression, one.effect, one.joints, [one.shape])
+    columns = {j: C[0] for j, C in made.items()}
+    own = least_gain(regression, possible_arm(regression, problem.base), columns, MASSES[:1])
+    own -= _price(regression, columns)
+    return [
+        replace(each, instead=one.key, beaten=each.gain > own + EQUAL) for each in found if each.gain >= AS_GOOD * own
+    ]
+
+
+def _price(regression: WhitenedRegression, one: EffectColumns) -> float:
+    """Return what the freedom of an effect costs (BIC)."""
+    return len(next(iter(one.values()))) * float(np.log(sum(len(e) for e in regression.fit.e)))
+
+
+def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis:
+    """Return an analysis whose counterbalances are told with what fits as well in their stead.
+
+    Args:
+        analysis: what was found.
+        rivals: effect and joint that fits as well as the counterbalance of a joint.
+    """
+    effects = tuple(
+        replace(one, rivals=(*one.rivals, rivals[one.joints[0]]))
+        if one.name == COUNTERBALANCE and one.joints[0] in rivals
+        else one
+        for one in analysis.effects
+    )
+    names = analysis.problem.base.robot.joint_names
+    verdict = judge(analysis.search, effects, analysis.verdict.closest, names)
+    return replace(analysis, effects=effects, verdict=verdict)
 
 
 def _carrier(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns) -> tuple[int, tuple[float, float]]:

@@ -29,8 +29,6 @@ EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
 #: of eight minutes take half a gigabyte.
 LONGEST = 480.0
-#: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
-LOOKALIKES = ("torque_offset", "spring", "end_stop")
 #: A link that would be so many times as heavy is told.
 TOLD_MASS = 2.0
 
@@ -200,7 +198,7 @@ class _Search:
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
-        from dynid.gap.counterbalance import suspicions
+        from dynid.gap.counterbalance import LOOKALIKES, suspicions, with_rivals
         from dynid.gap.possible_arm import COUNTERBALANCE
 
         # Why once: both questions filter the same logs alike.
@@ -222,7 +220,9 @@ class _Search:
         also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
         odd = self.ask("arm", logs, (), why, also, conditioned, words=False)
         if any(one.effect == COUNTERBALANCE for one in odd.named):
-            return self._in_words(odd)
+            assert odd.analysis is not None
+            equal = {one.joint: one.instead for one in suspected if one.instead is not None and not one.beaten}
+            return self._in_words(replace(odd, analysis=with_rivals(odd.analysis, equal)))
         return replace(self._in_words(found), asked=f"{why} {_not_told(suspected, odd)}")
 
 
