@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.machinery
-import logging
 import os
-import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -112,6 +110,8 @@ def ping_master(uri: str, patience: float = PATIENCE) -> str:
     """
 
     def connect() -> str:
+        import socket  # here and below: what only reads recordings asks no master
+
         try:
             place = urlsplit(uri)
             where = (place.hostname or "", place.port or 11311)
@@ -215,6 +215,8 @@ def _environment(uri: str, address: str) -> None:
 
 def _silence() -> None:
     """Keep ROS from writing to stdout, which belongs to the answer."""
+    import logging
+
     for name in ("rosout", "rospy", "rospy.internal"):
         logger = logging.getLogger(name)
         for handler in list(logger.handlers):

@@ -8,14 +8,17 @@ log excites is another. Columns are normalised first; without that slow motions 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import ReductionsDisagree
-from dynid.model.exact import ExactReduction, reduce_exactly, relation_text
 from dynid.model.regressor import Model
 from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.model.exact import ExactReduction
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -192,6 +195,8 @@ def base_parameters(model: Model, *, samples: int = 200, seed: int = 0, toleranc
     Raises:
         ReductionsDisagree: when the two methods differ.
     """
+    from dynid.model.exact import reduce_exactly  # here and below: a model that is at hand needs no derivation
+
     svd = reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance)
     return with_added(confirmed(reduce_exactly(model), svd), model)
 
@@ -209,6 +214,8 @@ def confirmed(exact: ExactReduction, svd: Reduction) -> Reduction:
     Raises:
         ReductionsDisagree: when rank, representatives or classes differ.
     """
+    from dynid.model.exact import relation_text
+
     require_agreement(exact, svd)
     return Reduction(
         names=exact.names,

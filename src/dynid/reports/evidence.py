@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,10 @@ from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack
-from dynid.gap.record import GapRecord, read_record
 from dynid.robot import Robot
+
+if TYPE_CHECKING:
+    from dynid.gap.record import GapRecord
 
 Floats = NDArray[np.float64]
 
@@ -64,6 +67,8 @@ class Evidence:
 
 def gather(result: Identification) -> Evidence:
     """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
+    from dynid.gap.record import read_record  # here: most results have no gap beside them
+
     if not result.path.name:
         if result.stack is None:
             return Evidence(result)
