@@ -33,6 +33,8 @@ from dynid.scratch import prefix, sweep
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
 COMPRESSED_BYTES = 4 << 20
+#: Of an array beyond so many bytes a part is packed first: where that saves less than a tenth, nothing is.
+TRIED_BYTES, SAVES = 1 << 16, 0.9
 #: What is read or written of a member at once.
 PIECE_BYTES = 4 << 20
 #: Larger members need the long form of a zip archive.
@@ -111,7 +113,16 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
                 continue
             buffer = io.BytesIO()
             np.lib.format.write_array(buffer, np.asanyarray(array), allow_pickle=False)
-            archive.writestr(info, buffer.getbuffer(), zipfile.ZIP_DEFLATED, 1)
+            content = buffer.getbuffer()
+            method = zipfile.ZIP_DEFLATED if _packs(content) else zipfile.ZIP_STORED
+            archive.writestr(info, content, method, 1)
+
+
+def _packs(content: memoryview) -> bool:
+    """Return whether packing saves anything worth its time: the digits of measurements are noise."""
+    middle = len(content) // 2
+    tried = content[middle : middle + TRIED_BYTES // 8]
+    return len(content) <= TRIED_BYTES or len(zlib.compress(tried, 1)) < SAVES * len(tried)
 
 
 def _write_long(stream: IO[bytes], array: NDArray[Any]) -> None:

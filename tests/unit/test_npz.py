@@ -99,3 +99,14 @@ def test_long_arrays_are_written_in_pieces_as_numpy_writes_them_whole(tmp_path, 
         for name in LONG:
             if LONG[name].ndim:
                 assert own.read(f"{name}.npy") == theirs.read(f"{name}.npy")
+
+
+def test_only_what_gets_smaller_is_packed(tmp_path):
+    path, noise = tmp_path / "log.npz", np.random.default_rng(0).standard_normal(20_000)
+    arrays = {"noise": noise, "few": noise[:100], "rounded": np.round(noise, 2)}
+    write_npz(path, {}, arrays)
+    with zipfile.ZipFile(path) as archive:
+        packed = {member.filename: member.compress_type == zipfile.ZIP_DEFLATED for member in archive.infolist()}
+    assert packed == {"header.npy": True, "noise.npy": False, "few.npy": True, "rounded.npy": True}
+    found = read_npz(path)
+    assert all(np.array_equal(found[name], array) for name, array in arrays.items())
