@@ -54,12 +54,13 @@ def hac_covariance(
     robust: bool = False,
     bread: Floats | None = None,
     basis: Floats | None = None,
+    of: Sequence[int] | None = None,
 ) -> Floats:
     """Return the covariance of an estimate, allowing for coloured residuals, (p, p) in squared units of theta.
 
     Arguments as for ``hac_covariances``; of a short log the corrected one.
     """
-    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread, basis=basis)[0]
+    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread, basis=basis, of=of)[0]
 
 
 def hac_covariances(
@@ -71,6 +72,8 @@ def hac_covariances(
     robust: bool = False,
     bread: Floats | None = None,
     basis: Floats | None = None,
+    of: Sequence[int] | None = None,
+    corrected: bool = True,
 ) -> tuple[Floats, Floats]:
     """Return the covariance of an estimate, allowing for coloured residuals, and without correction for short logs.
 
@@ -82,6 +85,8 @@ def hac_covariances(
         robust: whether the estimate had Huber weights.
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
         basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
+        of: numbers of the parameters whose covariance is wanted, k of them instead of p; None for all.
+        corrected: whether the correction is wanted at all; without, the first covariance is the second.
     """
     given = theta if basis is None else basis @ theta
     sensitivity = np.zeros((len(given), len(given)))
@@ -111,9 +116,10 @@ def hac_covariances(
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
-    covariance = uncorrected = np.asarray(bread @ long_run_variance(series, lags) @ bread.T)
-    if instants <= SHORT:
-        factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags)
+    wanted = bread if of is None else bread[of]
+    covariance = uncorrected = np.asarray(wanted @ long_run_variance(series, lags) @ wanted.T)
+    if corrected and instants <= SHORT:
+        factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags, of)
         covariance = covariance * np.outer(factor, factor)
     return covariance, uncorrected
 
@@ -204,7 +210,9 @@ def automatic_lags(series: Sequence[Floats]) -> int:
 
 
 # ---------------------------------------------------------------- short logs
-def short_log_factor(segments: Sequence[ObservationRows], bread: Floats, noise: Floats, lags: int) -> Floats:
+def short_log_factor(
+    segments: Sequence[ObservationRows], bread: Floats, noise: Floats, lags: int, of: Sequence[int] | None = None
+) -> Floats:
     """Return the factor on each standard error after which 1.96 of them are a 95 % interval, (p,).
 
     A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. In 10 s of a
@@ -217,6 +225,7 @@ def short_log_factor(segments: Sequence[ObservationRows], bread: Floats, noise: 
         bread: sensitivity of the estimate to the scores, (p, p).
         noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
         lags: memory that the covariance allows for, in samples.
+        of: numbers of the parameters whose factors are wanted; None for all.
     """
     instants = sum(len(rows.tau) for rows in segments)
     draws = int(np.clip(WORK // max(instants, 1), FEWEST, MOST))
@@ -228,8 +237,9 @@ def short_log_factor(segments: Sequence[ObservationRows], bread: Floats, noise: 
         for rows, kernel in zip(segments, kernels, strict=True)
     ]
     error = np.sum([np.tensordot(one, e, ((0, 2), (0, 1))) for one, e in zip(influences, drawn, strict=True)], axis=0)
-    true, judged = np.zeros(len(bread)), np.zeros((len(bread), draws))
-    for rows, influence, kernel, e in zip(segments, influences, kernels, drawn, strict=True):
+    wanted = influences if of is None else [influence[:, of] for influence in influences]
+    true, judged = np.zeros(wanted[0].shape[1]), np.zeros((wanted[0].shape[1], draws))
+    for rows, influence, kernel, e in zip(segments, wanted, kernels, drawn, strict=True):
         true += _variance(influence, kernel)
         left = (e - rows.W @ error / noise[:, None]) * rows.mask[:, :, None]
         width = min(lags + 1, len(left))

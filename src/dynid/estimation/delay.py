@@ -78,7 +78,7 @@ def estimate_delay(stack: Stack) -> Delay:
     seen = zip(factors, *_products(stack, slopes), strict=True)
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
     found = weighted(np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts)
-    variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)[-1, -1]
+    variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1])[0, 0]
     return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
 
 

@@ -191,7 +191,7 @@ def estimate(
         in_force, choice = _in_force(stack, method, plain, post, judged)
     physical = in_force == "physical"
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
-    cost = uncertainty(base, plain.covariance, post.theta)
+    cost = uncertainty(base, stack.observer, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
@@ -274,7 +274,7 @@ def _held_out(
     base: BaseModel, holdout: HoldOut, prior: Floats, method: str, post: Posterior
 ) -> dict[str, tuple[Floats, float]]:
     """Return the errors of each set on the held-out rows, fitted without them."""
-    fit = METHODS[method](holdout.train, prior, controller_of(base))
+    fit = METHODS[method](holdout.train, prior, controller_of(base), corrected=False)
     again = physical_posterior(base, fit, holdout.train, residual_model=post.error is not None, like=post.error)
     sets = _sets(base, fit, again)
     return {

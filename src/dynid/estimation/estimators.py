@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.estimation.closed_loop import simulated
 from dynid.estimation.covariance import hac_covariance, hac_covariances
 from dynid.estimation.instrumental import instrumental
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, weighted
@@ -26,7 +26,6 @@ from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
-Estimator = Callable[[Stack, Floats, Controller | None], Fit]
 
 #: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
 #: largest of its kind: published inertias of one arm differ by as much from each other.
@@ -36,25 +35,41 @@ IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
 DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
 
 
-def ols(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+class Estimator(Protocol):
+    """From rows to parameters with error bars."""
+
+    def __call__(
+        self, stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+    ) -> Fit:
+        """Return the fit.
+
+        Args:
+            stack: the stacked logs.
+            prior: the prior's base parameters, (p,), NaN where it says nothing.
+            controller: position controller that followed the commands, where it is known.
+            corrected: whether anybody asks for error bars that hold in a short log.
+        """
+
+
+def ols(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Ordinary least squares, the paper's choice (Eq. 24)."""
-    return _with_covariance(stack, ordinary(*stack.whole), stack)
+    return _with_covariance(stack, ordinary(*stack.whole), stack, corrected=corrected)
 
 
-def wls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def wls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
     fit = weighted(stack.reversals.factors(factors) if stack.reversals else factors, counts)
-    return _with_covariance(stack, fit, _whitened(stack))
+    return _with_covariance(stack, fit, _whitened(stack), corrected=corrected)
 
 
-def irls(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def irls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
     rows = _whitened(stack)
-    return _with_covariance(stack, huber(rows, weighted(*stack.whole)), rows, robust=True)
+    return _with_covariance(stack, huber(rows, weighted(*stack.whole)), rows, robust=True, corrected=corrected)
 
 
-def iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
     if not stack.commanded:
         raise WrongUsage(
@@ -64,7 +79,7 @@ def iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit
     return instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
 
 
-def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Instrumental variables from the arm simulated under its controller.
 
     The simulated motion follows the measured one more closely than the command does, where friction or gravity make the
@@ -80,7 +95,7 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None) -
     return replace(fit, method="idim-iv")
 
 
-def didim(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Direct and inverse model: the torques of the arm simulated under its controller are fitted to the measured ones.
 
     Measured positions take no part, so their noise cannot bias anything; wrong gains can. The simulated motion hardly
@@ -101,15 +116,14 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None) -> 
     return replace(fit, method="didim")
 
 
-def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None) -> Fit:
+def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
     spread = np.maximum(RIDGE_SPREAD * np.abs(known), RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
     return ridge(*stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
 
 
-#: The estimators by name. Each takes the stacked logs, the prior's base parameters (p,), NaN where it says nothing,
-#: and the position controller that followed the commands, where it is known.
+#: The estimators by name.
 METHODS: dict[str, Estimator] = {
     "wls": wls,
     "ols": ols,
@@ -138,7 +152,9 @@ def choose(stack: Stack) -> tuple[str, str]:
     return "wls", "no commanded motion in the log and no spikes in the residual"
 
 
-def _with_covariance(stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *, robust: bool = False) -> Fit:
+def _with_covariance(
+    stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *, robust: bool = False, corrected: bool = True
+) -> Fit:
     """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
     fit = replace(fit, factors=factors, counts=counts)
@@ -148,7 +164,9 @@ def _with_covariance(stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *,
     open_ = fit.solution.rank < len(fit.theta)
     same = rows is stack and not robust and not stack.commanded
     bread = fit.solution.inverse if open_ or same else None
-    covariance, uncorrected = hac_covariances(rows, fit.theta, fit.noise, robust=robust, bread=bread)
+    covariance, uncorrected = hac_covariances(
+        rows, fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
+    )
     return replace(fit, covariance=fit.solution.inverse if open_ else covariance, uncorrected=uncorrected)
 
 
@@ -180,6 +198,8 @@ def _simulation(stack: Stack, controller: Controller | None, method: str) -> Cal
             f"--method {method} needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
+    from dynid.estimation.closed_loop import simulated  # here: the usual estimator simulates nothing
+
     return lambda theta: simulated(stack, theta, controller)
 
 

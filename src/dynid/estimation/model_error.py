@@ -59,6 +59,8 @@ BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
 STEPS = 40
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
 WANTED = 4.0
+#: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
+SINGULAR = 1e-5
 #: Random states inside the limits over which the columns are made orthogonal to the parameters.
 STATES = 1500
 #: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
@@ -321,7 +323,7 @@ def whitened_rows(
     counts = np.maximum(stack.whole[1], 1)
     scale = np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None]
     scale = np.where(scale > 1e-9, scale, 1.0)  # a joint without rows has no columns of unit size
-    projection = _projection(base, speed, reference, scale)
+    projection = _projection(base, stack.observer, speed, reference, scale)
     weight = 1.0 / (noise * np.sqrt(inflation))
     factors = _changed(factors, scale, projection) * weight[:, None, None]
     return Whitened(factors, noise, inflation, speed, reference, scale, projection, np.zeros_like(scale))
@@ -380,14 +382,13 @@ def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
     return found
 
 
-def _projection(base: BaseModel, speed: Floats, reference: Floats, scale: Floats) -> Floats:
+def _projection(base: BaseModel, observer: Observer, speed: Floats, reference: Floats, scale: Floats) -> Floats:
     """Regress the columns on the parameters over random states inside the limits, (n, p, k).
 
     Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
     with the speed of another motion without bounds.
     """
     q, qd, qdd = random_states(base.robot, np.maximum(speed, exciting_speed(base.robot)))
-    observer = base.model.observer(base.reduction.base)
     W = observer.dense(q, qd, qdd)
     D = shapes_of(q, qd, observer.coulomb_sign(qd), speed)
     D[:, :, -1] *= np.abs(W @ reference)
@@ -441,37 +442,43 @@ def _log_evidence(
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
     """
-    k, log, parts = rows.k, 0.0, []
-    information: Floats | float = 0.0
-    for G, sd in zip(gram, np.sqrt(rows.variances(size)) * rows.noise[:, None], strict=True):
-        L = np.linalg.cholesky(sd[:, None] * G[:k, :k] * sd + np.eye(k))
-        log -= float(np.sum(np.log(np.diagonal(L))))
-        part = np.linalg.solve(L, sd[:, None] * G[:k, k:])
-        information = information + G[k:, k:] - part.T @ part
-        parts.append((L, part))
-    S = np.asarray(information)
+    k, sd = rows.k, np.sqrt(rows.variances(size)) * rows.noise[:, None]
+    # Why in units of sd: there b has the covariance (L L^T)^-1 for given theta.
+    L = np.linalg.cholesky(sd[:, :, None] * gram[:, :k, :k] * sd[:, None] + np.eye(k))
+    inverse = np.linalg.inv(L)
+    part = inverse @ (sd[:, :, None] * gram[:, :k, k:])
+    S = np.sum(gram[:, k:, k:], axis=0) - np.tensordot(part, part, ((0, 1), (0, 1)))
     Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
     theta = K @ x
     gradient = K.T @ (St - Sw @ theta)
     rest = total - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
     H = K.T @ Sw @ K + prior
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    # Why eigenvalues: noise-free rows make H singular in double precision.
-    value, vector = np.linalg.eigh(scale[:, None] * H * scale)
+    root, volume = _inverse_root(scale[:, None] * H * scale)
+    weights = root.T @ (scale * gradient)
+    evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
+    evidence -= float(np.sum(np.log(np.diagonal(L, axis1=1, axis2=2))))
+    root = K @ (scale[:, None] * root)
+    best = theta + root @ weights
+    by = inverse.swapaxes(1, 2) @ part
+    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum(inverse**2, axis=1)
+    squares += np.sum((by[:, :, :-1] @ root) ** 2, axis=2)
+    counted = np.where(rows.free > 0.0, 0.0, squares - 1.0)
+    return evidence, np.asarray(0.5 * np.bincount(GROUPS, counted.sum(axis=0), minlength=len(size)))
+
+
+def _inverse_root(H: Floats) -> tuple[Floats, float]:
+    """Return B with B B^T = H^-1, (c, c), and the logarithm of its determinant, of H with a diagonal of ones."""
+    try:
+        lower = np.linalg.cholesky(H)
+        if np.min(np.diagonal(lower)) > SINGULAR:
+            return np.asarray(np.linalg.inv(lower).T), -float(np.sum(np.log(np.diagonal(lower))))
+    except np.linalg.LinAlgError:
+        pass
+    # Why eigenvalues, which take ten times as long: noise-free rows make H singular in double precision.
+    value, vector = np.linalg.eigh(H)
     value = np.maximum(value, 1e-14)
-    weights = vector.T @ (scale * gradient)
-    half = 0.5 * float(np.sum(np.log(value)) - 2.0 * np.sum(np.log(scale)))
-    evidence = -0.5 * (rest - float(np.sum(weights**2 / value))) + log - half
-    best = theta + K @ (scale * (vector @ (weights / value)))
-    root = K @ (scale[:, None] * vector / np.sqrt(value))
-    slope = np.zeros(len(size))
-    for (L, part), free in zip(parts, rows.free, strict=True):
-        # Why in units of sd: there b has the covariance (L L^T)^-1 for given theta.
-        by = np.linalg.solve(L.T, part)
-        squares = (by[:, -1] - by[:, :-1] @ best) ** 2 + np.sum(np.linalg.inv(L) ** 2, axis=0)
-        squares += np.sum((by[:, :-1] @ root) ** 2, axis=1)
-        slope += 0.5 * np.bincount(GROUPS, np.where(free > 0.0, 0.0, squares - 1.0))
-    return evidence, slope
+    return np.asarray(vector / np.sqrt(value)), -0.5 * float(np.sum(np.log(value)))
 
 
 def model_error(

@@ -35,6 +35,7 @@ from dynid.estimation.physical_constraints import PhysicalConstraints
 from dynid.estimation.physical_parameters import PhysicalParameters, constraints_of, fit_sized
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
+from dynid.model.regressor import Observer
 
 Floats = NDArray[np.float64]
 
@@ -247,7 +248,7 @@ def expected_error(
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
     noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else BEYOND)
-    observer = base.model.observer(base.reduction.base)
+    observer = stack.observer
     q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)
     tau = W @ theta
@@ -265,15 +266,16 @@ def expected_error(
     )
 
 
-def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float:
+def uncertainty(base: BaseModel, observer: Observer, covariance: Floats, reference: Floats) -> float:
     """Return the torque error on an exciting motion that uncertain parameters cost [%], whatever the base columns are.
 
     Args:
         base: model and base parameters.
+        observer: evaluator of the base columns.
         covariance: of the parameters, (p, p).
         reference: possible parameters, whose torques on that motion are 100 %, (p,).
     """
-    W = base.model.observer(base.reduction.base).dense(*exciting_states(base, FEW_STATES))
+    W = observer.dense(*exciting_states(base, FEW_STATES))
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 

@@ -6,6 +6,7 @@ import pytest
 from dynid.estimation.covariance import (
     automatic_lags,
     hac_covariance,
+    hac_covariances,
     judge,
     long_run_variance,
     short_log_factor,
@@ -123,3 +124,20 @@ def test_judgement_separates_unknown_from_known_to_be_zero():
         "negligible",
         "not determined",
     )
+
+
+def test_some_parameters_have_the_covariance_that_they_have_among_all():
+    rows = recording(3, 0.8)
+    fit = weighted(*joint_factors([rows]))
+    whole = hac_covariance([rows], fit.theta, fit.noise)
+    some = hac_covariance([rows], fit.theta, fit.noise, of=[3, 1])
+    np.testing.assert_allclose(some, whole[np.ix_([3, 1], [3, 1])], rtol=1e-11)
+
+
+def test_uncorrected_error_bars_are_those_before_the_correction():
+    rows = recording(4, 0.8)
+    fit = weighted(*joint_factors([rows]))
+    corrected, before = hac_covariances([rows], fit.theta, fit.noise)
+    for found in hac_covariances([rows], fit.theta, fit.noise, corrected=False):
+        np.testing.assert_array_equal(found, before)
+    assert np.all(np.diagonal(corrected) > np.diagonal(before))

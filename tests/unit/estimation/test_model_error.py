@@ -11,6 +11,7 @@ from dynid.estimation.estimators import irls, wls
 from dynid.estimation.model_error import (
     LARGEST,
     NOTHING,
+    _inverse_root,
     best_size,
     evidence_gain,
     model_error,
@@ -165,3 +166,14 @@ def test_spikes_are_not_taken_for_friction(base):
     spiky = stacked(base, replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)), cutoff=15.0)
     estimate = irls(spiky, prior_base_parameters(base.model, base.reduction))
     assert physical_posterior(base, estimate, spiky, residual_model=None).error is None
+
+
+@pytest.mark.parametrize("smallest", [1e-3, 1e-13])
+def test_the_root_of_an_inverse_holds_for_rounding_as_well(smallest):
+    directions = np.linalg.qr(np.random.default_rng(0).standard_normal((6, 6)))[0]
+    H = directions * np.array([1.0, 1.0, 1.0, 1.0, 1.0, smallest]) @ directions.T
+    scale = 1.0 / np.sqrt(np.diagonal(H))
+    H = scale[:, None] * H * scale
+    root, volume = _inverse_root(H)
+    np.testing.assert_allclose(H @ root @ root.T @ H, H, atol=1e-9)
+    assert volume == pytest.approx(-0.5 * np.linalg.slogdet(H)[1], rel=1e-2)
