@@ -18,6 +18,7 @@ from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_ar
 from dynid.gap.refit import (
     GROWN,
     GROWN_ARM,
+    SURE_Z,
     HeldOutImprovement,
     fitted_with,
     held_out_beside,
@@ -33,7 +34,16 @@ from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.significance import Key
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
-from dynid.gap.verdict import LITTLE, NOT_SMALLER, GapVerdict, joints_with_more, judge, refusal, unrepeatable
+from dynid.gap.verdict import (
+    LITTLE,
+    NOT_SMALLER,
+    GapVerdict,
+    joints_with_more,
+    judge,
+    refusal,
+    undetermined,
+    unrepeatable,
+)
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
@@ -216,6 +226,8 @@ def proved(
         if not failing:
             # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
             sized = unsure_of_reversals(search, effects)
+            failing = unsized(sized)
+        if not failing:
             return Proof(search, sized, refused, improvement, regression, simulation)
         refused += failing
         for one, _ in failing:
@@ -248,6 +260,19 @@ def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, 
     named = {one.key for one in whole.effects}
     earlier = [(one, why) for one, why in found.refused if one.key not in named]
     return replace(whole, refused=[*whole.refused, *earlier])
+
+
+def unsized(effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
+    """Return the effects beside a formula whose size does not stand by the errors that are told, with the reason.
+
+    Why these alone: the formula is a guess at what nobody knows, and what is named beside it has to outlive that guess.
+    """
+    found = []
+    for one in effects:
+        z = max(abs(one.values[x]) / max(one.std_errors[x], 1e-300) for x in one.amplitudes) if one.beside else np.inf
+        if z < SURE_Z:
+            found.append((one, undetermined(replace(one, z=z))))
+    return found
 
 
 def companions(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:

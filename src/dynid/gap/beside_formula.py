@@ -39,6 +39,7 @@ from dynid.gap.verdict import COMPANION, SAME, SHARES, undetermined
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
+from dynid.model.effects.position import Spring
 
 #: Effects that are tried beside a formula: the leading ones of the bare rows, and in place of each of its terms.
 LEADING, IN_PLACE = 5, 2
@@ -166,13 +167,23 @@ def _beyond_doubt(regression: WhitenedRegression, found: Sequence[Explanation], 
         for x in found
         if x.one is not None and x.own is not None and x.takes_part and x.own.chow_p_value >= SAME
         if x.z >= SURE and x.own.visible_rms >= COMPANION * x.formula
-        if _describes(x, excess)
+        if _describes(x, excess) and not _slow_part(x)
     ]
     for best in sorted(possible, key=lambda x: -x.score):
         others = [x for x in found if x is not best and not _holds(regression, joint, x, best)]
         if all(_clearly(best, other) for other in others):
             return best
     return None
+
+
+def _slow_part(found: Explanation) -> bool:
+    """Return whether an effect may be the slow part of what its formula is not all of: both follow places alone.
+
+    A torque over several positions has a slope and a bend along each of them, as it has a mean.
+    """
+    if found.one is None or found.one.effect.family != Spring.family or found.left < NEGLIGIBLE:
+        return False
+    return any("qd" not in term and "t" not in term.split() for term in found.terms)
 
 
 def _holds(regression: WhitenedRegression, joint: int, other: Explanation, best: Explanation) -> bool:

@@ -199,7 +199,10 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
 def outdone(
     search: EffectSearch, effects: Sequence[SelectedEffect], parts: Collection[Key]
 ) -> list[tuple[SelectedEffect, str]]:
-    """Return the effects of a joint which one short formula explains clearly better than all of them, with the reason.
+    """Return the effects of a joint where one short formula explains clearly more, with the reason.
+
+    It is looked for in place of all of them and, of several, in place of each beside the others: what goes better with
+    a formula than with another name is a part of the gap, and has to be judged as one.
 
     Args:
         search: the search.
@@ -212,21 +215,32 @@ def outdone(
         alone = all(one.effect.rows(one.joints, n) == (j,) and one.key not in parts for one in mine)
         if not mine or not alone or search.after[j] - 1 < LEFT:
             continue
-        regression = with_selected(bare, [one for one in effects if one not in mine and one.name != "torque_delay"])
-        rows = FactorRows(regression, j)
-        best = max(leading(regression, rows), key=lambda one: one.score, default=None)
-        if best is None:
-            continue
-        text = formula_text(best.terms)
-        columns = [C for one in with_selected(bare, mine).effects for C in one[j]]
-        own = significance_test(regression, {j: np.array(columns)})
-        other = significance_test(regression, {j: rows.made(regression, best.terms)})
-        price = (len(best.terms) - sum(one.freedom for one in mine)) * np.log(len(regression.fit.e[j]))
-        lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
-        spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
-        if lead > max(EQUAL, SURE * spread):
+        others = [one for one in effects if one not in mine and one.name != "torque_delay"]
+        rows = FactorRows(bare, j)
+        text = _better_formula(with_selected(bare, others), rows, mine)
+        if text:
             return [(one, f"{OUTDONE}: {text}") for one in mine]
+        for one in mine if len(mine) > 1 else ():
+            beside = with_selected(bare, [*others, *(other for other in mine if other is not one)])
+            text = _better_formula(beside, rows, [one])
+            if text:
+                return [(other, f"in place of {one.name} {OUTDONE}: {text}") for other in mine]
     return []
+
+
+def _better_formula(regression: WhitenedRegression, rows: FactorRows, some: Sequence[SelectedEffect]) -> str:
+    """Return the best product if it explains clearly more of a joint than some effects do; else nothing."""
+    best = max(leading(regression, rows), key=lambda one: one.score, default=None)
+    if best is None:
+        return ""
+    joint, text = rows.joint, formula_text(best.terms)
+    columns = [C for one in with_selected(regression, some).effects for C in one[joint]]
+    own = significance_test(regression, {joint: np.array(columns)})
+    other = significance_test(regression, {joint: rows.made(regression, best.terms)})
+    price = (len(best.terms) - sum(one.freedom for one in some)) * np.log(len(regression.fit.e[joint]))
+    lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
+    spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
+    return text if lead > max(EQUAL, SURE * spread) else ""
 
 
 def _formula_of(

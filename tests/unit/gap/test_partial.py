@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import twolink
 from dynid.gap import verdict
-from dynid.gap.analysis import analyse_gap, on_one_clock
+from dynid.gap.analysis import analyse_gap, on_one_clock, unsized
+from dynid.gap.formulas import outdone
 from dynid.gap.partial import change_of_size, doubt, with_cutoff
 from dynid.gap.record import record_of
+from dynid.gap.refit import refit
+from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import LITTLE
 
@@ -17,6 +21,8 @@ RIPPLE, WAVES, REST = 0.2, 21.3, 0.12
 SOME = SelectionOptions(
     effects=("torque_ripple", "asymmetric_viscous", "spring", "stribeck", "position_friction", "torque_offset")
 )
+#: Share of the load that goes into friction [1] or, with the speed, into what has no name [s/rad].
+SHARE = 0.25
 
 
 def rest(t):
@@ -98,3 +104,42 @@ def test_nothing_is_named_where_a_formula_explains_everything(twolinks, on_joint
     law = lambda t, q, qd, qdd: on_joint(1, 0.5 * np.sin(2 * q[:, 1]) * np.abs(qd[:, 1]) * np.sign(qd[:, 0]))  # noqa: E731
     found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
     assert found.verdict.named == ()
+
+
+@pytest.mark.parametrize("named_right", [False, True])
+def test_names_of_a_joint_are_judged_as_parts_where_a_formula_does_better_than_one_of_them(
+    twolinks, on_joint, named_right
+):
+    """Load times speed, which friction that grows with the load comes near; and such friction itself."""
+
+    def law(t, q, qd, qdd):
+        sign = np.tanh(qd[:, 1] / twolink.SMOOTH)
+        load = twolink.torque(q, qd, qdd)[:, 1] - twolink.VISCOUS[1] * qd[:, 1] - twolink.COULOMB[1] * sign
+        return on_joint(1, 0.5 * np.abs(qd[:, 1]) + SHARE * (np.abs(load) * sign if named_right else load * qd[:, 1]))
+
+    pair = SelectionOptions(effects=("asymmetric_viscous", "load_friction"), joints=(1,))
+    search = search_effects(on_one_clock(twolinks.logs(law)), twolinks.base, None, pair)
+    effects, _ = refit(search)
+    assert {one.name for one in effects} == {"asymmetric_viscous", "load_friction"}
+    refused = outdone(search, effects, ())
+    assert {one.name for one, _ in refused} == (set() if named_right else {one.name for one in effects})
+    assert all(why.startswith("in place of load_friction a formula explains") for _, why in refused)
+
+
+def test_a_spring_is_named_beside_a_formula_of_places_that_is_all_of_the_rest(twolinks, on_joint):
+    rate = 0.6
+    law = lambda t, q, qd, qdd: on_joint(1, rate * q[:, 1] + 0.5 * np.cos(4 * (q[:, 0] + q[:, 1])))  # noqa: E731
+    found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False, words=False)
+    (one,) = found.verdict.named
+    assert (one.key, one.beside) == (("spring", (1,)), "a cos(4 q2 + 4 q1)")
+    assert abs(one.values["k1"] - rate) < 3 * one.std_errors["k1"]
+
+
+def test_what_is_named_beside_a_formula_has_a_size_that_stands_by_its_told_errors(seen):
+    """Each amplitude counts alone: those of a spring may be sure together and none of them known."""
+    (one,) = seen.effects
+    unsure = replace(one, std_errors=one.std_errors | {"a": abs(one.values["a"]) / 2.5, "b": np.inf}, z=40.0)
+    assert unsized([unsure, replace(one, beside="a qd1")]) == []
+    ((refused, why),) = unsized([replace(unsure, beside="a qd1")])
+    assert refused.key == one.key
+    assert why == "its size is not determined: 2.5 standard errors from zero; 3 are needed"
