@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 KAISER_BETA = 5.65
 KAISER_TAPS = 3.6
 #: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
-_TOGETHER = 16
+_TOGETHER = 20
 #: Signals from which on each of their stretches is multiplied where it is.
 MANY_SIGNALS = 64
 #: Samples on either side that a torque sample is compared with.
@@ -133,15 +133,14 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
         weights[i * step : i * step + taps, i * count : (i + 1) * count] = kernels.T
     chunks = -(-outputs // together)
     if len(x) >= MANY_SIGNALS:
-        many = np.empty((len(x), chunks * together, count))
-        last = (x.shape[1] - width) // (together * step) + 1
-        for i in range(chunks):
+        found = np.empty((count, len(x), outputs))
+        for at in range(0, outputs, together):
             # Why not all windows in one array: it is twice as large as the signals, and takes longer than the product.
-            at, size = i * together * step, together if i < last else outputs - i * together
-            some = x[:, at : at + (size - 1) * step + taps]
+            size = min(together, outputs - at)
+            some = x[:, at * step : (at + size - 1) * step + taps]
             here = some @ weights[: some.shape[1], : size * count]
-            many[:, i * together : i * together + size] = here.reshape(len(x), size, count)
-        return np.ascontiguousarray(many[:, :outputs].transpose(2, 0, 1))
+            found[:, :, at : at + size] = here.reshape(len(x), size, count).transpose(2, 0, 1)
+        return found
     missing = (chunks - 1) * together * step + width - x.shape[1]
     padded = np.pad(x, ((0, 0), (0, max(0, missing))))
     windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: together * step][:, :chunks]

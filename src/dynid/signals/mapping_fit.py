@@ -90,13 +90,14 @@ class Columns:
         return np.asarray(np.linalg.qr(self.own)[0])
 
     @cached_property
-    def grams(self) -> list[Floats]:
-        """Products of the columns of bodies without what is a joint's own, n of (10 (n - j), 10 (n - j))."""
-        found = []
+    def grams(self) -> Floats:
+        """Products of the columns of bodies without what is a joint's own, (n, 10 n, 10 n)."""
+        n, p = self.bodies.shape[1:]
+        found = np.zeros((n, p, p))
         for j, Q in enumerate(self.basis):
             B = self.of_joint(j)
             own = Q.T @ B
-            found.append(B.T @ B - own.T @ own)
+            found[j, 10 * j :, 10 * j :] = B.T @ B - own.T @ own
         return found
 
     def left(self, tau: Floats, *, apart: bool) -> Floats:
@@ -299,29 +300,26 @@ def _shared(columns: Columns, tau: Floats) -> Floats:
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
     """
-    sides, energies, p = [], [], columns.bodies.shape[2]
-    for j, Q in enumerate(columns.basis):
-        left = tau[:, j] - Q @ (Q.T @ tau[:, j])
-        sides.append(columns.of_joint(j).T @ left)
-        energies.append(float(left @ left))
-    energy = np.array(energies) / len(tau)
+    (_, n, p), grams = columns.bodies.shape, columns.grams
+    left = tau.T - (columns.basis @ (columns.basis.swapaxes(1, 2) @ tau.T[:, :, None]))[:, :, 0]
+    sides = np.zeros((n, p))
+    for j in range(n):
+        sides[j, 10 * j :] = left[j] @ columns.of_joint(j)
+    energy = np.sum(left**2, axis=1) / len(tau)
     rms = np.sqrt(np.maximum(energy, 1e-18))
     ridge = np.tile(USUAL**-2.0, p // 10)
     for _ in range(3):
-        G, side = np.diag(ridge), np.zeros(p)
-        for j, (gram, own, s) in enumerate(zip(columns.grams, sides, rms, strict=True)):
-            weight = 1.0 / (ALIKE * s**2)
-            G[10 * j :, 10 * j :] += weight * gram
-            side[10 * j :] += weight * own
+        weight = 1.0 / (ALIKE * rms**2)
+        G, side = (weight @ grams.reshape(n, -1)).reshape(p, p), weight @ sides
+        G[np.diag_indices(p)] += ridge
         try:
             theta = np.linalg.solve(G, side)
         except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them
             theta = np.linalg.lstsq(G, side, rcond=None)[0]
-        parts = ((theta[10 * j :], gram, own) for j, (gram, own) in enumerate(zip(columns.grams, sides, strict=True)))
-        quads = np.array([float(part @ gram @ part - 2 * part @ own) for part, gram, own in parts])
+        quads = (grams @ theta - 2.0 * sides) @ theta
         rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
         rms = np.maximum(rms, MODELLED * np.sqrt(energy))
-    return rms
+    return np.asarray(rms)
 
 
 def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:

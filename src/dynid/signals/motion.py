@@ -74,14 +74,18 @@ def speeds(log: Log) -> Iterator[tuple[slice, Floats]]:
     """
     half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (len(log) - 1) // 2))
     for part in spans(len(log)):
-        ends = []
-        for x in (log.q, log.t):
-            before = x[max(0, part.start - half) : max(0, part.stop - half)]
-            after = x[min(part.start + half, len(x)) : min(part.stop + half, len(x))]
-            missing = part.stop - part.start - len(before), part.stop - part.start - len(after)
-            edges = np.repeat(x[:1], missing[0], axis=0), np.repeat(x[-1:], missing[1], axis=0)
-            ends.append(np.concatenate([after, edges[1]]) - np.concatenate([edges[0], before]))
-        yield part, ends[0] / ends[1][:, None]
+        position, time = (_change(x, part, half) for x in (log.q, log.t))
+        position /= time[:, None]
+        yield part, position
+
+
+def _change(x: Floats, part: slice, half: int) -> Floats:
+    """Return how much x changes from half a window before to half a window after each sample, ends as they are."""
+    first, last = part.start - half, part.stop + half
+    if first >= 0 and last <= len(x):
+        return np.asarray(x[part.start + half : last] - x[first : part.stop - half])
+    index = np.arange(part.start, part.stop)
+    return np.asarray(x[np.minimum(index + half, len(x) - 1)] - x[np.maximum(index - half, 0)])
 
 
 def speed(log: Log) -> Floats:
@@ -118,6 +122,7 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
+@once
 def rest_slices(log: Log, robot: Robot) -> list[slice]:
     """Return the samples in which no joint moves, without the first and last tenth of a second of each rest."""
     slow = per_joint(REST_SPEED, robot)

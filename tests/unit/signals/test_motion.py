@@ -14,7 +14,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.describe import describe
-from dynid.signals.motion import bandwidth, check_amount, once, rest_slices, speed, swings
+from dynid.signals.motion import SPEED_WINDOW, bandwidth, check_amount, once, rest_slices, speed, swings
 from dynid.signals.stamps import take_samples
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
@@ -30,6 +30,20 @@ def test_the_speed_of_a_tone_is_its_derivative():
     log = tone(0.5)
     expected = np.pi * np.cos(np.pi * log.t)
     np.testing.assert_allclose(speed(log)[50:-50, 0], expected[50:-50], atol=0.02)
+
+
+@pytest.mark.parametrize("samples", [2, 3, 7, 30, 95])
+def test_the_speed_at_the_ends_is_that_of_half_a_window(samples, monkeypatch):
+    log = Log(
+        np.cumsum(np.linspace(1, 2, samples)) / 200,
+        np.random.default_rng(0).random((samples, 2)),
+        np.zeros((samples, 2)),
+    )
+    half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (samples - 1) // 2))
+    first, last = np.maximum(np.arange(samples) - half, 0), np.minimum(np.arange(samples) + half, samples - 1)
+    expected = (log.q[last] - log.q[first]) / (log.t[last] - log.t[first])[:, None]
+    monkeypatch.setattr("dynid.signals.motion.spans", lambda n: (slice(k, min(k + 8, n)) for k in range(0, n, 8)))
+    np.testing.assert_array_equal(speed(log), expected)
 
 
 @pytest.mark.parametrize("frequency", [0.2, 0.5, 1.5])
