@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import io
 import os
 import sqlite3
 import struct
@@ -31,6 +32,31 @@ def many_chunks(path: Path) -> None:
     packed = zstandard.compress(inner)
     head = struct.pack("<QQQI", 0, 10**9, len(inner), 0) + _text("zstd") + struct.pack("<Q", len(packed))
     path.write_bytes(MAGIC + _record(1, _text("ros2") + _text("x")) + _record(6, head + packed) * 1500)
+
+
+def stamped_late(log: Log) -> Callable[[Path], None]:
+    """Return what writes a recording as MCAP whose second half arrives after the year 2262."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    from dynid.files.convert import write_log
+
+    def made(path: Path) -> None:
+        write_log(log, path)
+        messages = list(make_reader(io.BytesIO(path.read_bytes())).iter_messages())
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start("ros2", "x")
+            _, channel, _ = messages[0]
+            schema = messages[0][0]
+            kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+            number = writer.register_channel(channel.topic, channel.message_encoding, kind)
+            for k, (_, _, message) in enumerate(messages):
+                late = 2**63 if k > len(messages) // 2 else 0
+                writer.add_message(number, message.log_time + late, message.data, message.publish_time)
+            writer.finish()
+
+    return made
 
 
 def many_bag_chunks(path: Path) -> None:

@@ -100,6 +100,7 @@ CASES = {
     "a pipe": ("log.npz", os.mkfifo, "identify arm.yaml log.npz --out out", 3, "no regular file"),
     "1500 chunks of 15 MB in 1 MB": ("log.mcap", containers.many_chunks, "check log.mcap", 3, "may expand"),
     "500 chunks of 60 MB in 30 kB": ("log.bag", containers.many_bag_chunks, "check log.bag", 3, "may expand"),
+    "messages after the year 2262": ("log.mcap", containers.stamped_late(LOG), "check log.mcap --robot arm.yaml", 0, "W305"),
     "10^15 rows in 300 kB": ("log.db3", containers.pages_without_end, "identify arm.yaml log.db3 --out out", 3, "E3"),
     "10^15 rows in 300 kB, looked at": ("log.db3", containers.pages_without_end, "check log.db3", 0, ""),
     "a journal that is a pipe": ("log.db3", containers.with_journal(LOG, "pipe"), "check log.db3", 0, ""),
@@ -234,6 +235,15 @@ def test_a_plan_with_coefficients_that_are_none_is_damaged(value, command, origi
         arrays["coefficients"][0, 0] = value
 
     assert answer(originals, tmp_path, "out/trajectory.npz", change, command) == (3, True)
+
+
+@pytest.mark.parametrize("name", ["t", "q", "qdd"])
+@pytest.mark.parametrize("change", [lambda x: x[:, None], lambda x: x[:0], lambda x: x * np.nan, np.atleast_3d])
+def test_a_plan_with_samples_that_are_none_is_damaged(name, change, originals, tmp_path):
+    def changed(arrays):
+        arrays[name] = change(arrays[name])
+
+    assert answer(originals, tmp_path, "out/trajectory.npz", changed, REVIEW) == (3, True)
 
 
 #: What somebody may have done to an array of a residual model.

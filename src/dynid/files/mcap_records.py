@@ -26,6 +26,9 @@ _TAIL = 9 + 20 + len(MAGIC)
 #: Part of a chunk before its compressed records, without the name of the compression.
 _CHUNK_HEAD = struct.Struct("<QQQI")
 
+#: Latest time [ns] that is counted, in the year 2262: the format has room for twice as much.
+LATEST = 2**63 - 1
+
 
 class BrokenMcap(Exception):
     """The file is cut, was not closed, or has damaged records; says what was met."""
@@ -211,6 +214,8 @@ def _head(content: bytes, known: Summary) -> tuple[Channel, int]:
     number, _, arrival = struct.unpack_from("<HIQ", content)
     if number not in known.channels:
         raise BrokenMcap("a message belongs to no channel")
+    if arrival > LATEST:
+        raise BrokenMcap("a message is stamped later than any clock can count")
     return known.channels[number], arrival
 
 

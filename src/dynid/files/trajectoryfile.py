@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import JointCountDiffers, NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
+from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact, write_text
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
@@ -159,9 +159,14 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise NotAnArtifact(f"{path} lacks parts of a trajectory ({error})", where=str(path)) from None
-    shape = (len(motion.t), len(stored.joints))
-    if any(array.shape != shape for array in (motion.q, motion.qd, motion.qdd)) or len(motion.t) < 2:
-        raise NotAnArtifact(f"{path}: the samples do not fit the {len(stored.joints)} joints", where=str(path))
+    with reading(path):
+        shape = (len(motion.t), len(stored.joints))
+        require_numbers(shape[:1], t=motion.t)
+        require_numbers(shape, q=motion.q, qd=motion.qd, qdd=motion.qdd)
+        if stored.selected is not None:
+            require_numbers((len(stored.selected),), np.integer, selected=stored.selected)
+    if len(motion.t) < 2:
+        raise NotAnArtifact(f"{path}: {len(motion.t)} samples are no motion", where=str(path))
     if header["motion_sha256"] != motion_hash(motion):
         raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
     if robot is not None and stored.joints != robot.joint_names:
