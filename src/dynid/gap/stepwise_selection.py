@@ -123,8 +123,9 @@ class StepwiseSelection:
             # Why only now: to make candidates again takes longer than all else, and most searches end here.
             if best is not None and (best.effect.needs_model or self.selected) and self._refreshed():
                 best = self._best()
-            if self.late is not None and self._passes(self.late) and (best is None or self.late.score > best.score):
-                best = self.late
+            late = None if self.selected else self.late
+            if late is not None and self._passes(late) and (best is None or late.score > best.score):
+                best = late
             if best is None:
                 break
             if best.effect.name == "torque_delay":

@@ -1,5 +1,7 @@
 """Torques that come late by much more than their slope can say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,8 @@ from dynid.estimation.stack import stack_base
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.late_torques import late_torques
 from dynid.gap.problem import kept_model, make_problem
-from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection
+from dynid.progress import SILENT
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +46,17 @@ def test_torques_in_time_stay_where_they_are(twolinks, old, kept, on_joint):
     for added in (None, more):
         new = twolinks.logs(added, plans=(5, 6), first=20)
         assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
+
+
+def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside_it(twolinks, old, kept, on_joint):
+    more = lambda t, q, qd, qdd: on_joint(1, 0.3 * np.tanh(qd[:, 1] / 0.01))  # noqa: E731
+    new = twolinks.logs(more, plans=(5, 6), first=20)
+    problem = make_problem(new, twolinks.base, kept, old)
+    late = late_torques(make_problem(twolinks.logs(plans=(5, 6), first=20, delay=0.05), twolinks.base, kept, old))
+    options = SelectionOptions(effects=("torque_delay", "coulomb_change"))
+    stepwise = StepwiseSelection(problem, options, SILENT, {}, delay=True, late=replace(late, score=10.0))
+    assert stepwise.run() is None
+    assert [one.key for one in stepwise.selected] == [("coulomb_change", (1,))]
 
 
 def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, old, kept):
