@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dynid.errors import PackageMissing
-from dynid.gap.beside_formula import parts_beside_formulas
+from dynid.gap.beside_formula import parts_beside_formulas, same_motion
 from dynid.gap.formulas import JOINTS, OUTDONE, Wording, advice_on_formulas, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
@@ -249,9 +249,12 @@ def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, 
         return found
     loud = [j for j in joints_with_more(search) if j not in unrepeatable(search)]
     loudest = sorted(loud, key=lambda j: -search.after[j])[:JOINTS]
-    # Why not these: the formula is the effect with another factor, one law and no part of it.
-    outdone_by = {one.key for one, why in found.refused if why.startswith(OUTDONE)}
-    parts = {one.key: one for one in parts_beside_formulas(search, options, loudest) if one.key not in outdone_by}
+    outdone_by = {one.key: why.removeprefix(OUTDONE) for one, why in found.refused if why.startswith(OUTDONE)}
+    parts = {
+        one.key: one
+        for one in parts_beside_formulas(search, options, loudest)
+        if not same_motion(one, outdone_by.get(one.key, ""))
+    }
     if not parts:
         return found
     for one in parts.values():

@@ -7,6 +7,7 @@ formula for what it leaves, against every other effect with its own, and against
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -118,6 +119,24 @@ def parts_beside_formulas(
             found.append(one)
         described = replace(described, selected=_with_formula(described, explained, joint))
     return found
+
+
+def same_motion(one: SelectedEffect, outdone_by: str) -> bool:
+    """Return whether the formula beside an effect goes with the same factors of motion as one that does better than it.
+
+    That one is the effect with a factor of place then, and effect and rest are halves of one law. With other factors,
+    as of a friction that follows the load beside one that follows load and speed, the two are different laws.
+
+    Args:
+        one: an effect with the formula beside it.
+        outdone_by: the formula that explains more than the effect alone; "" for none.
+    """
+
+    def motions(text: str) -> set[frozenset[str]]:
+        terms = [term.split() for term in re.split(r" \+ (?=[a-h] )", text)]
+        return {frozenset(part for part in term if "qd" in part) for term in terms}
+
+    return bool(outdone_by) and not motions(one.beside).isdisjoint(motions(outdone_by))
 
 
 def _sizes_beside(search: EffectSearch, found: Explanation, joint: int, excess: float) -> list[SelectedEffect]:

@@ -57,7 +57,7 @@ BINS = 24
 #: Share of its power that a formula follows a quantity with, to be drawn over that; else it is drawn over itself.
 FOLLOWS_ONE = 0.9
 #: Why an effect gives way to a formula.
-OUTDONE = "a formula explains clearly more of this joint"
+OUTDONE = "a formula explains clearly more of this joint: "
 #: Why a joint that has nothing to repeat has no formula.
 STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
@@ -219,12 +219,12 @@ def outdone(
         rows = FactorRows(bare, j)
         text = _better_formula(with_selected(bare, others), rows, mine)
         if text:
-            return [(one, f"{OUTDONE}: {text}") for one in mine]
+            return [(one, f"{OUTDONE}{text}") for one in mine]
         for one in mine if len(mine) > 1 else ():
             beside = with_selected(bare, [*others, *(other for other in mine if other is not one)])
             text = _better_formula(beside, rows, [one])
             if text:
-                return [(other, f"in place of {one.name} {OUTDONE}: {text}") for other in mine]
+                return [(other, f"in place of {one.name} {OUTDONE}{text}") for other in mine]
     return []
 
 

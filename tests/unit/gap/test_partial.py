@@ -8,6 +8,7 @@ import pytest
 import twolink
 from dynid.gap import verdict
 from dynid.gap.analysis import analyse_gap, on_one_clock, unsized
+from dynid.gap.beside_formula import same_motion
 from dynid.gap.formulas import outdone
 from dynid.gap.partial import change_of_size, doubt, with_cutoff
 from dynid.gap.record import record_of
@@ -143,3 +144,11 @@ def test_what_is_named_beside_a_formula_has_a_size_that_stands_by_its_told_error
     ((refused, why),) = unsized([replace(unsure, beside="a qd1")])
     assert refused.key == one.key
     assert why == "its size is not determined: 2.5 standard errors from zero; 3 are needed"
+
+
+def test_what_a_formula_outdoes_is_a_part_only_beside_one_that_goes_with_other_motion(seen):
+    (one,) = seen.effects
+    part = replace(one, beside="a cos(2 q2 + 2 q1) qd2 + b tau2 qd2")
+    assert same_motion(part, "a sin(q2) qd2 + b cos(q2) qd2")
+    assert not same_motion(part, "a sin(2 q2) |tau2| sign(qd2) + b cos(2 q2) |tau2| sign(qd2)")
+    assert not same_motion(part, "")
