@@ -17,7 +17,7 @@ from dynid.gap.noise import NoiseModel
 from dynid.gap.problem import GapProblem, at_possible, near_possible
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import LONGEST_BLOCK, SHORTEST_BLOCK, cut, jackknife_blocks
-from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
+from dynid.gap.selected_effects import SelectedEffect, at_sizes, torque_in_rows, with_selected
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
@@ -27,6 +27,9 @@ from dynid.model.parameters import BODY_PARAMETERS
 #: Held-out residuals of a joint and the number of the block of time of each, (M,) and (M,).
 HeldOutRows = tuple[Floats, NDArray[np.int64]]
 
+#: Fits until columns that scale with the model, or change with their own size, fit each other, and the share by which
+#: the last of them may still change a size.
+ROUNDS, SETTLED = 6, 5e-4
 #: Relative step of a shape parameter for its slope.
 STEP = 1e-3
 #: Steps towards the best shapes, gain of the last one, and damping: the first, and the one at which none helps.
@@ -91,9 +94,14 @@ def refit(search: EffectSearch) -> tuple[list[SelectedEffect], WhitenedRegressio
     """
     problem, selected = search.problem, list(search.selected)
     regression = problem.regression(nuisance=False)
-    for _ in range(2):
+    before = np.zeros(0)
+    for _ in range(ROUNDS):
         theta = regression.fit.theta[: problem.base.reduction.rank]
         regression = with_selected(problem.regression(theta, nuisance=False), selected)
+        selected, sizes = at_sizes(selected, regression.amplitudes), regression.amplitudes
+        if len(before) and np.allclose(sizes, before, rtol=SETTLED, atol=0.0):
+            break
+        before = sizes
     while True:
         selected = with_best_shapes(regression.with_effects([]), selected)
         regression = with_selected(regression, selected)

@@ -13,10 +13,11 @@ import numpy as np
 
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import Key, candidates_at, score_candidate, significance_test, whitened_columns
+from dynid.gap.significance import candidates_at, score_candidate, significance_test, whitened_columns
 from dynid.gap.stepwise_selection import clearly_better, contains, refined, told_apart
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Effect, Joints
 
 
 def settled_rivals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[SelectedEffect]:
@@ -33,7 +34,8 @@ def _settled(problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEf
     """Return one effect, or the rival that is clearly better, with those that are still as good."""
     whole = replace(problem, train=[np.ones(len(s), dtype=bool) for s in problem.segments])
     regression = with_selected(whole.regression(), rest)
-    fits = {key: _best_fit(regression, key) for key in (one.key, *one.rivals)}
+    fits = {key: _best_fit(regression, CATALOGUE[key[0]], key[1]) for key in one.rivals}
+    fits = {one.key: _best_fit(regression, one.effect, one.joints)} | fits
     own, best = fits[one.key], max(fits.values(), key=lambda fit: fit.score)
     chosen = best if clearly_better(best, own) else own
     alike = [key for key, fit in fits.items() if key != chosen.key and not told_apart(chosen, fit)]
@@ -46,9 +48,8 @@ def _settled(problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEf
     return replace(chosen, test=test, rivals=rivals)
 
 
-def _best_fit(regression: WhitenedRegression, key: Key) -> SelectedEffect:
+def _best_fit(regression: WhitenedRegression, effect: Effect, joints: Joints) -> SelectedEffect:
     """Return an effect at its best shape."""
-    name, joints = key
-    made = candidates_at(regression, CATALOGUE[name], joints)
+    made = candidates_at(regression, effect, joints)
     fits = [refined(regression, score_candidate(regression, candidate), candidate)[0] for candidate in made]
     return max(fits, key=lambda fit: fit.score)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -88,6 +88,16 @@ def with_selected(regression: WhitenedRegression, selected: Sequence[SelectedEff
     """Return the regression with selected effects."""
     columns = [whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected]
     return regression.with_effects([{j: C[0] for j, C in found.items()} for found in columns])
+
+
+def at_sizes(selected: Sequence[SelectedEffect], amplitudes: Floats) -> list[SelectedEffect]:
+    """Return effects with columns that are exact at the amplitudes that were found, one after the other, (k,)."""
+    found, at = [], 0
+    for one in selected:
+        sizes = dict(zip(one.amplitudes, amplitudes[at:].tolist(), strict=False))
+        found.append(replace(one, effect=one.effect.at_size(sizes)))
+        at += len(one.amplitudes)
+    return found
 
 
 def torque_in_rows(segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.gap.possible_arm import COUNTERBALANCE, LEAST_GAIN, imitated_counterbalances, least_gain
 from dynid.gap.problem import GapProblem, held_near_possible
-from dynid.gap.selected_effects import SelectedEffect, stepped
+from dynid.gap.selected_effects import SelectedEffect, at_sizes, stepped
 from dynid.gap.significance import (
     CandidateScore,
     EffectCandidate,
@@ -51,6 +51,8 @@ REFINED = (1.0, 0.5, 0.25, 0.25, 0.12, 0.06, 0.03, 0.015)
 SETTLED = 100.0
 #: Candidates that scale with the model stay as they are while its torques change by less than this share on each joint.
 SAME_MODEL = 0.02
+#: Fits of effects that are not in proportion to their size, one after the other, before the search goes on.
+TWICE = 2
 
 
 @dataclass(frozen=True)
@@ -285,13 +287,33 @@ class StepwiseSelection:
             self._select([one for one in tested if one is not worst])
 
     def _relinearise(self) -> None:
-        """Scale what is selected with the new parameters, and hold these near the arm that is possible now."""
+        """Scale what is selected with new parameters and sizes, and hold these near the arm that is possible now."""
         self.problem = held_near_possible(self.problem, self.regression)
-        theta = self.regression.fit.theta[: self.problem.base.reduction.rank]
-        self._stale = change_of_torques(self.regression, self._scaled_with, theta) > SAME_MODEL
-        self.regression = self.problem.regression(theta)
+        for _ in range(TWICE):
+            theta = self.regression.fit.theta[: self.problem.base.reduction.rank]
+            self._stale = change_of_torques(self.regression, self._scaled_with, theta) > SAME_MODEL
+            self.regression = self.problem.regression(theta)
+            self._columns = {}
+            self._select(self.selected)
+            exact = at_sizes(self.selected, self.regression.amplitudes)
+            if all(new.effect == old.effect for new, old in zip(exact, self.selected, strict=True)):
+                return
+            self._keep_exact(exact)
+
+    def _keep_exact(self, exact: Sequence[SelectedEffect]) -> None:
+        """Make the columns of selected effects at their sizes, where they are not in proportion to these.
+
+        Why of the candidates too: what is left to the first order would be taken for a companion, or for another name.
+        """
+        effects = {one.key: one.effect for one in exact}
+        self.wanted = [(effects.get((effect.name, joints), effect), joints) for effect, joints in self.wanted]
+        self.candidates = [c for c in self.candidates if c.effect == effects.get(c.key, c.effect)]
+        made = {c.key for c in self.candidates}
+        for effect, joints in self.wanted:
+            if (effect.name, joints) not in made:
+                self.candidates += candidates_at(self.regression, effect, joints)
         self._columns = {}
-        self._select(self.selected)
+        self._select(exact)
 
     def _refreshed(self) -> bool:
         """Scale candidates with the parameters as they are now; returns whether that changes any."""

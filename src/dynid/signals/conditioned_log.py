@@ -25,12 +25,15 @@ from dynid.progress import SILENT, Progress
 from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
 from dynid.signals.cutoff import choose_cutoff
 from dynid.signals.delay import segment_without_delay, without_delay
-from dynid.signals.filters import decimate, despiked
+from dynid.signals.filters import decimate, despiked, lowpass_kernel
 
 Floats = NDArray[np.float64]
 
 #: Parts that are kept of each interval of a long log: long ones, so that a motion that repeats in it is still found.
 STRETCHES = 4
+#: Torques that are differentiated twice are smoothed beyond this [Hz]: they follow accelerations already, and above it
+#: the fourth derivative of the positions is their noise, which makes what is fitted to it too small.
+SMOOTH = 4.0
 
 
 @dataclass(frozen=True)
@@ -223,11 +226,11 @@ def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: Refere
         model: the model.
         reference: torques that effects scale with.
     """
-    kernel = chosen.second_kernel
+    kernel = lowpass_kernel(min(SMOOTH, chosen.cutoff), chosen.rate / chosen.first_step)[None]
 
     def smooth(x: Floats) -> Floats:
         half = (kernel.shape[1] - 1) // 2
-        return np.asarray(decimate(np.pad(x, half, mode="edge")[None], kernel, 1)[0, 0])
+        return np.asarray(decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0])
 
     return ArmMotion(
         segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign

@@ -11,7 +11,7 @@ from scipy.signal import butter, filtfilt
 import hidden_effects as hidden
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot
-from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.catalogue import CATALOGUE, checked
 from dynid.model.effects.friction import presliding
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.reduce import reduce
@@ -64,6 +64,36 @@ def test_encoder_offset_is_the_slope_of_the_torque(arm, motion):
     slope = (arm.torque(moved, motion.qd, motion.qdd) - arm.torque(motion.q, motion.qd, motion.qdd)) / 1e-6
     column = CATALOGUE["encoder_offset"].columns(motion, (1,), {})[0].T
     np.testing.assert_allclose(column, slope, atol=2e-3)
+
+
+def test_an_encoder_zero_is_exact_at_its_size(arm, motion, model):
+    moved = motion.q.copy()
+    moved[:, 1] -= 0.12
+    change = arm.torque(moved, motion.qd, motion.qdd) - arm.torque(motion.q, motion.qd, motion.qdd)
+    named = EffectSpec("encoder_offset", (model.robot.joint_names[1],), {"offset": 0.12})
+    column = checked(named, model.robot).columns(motion, (1,), {})[0].T
+    np.testing.assert_allclose(0.12 * column, change, atol=1e-8)
+
+
+def test_a_bent_joint_is_nearly_exact_at_its_size():
+    """The link of a pendulum moves as it is told, its motor by as much more as its gear bends."""
+    t = np.arange(0, 20, 0.002)
+    link = np.array([0.8 * np.sin(1.7 * t) + 0.3 * np.cos(3.1 * t)])
+    link = np.concatenate([link, [np.gradient(link[0], t)]])
+    link = np.concatenate([link, [np.gradient(link[1], t)]])
+    torque, compliance = Pendulum().rigid(*link), 0.15
+    shown = link[0] + compliance * torque
+    speed = np.gradient(shown, t)
+    motion = one_joint(t, shown, speed, np.gradient(speed, t))
+    motion = replace(motion, smooth=lambda x: filtfilt(*butter(4, 4.0, fs=500.0), x))
+    change, inside = torque - motion.rigid[:, 0], slice(1000, -1000)
+    slope, exact = (
+        compliance * effect.columns(motion, (0,), {})[0, 0]
+        for effect in (CATALOGUE["joint_elasticity"], CATALOGUE["joint_elasticity"].at_size({"compliance": compliance}))
+    )
+    left = [np.sqrt(np.mean((change - x)[inside] ** 2) / np.mean(change[inside] ** 2)) for x in (slope, exact)]
+    assert left[0] > 0.05, "to first order much is left"
+    assert left[1] < 0.12 * left[0]
 
 
 def test_payload_is_a_body_on_the_last_link(motion):

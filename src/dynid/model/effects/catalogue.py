@@ -143,7 +143,7 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
         raise WrongRobotFile(f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where)
     if effect.scope == "pair" and len(spec.joints) != 2:
         raise WrongRobotFile(f"effects: {spec.effect} needs two joints: the one it acts on and the other", where=where)
-    return effect
+    return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
 
 
 def _formula(spec: EffectSpec, robot: Robot, where: str) -> Effect:

@@ -93,7 +93,7 @@ class ArmMotion:
         qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
         robot: the arm.
         reference: the current model.
-        smooth: the filter of the torques, for columns that differentiate the model's torque; (N,) -> (N,).
+        smooth: a low-pass filter for columns that differentiate the model's torque; (N,) -> (N,).
         coulomb_sign: Coulomb signs under the filter of the torques, (N, n); empty where they are made from ``qd``.
     """
 
@@ -187,6 +187,13 @@ class Effect(ABC):
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
         return dict(self.units)
+
+    def at_size(self, sizes: Shape) -> Effect:
+        """Return the effect with columns that are exact at one size, by name of its parameters; itself where all are.
+
+        A torque that is not in proportion to its amplitude is, near a size, that of the size times amplitude over size.
+        """
+        return self
 
     @abstractmethod
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:

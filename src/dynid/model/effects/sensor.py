@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
-#: Step of the derivative [rad].
+#: Smallest step of a difference [rad].
 STEP = 1e-5
 
 
@@ -120,12 +121,19 @@ class TorqueDelay(Effect):
         return -np.gradient(motion.total, motion.t, axis=0).T[None]
 
 
+@dataclass(frozen=True)
 class EncoderOffset(Effect):
-    """Encoder zero that is off."""
+    """Encoder zero that is off.
+
+    Attributes:
+        at: offset at which its column is exact; 0 for the slope there [rad].
+    """
+
+    at: float = 0.0
 
     name = "encoder_offset"
     title = "encoder zero that is off"
-    equation = "tau_rb(q - D e_j) - tau_rb(q), to first order in D"
+    equation = "tau_rb(q - D e_j) - tau_rb(q)"
     signature = "in several joints at once, with the pattern of gravity turned by a small angle"
     separate = "static poses over the whole workspace"
     needs_model = True
@@ -138,6 +146,10 @@ class EncoderOffset(Effect):
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        moved = motion.q.copy()
-        moved[:, joints[0]] -= STEP
-        return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / STEP).T[None]
+        moved, step = motion.q.copy(), self.at if abs(self.at) > STEP else STEP
+        moved[:, joints[0]] -= step
+        return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / step).T[None]
+
+    def at_size(self, sizes: Shape) -> EncoderOffset:
+        """Return the effect with a column that is exact at an offset."""
+        return EncoderOffset(float(sizes["offset"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,8 +14,10 @@ from dynid.robot import LINK_PARAMETERS
 
 Ints = NDArray[np.int64]
 
-#: Step of the directional derivative [rad/N m]: a hundredth of the softest gear.
+#: Smallest step of a difference [rad/N m]: a hundredth of the softest gear.
 STEP = 1e-6
+#: How often the bend of a joint is found again from the torque of the link where it is bent.
+BENDS = 3
 #: A link that has not crossed a gap after so many samples rests between its flanks.
 LONGEST = 400
 #: Turns of the load that are looked at together.
@@ -39,12 +42,19 @@ class MotorInertia(Effect):
         return motion.qdd[:, joints[0]][None, None]
 
 
+@dataclass(frozen=True)
 class JointElasticity(Effect):
-    """Elastic joint with the encoder on the motor's side."""
+    """Elastic joint with the encoder on the motor's side.
+
+    Attributes:
+        at: compliance at which its column is exact; 0 for the slope there [rad/N m].
+    """
+
+    at: float = 0.0
 
     name = "joint_elasticity"
     title = "elastic joint with the encoder on the motor's side"
-    equation = "tau_rb(q - tau_j / K e_j) - tau_rb(q), to first order in 1/K > 0"
+    equation = "tau_rb(q - tau_j / K e_j) - tau_rb(q), 1/K > 0"
     signature = "at high frequency and where the torque changes fast; in several joints at once"
     separate = "fast reversals under load"
     positive = True
@@ -57,15 +67,26 @@ class JointElasticity(Effect):
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        j = joints[0]
-        bend = motion.smooth(motion.rigid[:, j])
-        speed = np.gradient(bend, motion.t)
-        moved = []
+        j, step = joints[0], self.at if self.at > STEP else STEP
+        there = self._bent(motion, j, step, motion.rigid)
+        for _ in range(BENDS if self.at > STEP else 0):
+            there = self._bent(motion, j, step, there)
+        return ((there - motion.rigid) / step).T[None]
+
+    @staticmethod
+    def _bent(motion: ArmMotion, joint: int, compliance: float, torques: Floats) -> Floats:
+        """Return rigid-body torques, (N, n) [N m], where torques, (N, n), bend a joint."""
+        bend = motion.smooth(torques[:, joint])
+        speed, moved = np.gradient(bend, motion.t), []
         for x, shift in ((motion.q, bend), (motion.qd, speed), (motion.qdd, np.gradient(speed, motion.t))):
             y = x.copy()
-            y[:, j] -= STEP * shift
+            y[:, joint] -= compliance * shift
             moved.append(y)
-        return ((motion.reference.rigid(*moved) - motion.rigid) / STEP).T[None]
+        return motion.reference.rigid(*moved)
+
+    def at_size(self, sizes: Shape) -> JointElasticity:
+        """Return the effect with a column that is exact at a compliance."""
+        return JointElasticity(float(sizes["compliance"]))
 
 
 class Backlash(Effect):
