@@ -73,8 +73,11 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     Returns:
         (p + 1, p + 1) upper triangular.
     """
-    scaled = factors if weights is None else factors * weights[:, None, None]
-    return triangle(scaled.reshape(-1, factors.shape[-1]))
+    scaled, size = factors if weights is None else factors * weights[:, None, None], factors.shape[-1]
+    rows = scaled.reshape(-1, size)
+    # Why: a joint has no rows for the links before it, which are nearly half of all.
+    rows = rows[np.any(rows, axis=1)]
+    return triangle(np.vstack([rows, np.zeros((max(0, size - len(rows)), size))]))
 
 
 def with_columns(R: Floats, across: Floats, squares: Floats, at: int = 0) -> Floats:
@@ -142,18 +145,26 @@ class Solution:
         inverse: inverse of W^T W, (p, p); of whitened rows the covariance, in products of the parameters' units.
         residual: sum of squares that remains.
         rank: number of directions that the rows excite.
-        condition_number: of W, columns as they are; infinite where the rank is short.
         condition_number_scaled: of W with columns of unit length.
         weak: directions that the rows leave open, columns in parameter space, (p, p - rank).
+        columns: the triangular factor of W, (p, p).
     """
 
     theta: Floats
     inverse: Floats
     residual: float
     rank: int
-    condition_number: float
     condition_number_scaled: float
     weak: Floats
+    columns: Floats
+
+    @cached_property
+    def condition_number(self) -> float:
+        """Condition number of W, columns as they are; infinite where the rank is short."""
+        if self.rank < len(self.columns):
+            return float("inf")
+        sigma = np.linalg.svd(self.columns, compute_uv=False)
+        return float(sigma[0] / sigma[-1])
 
 
 def solve(R: Floats) -> Solution:
@@ -174,16 +185,15 @@ def solve(R: Floats) -> Solution:
     rank = int(np.sum(sigma > cutoff))
     V = Vt[:rank].T / sigma[:rank]
     projected = U.T @ b
-    raw = np.linalg.svd(A, compute_uv=False)
     full = rank == len(sigma)
     return Solution(
         theta=(V @ projected[:rank]) / length,
         inverse=(V @ V.T) / np.outer(length, length),
         residual=float(R[-1, -1] ** 2 + projected[rank:] @ projected[rank:]),
         rank=rank,
-        condition_number=float(raw[0] / raw[-1]) if full else float("inf"),
         condition_number_scaled=float(sigma[0] / sigma[-1]) if full else float("inf"),
         weak=Vt[rank:].T / length[:, None],
+        columns=A,
     )
 
 

@@ -56,8 +56,11 @@ def expected_torque(q: Floats, robot: Robot) -> Floats:
     return _carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
 
 
-def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats]) -> Floats:
-    """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3)."""
+def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], some: slice = slice(None)) -> Floats:
+    """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3).
+
+    Only those at some of the samples are worked out.
+    """
     frames = link_frames(robot, q)
     masses, offsets = _masses(robot)
     before = np.concatenate([np.zeros((len(q), 1, 3)), frames.p[:, :-1]], axis=1)
@@ -65,11 +68,12 @@ def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats])
     for k, offset in enumerate(offsets):
         if offset is not None:
             points[:, k] = frames.p[:, k] + frames.R[:, k] @ offset
-    pushed = accelerations(points)
-    torque = np.zeros(q.shape)
+    pushed, points = accelerations(points)[some], points[some]
+    axes, places = frames.axis[some], frames.point[some]
+    torque = np.zeros(points.shape[:2])
     for i, joint in enumerate(robot.joints):
         for k in range(i, robot.n):
-            axis, lever = frames.axis[:, i], points[:, k] - frames.point[:, i]
+            axis, lever = axes[:, i], points[:, k] - places[:, i]
             velocity = np.cross(axis, lever) if joint.revolute else axis
             torque[:, i] += masses[k] * np.sum(velocity * pushed[:, k], axis=1)
     return torque
@@ -139,11 +143,11 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
         return np.asarray(np.gradient(x, t, axis=0))
 
     v, a = slope(q), slope(slope(q))
-    inertia = _carried(q, robot, lambda points: slope(slope(points)))
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
+    inertia = _carried(q, robot, lambda points: slope(slope(points)), some)
     friction = np.tanh(v / per_joint(MOVING_SPEED, robot))
-    return q[some], tau[some], [v[some], friction[some], a[some], inertia[some]]
+    return q[some], tau[some], [v[some], friction[some], a[some], inertia]
 
 
 def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:

@@ -158,3 +158,18 @@ def test_a_factor_of_more_columns_needs_no_rows_again(at):
     tall = with_columns(triangle(rows), rows.T @ y[:, None], np.array([[y @ y]]), 7)
     best = np.linalg.lstsq(rows / size, y, rcond=1e-10)[0] / size
     np.testing.assert_allclose(rows @ solve(tall).theta, rows @ best, rtol=1e-9, atol=1e-9)
+
+
+def test_joints_without_rows_for_the_first_links_are_merged_as_all_rows_are():
+    rng = np.random.default_rng(0)
+    rows = rng.standard_normal((3, 30, 7))
+    rows[1, :, :3], rows[2, :, :6] = 0.0, 0.0
+    factors = np.zeros((3, 7, 7))
+    for j, first in enumerate((0, 3, 6)):
+        factors[j, first:, first:] = np.linalg.qr(rows[j][:, first:], mode="r")
+    together = merge(factors, np.array([1.0, 2.0, 3.0]))
+    stacked = np.concatenate([rows[0], 2.0 * rows[1], 3.0 * rows[2]])
+    np.testing.assert_allclose(together.T @ together, stacked.T @ stacked, atol=1e-12)
+    few = merge(factors[2:])
+    assert few.shape == (7, 7)
+    np.testing.assert_allclose(few.T @ few, rows[2].T @ rows[2], atol=1e-12)
