@@ -24,3 +24,12 @@ def test_a_large_size_is_right_and_leaves_nothing_for_a_companion(name, joint, s
     (one,), _ = refit(search)
     ((parameter, true),) = hidden.sizes_of(case).items()
     assert one.values[parameter] == pytest.approx(true, rel=near)
+
+
+def test_the_last_tenth_of_a_delay_is_taken_out_too():
+    """With a coarse encoder it is too small beside the noise to be found as an effect of its own."""
+    case = hidden.Case("kinova_gen2", "torque_delay", 1, 4.5, 5)
+    base = gap_blind.model_of("kinova_gen2")
+    logs = on_one_clock(gap_blind.sources_of(hidden.simulate(case, seconds=12.0), base.model))
+    search = search_effects(logs, base, None, SelectionOptions(effects=("torque_delay",)))
+    assert search.delay == pytest.approx(0.018, rel=0.02)

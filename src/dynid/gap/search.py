@@ -23,19 +23,27 @@ from dynid.gap.problem import (
 )
 from dynid.gap.rivals import settled_rivals
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
-from dynid.gap.significance import Key, SignificanceTest, candidates_at, score_candidate
+from dynid.gap.significance import (
+    Key,
+    SignificanceTest,
+    candidates_at,
+    score_candidate,
+    significance_test,
+    whitened_columns,
+)
 from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.options import LONGEST_DELAY
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.delay import segment_without_delay
 
-#: Most selections: three for a delay, because each shift makes the next one exact to second order, one with the noise
-#: of the first selection, and one more.
-MOST_SELECTIONS = 5
+#: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
+#: left of it, one with the noise of the first selection, and one more.
+MOST_SELECTIONS = 6
 #: When the noise measured beside what was found differs by more than this from what it was before, the search starts
 #: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
@@ -91,7 +99,7 @@ def search_effects(
         earlier: conditioned logs that a kept model was identified from: what a candidate explains there was missing
             already, and is no evidence for a change.
     """
-    delay, delay_test = 0.0, None
+    delay, delay_test, settled = 0.0, None, False
     first = problem = first or make_problem(logs, base, kept, earlier)
     before: dict[Key, float] = {}
     if earlier and not problem.matched:
@@ -102,6 +110,9 @@ def search_effects(
     for _ in range(MOST_SELECTIONS):
         stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY, late=guess)
         late, guess = stepwise.run(), None
+        if late is None and delay_test is not None and not settled and not problem.since:
+            # Why although it is no effect any more: what is left is small beside the noise, not beside its own error.
+            late, settled = rest_of_delay(stepwise.regression), True
         if late is not None:
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late
@@ -119,6 +130,12 @@ def search_effects(
     selected = settled_rivals(problem, stepwise.selected)
     after, between = chi_squares(with_selected(bare, selected))
     return EffectSearch(problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
+
+
+def rest_of_delay(regression: WhitenedRegression) -> SignificanceTest:
+    """Return how late torques still are beside what was selected, and how sure that is."""
+    columns = whitened_columns(regression, CATALOGUE["torque_delay"], (), [{}])
+    return significance_test(regression, {j: C[0] for j, C in columns.items()})
 
 
 def earlier_rows(problem: GapProblem) -> GapProblem:
