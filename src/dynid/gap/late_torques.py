@@ -14,6 +14,7 @@ from dynid.gap.problem import GapProblem
 from dynid.gap.segments import cut
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.significance import SignificanceTest, significance_test
+from dynid.gap.stepwise_selection import EQUAL
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
@@ -46,13 +47,16 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
     best, still = int(np.argmin(left)), len(TRIED) // 2
     if left[best] >= left[still]:
         return None
+    lost = [x[still] - x[best] for x in squares]
+    # Why: all torques are late, or it is something else.
+    if min(float(x.sum()) for x in lost) < -EQUAL:
+        return None
     delay, near = float(TRIED[best]), None
     # Why twice: the slope is one over a tenth of a second first, and then one where the torques belong.
     for step in (TRIED[1] - TRIED[0], NEAR):
         near = _delay_beside(bare, delay, step)
         delay = float(np.clip(delay + near.amplitudes[0], -LONGEST_DELAY, LONGEST_DELAY))
     assert near is not None
-    lost = [x[still] - x[best] for x in squares]
     gains = _by_block(bare, lost)
     visible = [np.sqrt(c * max(float(x.mean()), 0.0)) for c, x in zip(problem.noise.count, lost, strict=True)]
     test = replace(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import twolink
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
 from dynid.gap.analysis import analyse_gap
@@ -46,6 +47,15 @@ def test_torques_in_time_stay_where_they_are(twolinks, old, kept, on_joint):
     for added in (None, more):
         new = twolinks.logs(added, plans=(5, 6), first=20)
         assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
+
+
+def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept, on_joint):
+    def added(t, q, qd, qdd):
+        tau = twolink.torque(q, qd, qdd)[:, 1]
+        return on_joint(1, np.interp(t - 0.1, t, tau) - tau)
+
+    new = twolinks.logs(added, plans=(5, 6), first=20)
+    assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
 
 
 def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside_it(twolinks, old, kept, on_joint):
