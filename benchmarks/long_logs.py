@@ -229,7 +229,9 @@ WRITERS = {"bag": write_bag, "mcap": write_mcap, "db3": write_db3, "npz": write_
 # ---------------------------------------------------------------- the commands
 def measured(folder, *words):
     """Run dynid; return processor time [s] and peak memory [MB]."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    # Why without: an installed dynid has its byte code, which a source tree may keep from the second run on.
+    own = {"PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    environment = {**os.environ, **own}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     child = subprocess.Popen([sys.executable, "-m", "dynid", *words], cwd=folder, env=environment, **quiet)
     _, status, usage = os.wait4(child.pid, 0)

@@ -45,7 +45,8 @@ def process(folder, *words):
     began = time.perf_counter()
     child = subprocess.Popen(
         [sys.executable, "-m", "dynid", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        # Why empty: an installed dynid has its byte code, which a source tree may keep from the second run on.
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONDONTWRITEBYTECODE": ""},
     )  # fmt: skip
     err = child.stderr.read()
     _, status, usage = os.wait4(child.pid, 0)

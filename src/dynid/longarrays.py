@@ -30,7 +30,7 @@ USUAL = 1 << 18
 #: Rows of a piece.
 PIECE = 1 << 16
 #: Mapped pages that may stay in memory [bytes].
-PAGES = 24 << 20
+PAGES = 96 << 20
 #: What was mapped from files after the last release: libraries, for the most part [bytes].
 _after_release = [0]
 _MAPPED: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
