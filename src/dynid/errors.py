@@ -53,6 +53,10 @@ class Finding:
     evidence: dict[str, Any] = field(default_factory=dict)
 
 
+#: Characters of what a mistake says, at most: a name from a file may have millions.
+MOST_TEXT = 4000
+
+
 class DynidError(Exception):
     """Base of all mistakes that dynid reports to a person.
 
@@ -69,11 +73,14 @@ class DynidError(Exception):
     fix: str = ""
 
     def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "") -> None:
-        super().__init__(what)
-        self.what = what
-        self.where = where
-        self.why = why or type(self).why
-        self.fix = fix or type(self).fix
+        self.what, self.where = bounded(what), bounded(where)
+        self.why, self.fix = bounded(why or type(self).why), bounded(fix or type(self).fix)
+        super().__init__(self.what)
+
+
+def bounded(text: str) -> str:
+    """Return a text without its middle where a name in it, from a file, is longer than anybody reads."""
+    return text if len(text) <= MOST_TEXT else f"{text[: MOST_TEXT // 2]} ... {text[-MOST_TEXT // 4 :]}"
 
 
 # ---------------------------------------------------------------- 1: the command line

@@ -200,7 +200,7 @@ def table(rng: np.random.Generator, original: str) -> bytes:
         elif kind == 10:
             head = [name.replace("q_", "pos ").replace("tau_", "effort ") for name in head]
         else:
-            for row in rows:
+            for row in filter(None, rows):
                 row[0] = repr(_number(row[0]) * 1e-9 + float(rng.choice([0, 1e18, -1e18, 1.7e9])))
     delimiter = str(rng.choice([",", ";", "\t", " ", "|", ",,", ""], p=[0.6, 0.1, 0.1, 0.1, 0.04, 0.03, 0.03]))
     if rng.random() < 0.1:

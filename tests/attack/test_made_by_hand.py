@@ -110,6 +110,7 @@ CASES = {
     "half a character as a name": ("log.npz", half_a_name, "convert log.npz --to out/x.bag", 3, "E301"),
     "a zero byte in a path": ("batch.yaml", job(baseline="a\0b"), "run batch.yaml --out out", 3, "zero byte"),
     "a job at an endless URL": ("batch.yaml", job(logs="file:///dev/zero"), "run batch.yaml --out out", 3, "it is no regular file"),
+    "a job at a URL of 50 000 characters": ("batch.yaml", json.dumps({"jobs": [{"name": k, "robot": "arm.yaml", "logs": ["memory://" + "a" * 50_000] * 2, "split_s": 1} for k in "ab"]}), "run batch.yaml --out out/b", 3, "nothing can be read"),
     "a job at a URL of a URL": ("batch.yaml", job(logs="reference://::file:///etc/passwd"), "run batch.yaml --out out", 3, "no URL of a recording"),
     "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
     "a prior of no possible body": ("arm.yaml", ROBOT.replace("izz: 0.015", "izz: 50"), "trajectory arm.yaml plan.yaml --preview none --out out", 1, "the prior of link 2 is no possible body"),
@@ -235,6 +236,15 @@ def test_a_plan_with_coefficients_that_are_none_is_damaged(value, command, origi
         arrays["coefficients"][0, 0] = value
 
     assert answer(originals, tmp_path, "out/trajectory.npz", change, command) == (3, True)
+
+
+@pytest.mark.parametrize(
+    "command", ["report out", "trajectory arm.yaml --for-gap out/gap.npz --seconds 1 --preview none --out out"]
+)
+@pytest.mark.parametrize("key", ["std_errors", "units"])
+def test_a_gap_with_errors_of_other_names_is_damaged(key, command, originals, tmp_path):
+    change = header_with(rf'"{key}": \[\["', f'"{key}": [["x')
+    assert answer(originals, tmp_path, "out/gap.npz", change, command + " --force") == (3, True)
 
 
 @pytest.mark.parametrize("name", ["t", "q", "qdd"])

@@ -381,4 +381,7 @@ def _stored(one: GapEffect) -> dict[str, Any]:
 def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
     facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
     keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
-    return GapEffect(**facts | {key: dict(stored[key]) for key in _MAPPINGS} | {"rival_keys": keys})
+    numbers = {key: dict(stored[key]) for key in _MAPPINGS}
+    if not all(set(names) <= set(numbers["values"]) for names in numbers.values()):
+        raise ValueError("an effect has an error or a unit of what it has no value for")
+    return GapEffect(**facts | numbers | {"rival_keys": keys})
