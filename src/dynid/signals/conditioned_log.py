@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 
 #: Parts that are kept of each interval of a long log: long ones, so that a motion that repeats in it is still found.
 STRETCHES = 4
+#: Samples of all logs together that are kept however long they take.
+FEW = 20_000
 #: Torques that are differentiated twice are smoothed beyond this [Hz]: they follow accelerations already, and above it
 #: the fourth derivative of the positions is their noise, which makes what is fitted to it too small.
 SMOOTH = 4.0
@@ -155,18 +157,23 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
     Returns:
         The logs, and in how many parts they are; 0 where they are whole.
     """
-    long = [sum(len(s) for s in log.segments) / log.filter.rate * log.filter.first_step for log in logs]
-    if sum(long) <= seconds:
+    rows = [sum(len(s) for s in log.segments) for log in logs]
+    long = sum(n / log.filter.rate * log.filter.first_step for n, log in zip(rows, logs, strict=True))
+    # Why rows too: a recording at a low rate is long in time alone.
+    share = max(seconds / max(long, 1e-9), FEW / max(sum(rows), 1))
+    if share >= 1.0:
         return list(logs), 0
     found, parts = [], 0
-    for log in logs:
-        kept: list[Segment] = []
-        for segment in log.segments:
-            length = round(len(segment) * seconds / sum(long) / STRETCHES)
-            for start in np.linspace(0, len(segment) - length, STRETCHES).astype(int).tolist():
-                # Why a copy: what is left shall not keep the whole log in memory.
-                part = {name: value[start : start + length].copy() for name, value in vars(segment).items()}
-                kept.append(Segment(**part))
+    for log, total in zip(logs, rows, strict=True):
+        length, kept = round(total * share / STRETCHES), []
+        for start in np.linspace(0, total - length, STRETCHES).astype(int).tolist():
+            first = 0
+            for segment in log.segments:
+                part = slice(max(0, start - first), max(0, start + length - first))
+                first += len(segment)
+                if part.stop > 0 and part.start < len(segment):
+                    # Why a copy: what is left shall not keep the whole log in memory.
+                    kept.append(Segment(**{name: value[part].copy() for name, value in vars(segment).items()}))
         found.append(replace(log, segments=kept))
         parts += len(kept)
         release()
