@@ -197,6 +197,19 @@ def open_file(path: Path) -> IO[bytes]:
         raise
 
 
+def check_holes(path: Path) -> None:
+    """Raise when a file is nearly all holes, which a file system packs into nothing: it was never written.
+
+    Raises:
+        TooLarge: names the limit and the option that raises it.
+    """
+    with open_file(path) as stream:
+        found = os.fstat(stream.fileno())
+        # Why the hole itself: some file systems tell no blocks.
+        if os.lseek(stream.fileno(), 0, os.SEEK_HOLE) < found.st_size:
+            check_expansion(512 * found.st_blocks, found.st_size, path)
+
+
 def read_bytes(path: Path, name: str) -> bytes:
     """Return the content of a regular file that is no larger than a limit.
 

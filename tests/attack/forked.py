@@ -97,7 +97,8 @@ def contents(folder: Path) -> dict[str, bytes]:
     found = {}
     for path in folder.rglob("*"):
         name = str(path.relative_to(folder))
-        if path.is_file() and not name.startswith("out/"):
+        # Why no links: what they lead to may be a device, or a file of the kernel whose end never comes.
+        if path.is_file() and not path.is_symlink() and not name.startswith("out/"):
             size = path.stat().st_size
             found[name] = path.read_bytes() if size < 1 << 25 else str(size).encode()
     return found

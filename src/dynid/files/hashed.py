@@ -22,6 +22,7 @@ def sha256(path: Path) -> str:
     """Return the hash of a file; it is read again only when its size or time of change is another."""
     state = state_of(path)
     if state not in _known:
+        limits.check_holes(path)
         with HashedFile(path) as stream:
             stream.finish()
         # Why: a file that changes while it is read is not kept.

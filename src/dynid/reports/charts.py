@@ -44,7 +44,8 @@ def residual_chart(motion: EstimatedMotion, robot: Robot, against: str, label: s
     for j, joint in enumerate(robot.joints):
         centre, mean, spread, size = residual_averages(motion, j, against)
         curve, band = Curve(centre, mean, "estimated", 1.2), (centre, mean - spread, mean + spread)
-        zero = Curve(centre[[0, -1]] if len(centre) else centre, np.zeros(min(2, len(centre))), "measured", 0.8)
+        ends = centre[[0, -1]] if len(centre) else centre
+        zero = Curve(ends, np.zeros(len(ends)), "measured", 0.8)
         panels.append(Panel(joint.name, (zero, curve), -3.2 * size, 3.2 * size, band, joint.torque_unit))
     return chart(panels, f"{against} [{AGAINST[against]}]", label, width=165, height=44)
 

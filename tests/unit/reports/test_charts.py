@@ -16,6 +16,7 @@ from dynid.reports.charts import (
     coverage_chart,
     error_chart,
     residual_averages,
+    residual_chart,
     residual_model_chart,
     spectrum_chart,
     torque_chart,
@@ -98,6 +99,13 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     assert set(np.sign(line[:11])) == {-1.0}
     assert np.abs(np.abs(np.delete(line, [11, 12])) - 1).max() < 1e-12
     assert np.abs(residual_averages(motion, 0, "position")[1]).max() < 0.3
+
+
+@pytest.mark.parametrize("count", [0, 1, 25, 26])
+def test_a_residual_of_so_few_samples_is_drawn(robot, count):
+    some = np.ones((count, robot.n))
+    motion = EstimatedMotion(np.arange(float(count)), *[some] * 6, 0.9 * some, 0.0 * some, some > 0)
+    assert len(ElementTree.fromstring(residual_chart(motion, robot, "load", "few"))) > 0
 
 
 def test_singular_values_stand_at_their_decades():
