@@ -206,7 +206,7 @@ def check_holes(path: Path) -> None:
     with open_file(path) as stream:
         found = os.fstat(stream.fileno())
         # Why the hole itself: some file systems tell no blocks.
-        if os.lseek(stream.fileno(), 0, os.SEEK_HOLE) < found.st_size:
+        if found.st_size and os.lseek(stream.fileno(), 0, os.SEEK_HOLE) < found.st_size:
             check_expansion(512 * found.st_blocks, found.st_size, path)
 
 

@@ -145,7 +145,9 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         help="Colour on the terminal.",
     ),
     click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice."),
+    click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of every random choice."
+    ),
     click.option(
         "--limit",
         multiple=True,

@@ -164,8 +164,12 @@ def _words(line: str) -> list[str]:
 
 
 def _is_numbers(line: str) -> bool:
+    return all(_is_number(word) for word in _words(line) if word)
+
+
+def _is_number(word: str) -> bool:
     try:
-        _ = [float(word) for word in _words(line) if word]
+        float(word)
     except ValueError:
         return False
     return True
@@ -178,7 +182,7 @@ def _row(path: Path, number: int, line: str, width: int) -> list[float]:
     try:
         return [float(word) if word else float("nan") for word in words]
     except ValueError:
-        bad = next(word for word in words if not _is_numbers(word))
+        bad = next(word for word in words if word and not _is_number(word))
         raise LogLayout(f"{path.name}:{number}: '{bad}' is not a number", where=f"{path}:{number}") from None
 
 

@@ -19,7 +19,7 @@ from dynid.log import Log
 from dynid.longarrays import empty, filled, median_step, release, spans
 from dynid.robot import Coulomb, Robot
 from dynid.signals.cutoff import choose_cutoff
-from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
+from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel, pulse_width
 from dynid.signals.motion import runs
 from dynid.signals.pieces import samples_where
 from dynid.signals.stamps import steps
@@ -162,14 +162,27 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
         log: a prepared log.
         robot: its robot.
         cutoff: cut-off of the parallel filter [Hz]; ``choose_cutoff`` when None.
+
+    Raises:
+        LogTooShort: the filters are longer than the log.
     """
     if cutoff is None:
         cutoff = choose_cutoff([log], robot)
     cutoff = min(cutoff, 0.45 * log.rate)
+    if 2.0 * pulse_width(cutoff) > log.duration:
+        raise _too_short(log, f"the log has {log.duration:.2f} s", cutoff, 2.0 * pulse_width(cutoff))
     rate = grid_rate(log.t)
     first = max(1, int(rate / (EVALUATED_PER_CUTOFF * cutoff)))
     second = max(1, int(rate / first / (KEPT_PER_CUTOFF * cutoff)))
     return Filter(rate, cutoff, first, second)
+
+
+def _too_short(log: Log, what: str, cutoff: float, needed: float) -> LogTooShort:
+    return LogTooShort(
+        f"{what}; the filters at {cutoff:.3g} Hz need {needed:.2f} s",
+        where=str(log.source or ""),
+        fix="record a longer motion, or raise --cutoff",
+    )
 
 
 def condition(
@@ -207,12 +220,7 @@ def condition(
     segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb) for part in parts]
     if not segments:
         longest = max(end - start for start, end in pairwise(edges)) * step
-        raise LogTooShort(
-            f"the longest part without a gap has {longest:.2f} s; "
-            f"the filters at {chosen.cutoff:.3g} Hz need {needed * step:.2f} s",
-            where=str(log.source or ""),
-            fix="record a longer motion, or raise --cutoff",
-        )
+        raise _too_short(log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step)
     return segments if rest_speed is None else [_without_rests(segment, rest_speed) for segment in segments]
 
 
