@@ -146,7 +146,12 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     ),
     click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
     click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of every random choice."
+        "--seed",
+        type=click.IntRange(min=0),
+        metavar="INTEGER",
+        default=0,
+        show_default=True,
+        help="Seed of every random choice.",
     ),
     click.option(
         "--limit",
