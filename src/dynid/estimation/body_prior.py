@@ -112,6 +112,8 @@ def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floa
     whiten = np.linalg.inv(np.linalg.cholesky(constraints.prior_pseudo_inertia))
     P = pseudo_inertia(x[constraints.bodies])
     size, turn = np.linalg.eigh(whiten @ P @ whiten.swapaxes(-1, -2))
+    # Why: the smallest of a body at the edge of the cone is rounding.
+    size = np.maximum(size, np.finfo(float).eps * size[:, -1:])
     frame = turn.swapaxes(-1, -2) @ whiten
     weight = np.sqrt(1.0 - FOLLOWED) / (np.sqrt(size) * (1.0 - FOLLOWED + FOLLOWED * size))
     changes = frame[:, None] @ basis() @ frame[:, None].swapaxes(-1, -2)
