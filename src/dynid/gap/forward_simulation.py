@@ -40,7 +40,8 @@ def simulate_held_out(
         selected: these effects.
 
     Returns:
-        The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
+        The replay; None when little is held out, when the arm is too light somewhere to be replayed, or too heavy for
+        PyBullet.
     """
     count, k = max((int(rows.sum()), k) for k, rows in enumerate(problem.held))
     rows, base = problem.segments[k], problem.base
@@ -65,7 +66,10 @@ def simulate_held_out(
     if least_inertia(base, theta, segment.q[some]) < LEAST_INERTIA:
         return None
     model = acceleration_of(base, theta)
-    return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
+    try:
+        return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
+    except SystemError:  # Bullet asks the inertias of heavy links to be symmetric to 1e-15, beyond their rounding
+        return None
 
 
 def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:
