@@ -40,8 +40,7 @@ def simulate_held_out(
         selected: these effects.
 
     Returns:
-        The replay; None when little is held out, when the arm is too light somewhere to be replayed, or too heavy for
-        PyBullet.
+        The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
     count, k = max((int(rows.sum()), k) for k, rows in enumerate(problem.held))
     rows, base = problem.segments[k], problem.base
@@ -66,10 +65,7 @@ def simulate_held_out(
     if least_inertia(base, theta, segment.q[some]) < LEAST_INERTIA:
         return None
     model = acceleration_of(base, theta)
-    try:
-        return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
-    except SystemError:  # Bullet asks the inertias of heavy links to be symmetric to 1e-15, beyond their rounding
-        return None
+    return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
 
 
 def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
+from dynid.model.prior import prior_bodies
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.scratch import scratch_folder
 from dynid.sim.urdf import without_stops, write_urdf
@@ -25,6 +26,8 @@ Floats = NDArray[np.float64]
 
 #: How PyBullet is installed: it has wheels up to Python 3.11.
 GET_BULLET = "pip install pybullet (Python 3.12 and later: built from source in about 8 minutes, with a C++ compiler)"
+#: Largest moment of inertia that Bullet is given [kg m^2].
+LARGEST = 0.5
 #: Step of the physics where none is given [s].
 STEP = 5e-4
 
@@ -88,7 +91,9 @@ class SimulatedArm:
         self.dt, self.time, self.extra = dt, 0.0, extra
         self._bullet = _bullet()
         self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._body, self._joints = self._load(bodies)
+        bodies = prior_bodies(robot) if bodies is None else bodies
+        self._scale = _scale(bodies)
+        self._body, self._joints = self._load([_lighter(body, self._scale) for body in bodies])
 
     def __enter__(self) -> SimulatedArm:
         """Return itself."""
@@ -104,7 +109,7 @@ class SimulatedArm:
         """Close the physics server."""
         self._bullet.disconnect(self._client)
 
-    def _load(self, bodies: Sequence[Body] | None) -> tuple[int, list[int]]:
+    def _load(self, bodies: Sequence[Body]) -> tuple[int, list[int]]:
         bullet, client = self._bullet, self._client
         # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
@@ -138,11 +143,13 @@ class SimulatedArm:
     def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return Bullet's rigid-body torques without friction and rotors, (n,) [N m or N]."""
         inputs = (q.tolist(), qd.tolist(), qdd.tolist())
-        return np.array(self._bullet.calculateInverseDynamics(self._body, *inputs, physicsClientId=self._client))
+        torques = self._bullet.calculateInverseDynamics(self._body, *inputs, physicsClientId=self._client)
+        return self._scale * np.array(torques)
 
     def mass_matrix(self, q: Floats) -> Floats:
         """Return Bullet's mass matrix without rotors, (n, n) [kg m^2 or kg]."""
-        return np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client))
+        found = self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client)
+        return self._scale * np.array(found)
 
     def step(self, tau: Floats) -> None:
         """Apply drive torques for one step of the physics.
@@ -164,9 +171,24 @@ class SimulatedArm:
         qdd = np.linalg.solve(self.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
         left = drive - (self.rotor_inertia + slope) * qdd
         bullet = self._bullet
-        forces = {"controlMode": bullet.TORQUE_CONTROL, "forces": left.tolist()}
+        forces = {"controlMode": bullet.TORQUE_CONTROL, "forces": (left / self._scale).tolist()}
         bullet.setJointMotorControlArray(self._body, self._joints, **forces, physicsClientId=self._client)
         bullet.stepSimulation(physicsClientId=self._client)
+
+
+def _scale(bodies: Sequence[Body]) -> float:
+    """Return by how much bodies are too heavy for Bullet, a power of two.
+
+    It refuses inertias that are not symmetric to 1e-15 kg m^2, which those of an industrial arm are not after their
+    rounding. An arm whose masses and torques are all a power of two smaller moves alike, to the last digit.
+    """
+    largest = max((float(np.abs(body.tensor).max()) for body in bodies), default=0.0)
+    return 2.0 ** max(0, int(np.ceil(np.log2(largest / LARGEST)))) if largest > LARGEST else 1.0
+
+
+def _lighter(body: Body, scale: float) -> Body:
+    xx, xy, xz, yy, yz, zz = (value / scale for value in body.inertia_com)
+    return Body(body.mass / scale, body.com, (xx, xy, xz, yy, yz, zz))
 
 
 def _bullet() -> Any:  # noqa: ANN401 - the module has no types
