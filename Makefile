@@ -2,7 +2,7 @@
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time and mostly wait, so the others give way to them meanwhile; of them the exact ones run one by one;
 #              each up to three times, because a busy machine may not let them
-# make attack  10000 broken inputs, of which make test tries 150; ATTACK_SEED=2000 takes others
+# make attack  12500 broken inputs, of which make test tries 190; ATTACK_SEED=2000 takes others
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors

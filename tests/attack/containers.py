@@ -47,8 +47,7 @@ def stamped_late(log: Log) -> Callable[[Path], None]:
         with path.open("wb") as stream:
             writer = Writer(stream)
             writer.start("ros2", "x")
-            _, channel, _ = messages[0]
-            schema = messages[0][0]
+            schema, channel, _ = messages[0]
             kind = writer.register_schema(schema.name, schema.encoding, schema.data)
             number = writer.register_channel(channel.topic, channel.message_encoding, kind)
             for k, (_, _, message) in enumerate(messages):

@@ -28,16 +28,14 @@ RING = "".join(
 )
 
 
-def sparse(path: Path) -> None:
-    """A file of 1 GB that takes no room."""
-    with path.open("wb") as stream:
-        stream.truncate(1 << 30)
+def hole(size: int) -> Callable[[Path], None]:
+    """Return what makes a file of a size that takes no room."""
 
+    def write(path: Path) -> None:
+        with path.open("wb") as stream:
+            stream.truncate(size)
 
-def empty(path: Path) -> None:
-    """A file of 1 TB that takes no room."""
-    with path.open("wb") as stream:
-        stream.truncate(1 << 40)
+    return write
 
 
 def silent(path: Path) -> None:
@@ -88,11 +86,11 @@ CASES = {
     "a million columns": ("log.csv", "t," + ",".join(f"q_{k}" for k in range(10**6)), "check log.csv --robot arm.yaml", 3, "one line of a text log"),
     "512 columns of 40 numbers each": ("log.csv", "t," + ",".join(f"{'q' if k % 2 else 'tau'}_{k // 2}{'_1_2' * 20}" for k in range(511)) + ("\n" + "1," * 511 + "1") * 30, "check log.csv", 0, ""),
     "an angle of 1e308": ("arm.urdf", URDF.replace('rpy="1.5708 0 0"', 'rpy="1e308 0 0"'), "import arm.urdf --out out/a.yaml", 3, "finite numbers below"),
-    "a line of 1 GB": ("log.csv", sparse, "check log.csv --robot arm.yaml", 3, "one line of a text log"),
-    "a motion of 1 TB": ("motion.npz", empty, "simulate arm.yaml motion.npz --out out", 3, "may expand"),
-    "waypoints of 1 TB": ("way.csv", empty, "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "E323"),
-    "an earlier result of 1 TB": ("earlier.npz", empty, "trajectory arm.yaml --earlier earlier.npz --seconds 1 --preview none --out out/x", 3, "E3"),
-    "a log of 1 TB": ("log.npz", empty, "parameters arm.yaml log.npz --out out", 3, "may expand"),
+    "a line of 1 GB": ("log.csv", hole(1 << 30), "check log.csv --robot arm.yaml", 3, "one line of a text log"),
+    "a motion of 1 TB": ("motion.npz", hole(1 << 40), "simulate arm.yaml motion.npz --out out", 3, "may expand"),
+    "waypoints of 1 TB": ("way.csv", hole(1 << 40), "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "E323"),
+    "an earlier result of 1 TB": ("earlier.npz", hole(1 << 40), "trajectory arm.yaml --earlier earlier.npz --seconds 1 --preview none --out out/x", 3, "E3"),
+    "a log of 1 TB": ("log.npz", hole(1 << 40), "parameters arm.yaml log.npz --out out", 3, "may expand"),
     "a megabyte of aliases": ("arm.yaml", ROBOT + "effects: [&w {effect: x}, " + "*w, " * 300_000 + "]", "check arm.yaml", 3, "bytes for a YAML"),
     "aliases that double forty times": ("arm.yaml", ROBOT + "x0: &x0 [a, a]\n" + "".join(f"x{k}: &x{k} [*x{k - 1}, *x{k - 1}]\n" for k in range(1, 40)), "check arm.yaml", 3, "unknown key 'x0'"),
     "a number of 5000 digits": ("arm.yaml", ROBOT.replace("0.4", "9" * 5000, 1), "check arm.yaml", 3, "not finite"),

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import twolink
+from dynid.estimation.estimate import estimate
+from dynid.estimation.stack import stack_base
 from dynid.files.robotfile import load_robot
-from dynid.gap.problem import make_problem
+from dynid.gap.problem import kept_model, make_problem
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
@@ -72,3 +74,21 @@ def only_joint(j, torque):
 @pytest.fixture(scope="session")
 def on_joint():
     return only_joint
+
+
+@pytest.fixture(scope="session")
+def more_friction():
+    """Torques of a second joint that drags more than it did."""
+    return lambda t, q, qd, qdd: only_joint(1, 0.15 * np.tanh(qd[:, 1] / 0.01))
+
+
+@pytest.fixture(scope="session")
+def old(twolinks):
+    """Earlier logs, of other motions than those in which something may have changed."""
+    return twolinks.logs(plans=(1, 2))
+
+
+@pytest.fixture(scope="session")
+def kept(twolinks, old):
+    """The model that was identified from the earlier logs."""
+    return kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
@@ -11,20 +10,6 @@ from dynid.gap.analysis import analyse_gap
 from dynid.gap.problem import kept_model, make_problem
 from dynid.gap.refit import chance_of_growth
 from dynid.gap.stepwise_selection import SelectionOptions
-
-
-@pytest.fixture(scope="module")
-def old(twolinks):
-    return twolinks.logs(plans=(1, 2))
-
-
-@pytest.fixture(scope="module")
-def kept(twolinks, old):
-    return kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
-
-
-def more_friction(on_joint):
-    return lambda t, q, qd, qdd: on_joint(1, 0.15 * np.tanh(qd[:, 1] / 0.01))
 
 
 def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, kept):
@@ -36,8 +21,8 @@ def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, ke
     assert (seen.verdict.word, seen.effects) == ("nothing_changed", ())
 
 
-def test_more_friction_is_named_with_its_size_on_its_joint_alone(twolinks, old, kept, on_joint):
-    new = twolinks.logs(more_friction(on_joint), plans=(5, 6), first=20)
+def test_more_friction_is_named_with_its_size_on_its_joint_alone(twolinks, old, kept, more_friction):
+    new = twolinks.logs(more_friction, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
     assert 1 in problem.change.joints
     assert problem.change.growth[1] > 1.2 > problem.change.growth[0]
@@ -57,9 +42,9 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
     assert seen.verdict.named == ()
 
 
-def test_effects_act_in_new_logs_alone(twolinks, old, kept, on_joint):
+def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
     """Torques of earlier logs may be anything: with their rows weightless the size of the change would be the same."""
-    new = twolinks.logs(more_friction(on_joint), plans=(5, 6), first=20)
+    new = twolinks.logs(more_friction, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
     fresh = {s.number for s in problem.segments if s.fresh}
     assert len(fresh) == len(new)

@@ -6,23 +6,11 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.estimation.estimate import estimate
-from dynid.estimation.stack import stack_base
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.late_torques import late_torques
-from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.problem import make_problem
 from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection
 from dynid.progress import SILENT
-
-
-@pytest.fixture(scope="module")
-def old(twolinks):
-    return twolinks.logs(plans=(1, 2))
-
-
-@pytest.fixture(scope="module")
-def kept(twolinks, old):
-    return kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
 
 
 @pytest.mark.parametrize("seconds", [0.23, -0.12])
@@ -42,9 +30,8 @@ def test_a_delay_that_its_slope_does_not_tell_is_named_with_its_size(twolinks, o
     assert abs(one.values["delay"] - seconds) < 3 * one.std_errors["delay"] < 0.02
 
 
-def test_torques_in_time_stay_where_they_are(twolinks, old, kept, on_joint):
-    more = lambda t, q, qd, qdd: on_joint(1, 0.15 * np.tanh(qd[:, 1] / 0.01))  # noqa: E731
-    for added in (None, more):
+def test_torques_in_time_stay_where_they_are(twolinks, old, kept, more_friction):
+    for added in (None, more_friction):
         new = twolinks.logs(added, plans=(5, 6), first=20)
         assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
 
