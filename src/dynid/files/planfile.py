@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, PositionInDegrees, TimeNotIncreasing
-from dynid.files.yamlfile import Value, read_yaml
+from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
@@ -173,7 +173,7 @@ def _is_number(text: str) -> bool:
 def _numbers(cells: list[list[str]], path: Path, first: int) -> Floats:
     width = len(cells[0]) if cells else 0
     for k, row in enumerate(cells):
-        if len(row) != width or not all(_is_number(cell) and np.isfinite(float(cell)) for cell in row):
-            what = f"{path}: row {first + k} is not {width} numbers: {','.join(row)[:60]}"
+        if len(row) != width or not all(_is_number(cell) and abs(float(cell)) <= LARGEST for cell in row):
+            what = f"{path}: row {first + k} is not {width} numbers up to {LARGEST:g}: {','.join(row)[:60]}"
             raise LogLayout(what, where=str(path), **_LAYOUT)
     return np.array(cells, dtype=float).reshape(len(cells), width)

@@ -39,6 +39,8 @@ from dynid.units import ANGLE, FACTORS
 SNAP_RAD = 1e-4
 SNAP_STEP = math.pi / 12
 
+#: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
+LEAST = 1e-12
 #: Share of an inertia that rounding may have made too large: a thin rod has two moments that are equal, and none.
 ROUNDED_INERTIA = 1e-6
 
@@ -176,8 +178,8 @@ def positive(kind: Kind, fix: str = "") -> Kind:
 
     def read(value: Value, context: Context) -> float:
         found: float = kind.read(value, context)
-        if found <= 0:
-            raise _wrong(value, f" = {found:g} must be positive", fix)
+        if found < LEAST:
+            raise _wrong(value, f" = {found:g} must be positive" + f", at least {LEAST:g}" * (found > 0), fix)
         return found
 
     return Kind(f"{kind.words} above 0", read)

@@ -20,8 +20,9 @@ from dynid import limits
 from dynid.errors import DynidError, NotANumber, NotYaml, TooLarge, UnknownKey, WrongRobotFile
 from dynid.units import ANGLE
 
-#: Sizes of numbers other than 0, in whatever unit: powers of smaller or larger ones are no numbers any more.
-SMALLEST, LARGEST = 1e-30, 1e30
+#: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
+#: ones are added, and CAD programs round to them.
+SMALLEST, LARGEST = 1e-30, 1e12
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_TEXT = re.compile("[\\0\ud800-\udfff]")
 _OCTAL = re.compile(r"[-+]?0\d+")
