@@ -61,6 +61,21 @@ def one_stamp(path: Path) -> None:
     path.write_text("t;q_shoulder;q_elbow;tau_shoulder;tau_elbow\n" + "0,1;1;2;3;4\n" * 50)
 
 
+def fast_and_short(path: Path) -> None:
+    """A log of 50 kHz that ends after 24 ms, in which the arm moves a little."""
+    replace(LOG, t=2e-3 * LOG.t, q=3e-3 * LOG.q, qd=None).save(path)
+
+
+def held_by(kp: str) -> Callable[[Path], None]:
+    """An arm whose controller has a stiffness, and a log with what was commanded."""
+
+    def write(path: Path) -> None:
+        path.write_text(f"{ROBOT}controller: {{kp: {kp}, kd: 5}}\n")
+        replace(LOG, extra={"q_ref": LOG.q}).save(path.with_name("log.npz"))
+
+    return write
+
+
 def half_a_name(path: Path) -> None:
     """A log whose first joint is called by half a character."""
     with np.load(path.with_name("other.npz")) as archive:
@@ -135,6 +150,13 @@ CASES = {
     "a pause of 1e6 s": ("log.npz", a_pause(1e6), "identify arm.yaml other.npz log.npz --out out", 0, "the recording pauses"),
     "a pause of 1e9 s": ("log.npz", a_pause(1e9), "identify arm.yaml other.npz log.npz --out out", 0, "the recording pauses"),
     "a pause of 1e6 s before a gap": ("log.npz", a_pause(1e6), "gap out/parameters.npz log.npz --no-apply --out out", 0, "the recording pauses"),
+    "a log of 50 kHz that is simulated": ("log.npz", fast_and_short, "simulate arm.yaml log.npz --out out", 0, "wrote"),
+    "a tool that hardly moves": ("x", b"", "trajectory arm.yaml plan.yaml --tool-speed 1e-308 --preview none --out out", 5, "tool moves at"),
+    "waypoints after the end of time": ("way.csv", "t,q_shoulder,q_elbow\n0,0,0\n2e300,0.4,-0.3\n4e300,0,0\n", "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "numbers up to"),
+    "a controller without stiffness": ("arm.yaml", held_by("0"), "identify arm.yaml log.npz --method idim-iv --out out", 4, "E407"),
+    "a controller that is endlessly stiff": ("arm.yaml", held_by("1.0e+11"), "identify arm.yaml log.npz --method idim-iv --out out", 3, "the simulated closed loop"),
+    "a sign that changes at 1e-29 rad/s": ("arm.yaml", f"{ROBOT}coulomb: {{velocity: 1.0e-29}}\n", "check arm.yaml", 3, "at least 1e-12"),
+    "an arm as long as the universe": ("arm.yaml", ROBOT.replace("a: 0.4", "a: 1.0e+27"), "check arm.yaml", 3, "nothing that can be measured"),
     "an arm with one run": ("runs.csv", "result,arm,time\nout,a,2026-01-01\n", "fleet runs.csv --out out/f", 0, "no arm has the three runs"),
     "a name that steers the terminal": ("batch.yaml", job(logs="\x1b[31m\u202e.npz", name="\x1b]0;x\x07"), "run batch.yaml --out out --junit out/j.xml --log-file out/said.log", 3, "no such file"),
     "a robot that steers the terminal": ("arm.yaml", ROBOT.replace("a: 0.4", 'a: "\\e[31m"'), "check arm.yaml --log-file out/said.log", 3, "E2"),

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import NotSimulated
 from dynid.estimation.stack import Stack
 from dynid.model.mass_matrix import Torque, mass_matrices
@@ -88,7 +89,8 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
     grid = float(segment.t[-1] - segment.t[0]) / max(1, len(segment) - 1)
     inertia = mass_matrices(arm.torque, segment.q[:: max(1, len(segment) // 200)])
     fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(kp)[None]))).max()))
-    finer = max(1, int(np.ceil(grid / min(LONGEST_STEP, STEP_OVER_TIME / fastest))))
+    finer = max(1, int(np.ceil(max(grid / LONGEST_STEP, grid * fastest / STEP_OVER_TIME))))
+    limits.check("samples", len(segment) * finer, "the simulated closed loop")
     step = grid / finer
     fine = segment.t[0] + step * np.arange((len(segment) - 1) * finer + 1)
     aim, further, guess = (
@@ -149,9 +151,13 @@ def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
             segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_coulomb_sign=sign
         )
 
-    logs = [
-        replace(log, segments=[along(each, log.filter.position_cutoff) for each in log.segments]) for log in stack.logs
-    ]
+    try:
+        logs = [
+            replace(log, segments=[along(each, log.filter.position_cutoff) for each in log.segments])
+            for log in stack.logs
+        ]
+    except np.linalg.LinAlgError as error:
+        raise NotSimulated("these parameters make a joint without inertia") from error
     return stack.with_logs(logs)
 
 

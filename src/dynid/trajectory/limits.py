@@ -164,8 +164,9 @@ _VERB = {
 
 def floor2(value: float) -> float:
     """Round down to two significant digits, so that the advice itself passes."""
-    digits = 1 - int(np.floor(np.log10(value)))
-    return float(np.floor(value * 10**digits + 1e-9) / 10**digits)
+    # Why not a power of ten: of the least numbers that there are, it is none any more.
+    digits, _, exponent = f"{value * (1 + 1e-10):.17e}".partition("e")
+    return float(f"{digits[:3]}e{exponent}")
 
 
 def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> list[Violation]:

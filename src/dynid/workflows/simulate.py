@@ -248,7 +248,8 @@ def _motion_of_log(path: Path, robot: Robot) -> Motion:
     signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
     from scipy.signal import savgol_filter
 
-    window = max(7, 2 * round(0.05 / step) + 1)
+    # Why at most: of a fast and short log, the window would take more samples than there are.
+    window = min(max(7, 2 * round(0.05 / step) + 1), (len(even) - 1) // 2 * 2 + 1)
     for order in range(3):
         orders.append(savgol_filter(signal, window, 5, deriv=order, delta=step, axis=0))
     return Motion(even, *orders)
