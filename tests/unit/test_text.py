@@ -27,6 +27,7 @@ ATTACKS = {
     "invisible": "a\u200br\u00adm\ufeff",
     "escape sequence": "\x1b]0;owned\x07\x1b[2J",
     "surrogate": "arm\udc80",
+    "line end behind spaces": "arm    \x85    import os\u2028    \x85",
     "XML comment": "arm --> <link/> <!-- --- --->- -",
     "element": "<script>alert(1)</script><img src=x onerror='alert(1)'>",
     "attribute": '" onload="alert(1)" x=\'',
