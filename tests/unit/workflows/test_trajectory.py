@@ -81,6 +81,12 @@ def test_options_are_read_alike_from_words_and_from_values():
         ({"basis": "bezier"}, "--basis 'bezier' is not possible"),
         ({"workspace": (1, 2, 3)}, "is not 6 numbers"),
         ({"noise": (0.1, -0.1)}, "is neither one positive number nor one per joint"),
+        ({"noise": 1e-308}, "is neither one positive number nor one per joint"),
+        ({"weights": (0, 0)}, "are no weights"),
+        ({"tool_speed": 1e-308}, "--tool-speed 1e-308 is not possible"),
+        ({"tool_speed": -1.0}, "--tool-speed -1 is not possible"),
+        ({"seconds": np.inf}, "--seconds inf is not possible"),
+        ({"alpha": np.nan}, "--alpha nan is not possible"),
     ],
 )
 def test_an_impossible_option_is_refused_when_it_is_made(options, says):
