@@ -21,7 +21,7 @@ from dynid.estimation.observation_rows import ObservationRows, joined, runs
 from dynid.estimation.quantiles import normal_quantile, student_quantile
 from dynid.estimation.robust import HUBER
 from dynid.longarrays import Growing, release
-from dynid.signals.filters import pulse, pulse_width
+from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +31,8 @@ PIECE = 8192
 SHORT, WORK = 4096, 16384
 #: Fewest and most draws: the longer the log, the less a draw differs from the next.
 FEWEST, MOST = 8, 48
+#: Scores that are added up together.
+CACHED = 1 << 16
 #: Two degrees of freedom have no variance; nothing is said about fewer.
 LEAST_FREEDOM = 2.5
 #: Relative standard error up to which a parameter is known well, and up to which roughly.
@@ -180,9 +182,14 @@ def _moving_sums(series: Floats, width: int, ends: tuple[int, int] | None = None
         width: samples in a window.
         ends: how far windows reach beyond either end; None for all that touch the series.
     """
-    running = np.cumsum(np.pad(series, (ends or (width - 1, width - 1), (0, 0))), axis=0)
-    sums: Floats = running[width - 1 :].copy()
-    sums[1:] -= running[:-width]
+    power = np.pad(series, (ends or (width - 1, width - 1), (0, 0)))
+    sums, begin, length = np.zeros((len(power) - width + 1, series.shape[1])), 0, 1
+    # Why by doubling: running sums lose digits, and take three times as long.
+    while length <= width:
+        if width & length:
+            sums += power[begin : begin + len(sums)]
+            begin += length
+        power, length = power[:-length] + power[length:], 2 * length
     return sums
 
 
@@ -230,22 +237,40 @@ def short_log_factor(
     instants = sum(len(rows.tau) for rows in segments)
     draws = int(np.clip(WORK // max(instants, 1), FEWEST, MOST))
     rng = np.random.default_rng(0)
-    influences = [_influence(rows, bread, noise) for rows in segments]
+    whitened = [_whitened(rows, noise) for rows in segments]
     kernels = [_kernel(rows) for rows in segments]
     drawn = [
         _filtered(rng, (draws, len(noise), len(rows.tau)), kernel) * rows.mask[:, :, None]
         for rows, kernel in zip(segments, kernels, strict=True)
     ]
-    error = np.sum([np.tensordot(one, e, ((0, 2), (0, 1))) for one, e in zip(influences, drawn, strict=True)], axis=0)
-    wanted = influences if of is None else [influence[:, of] for influence in influences]
-    true, judged = np.zeros(wanted[0].shape[1]), np.zeros((wanted[0].shape[1], draws))
-    for rows, influence, kernel, e in zip(segments, wanted, kernels, drawn, strict=True):
+    scores = np.sum([np.tensordot(Z, e, ((0, 1), (0, 1))) for Z, e in zip(whitened, drawn, strict=True)], axis=0)
+    error, wanted = bread @ scores, bread if of is None else bread[of]
+    true, judged = np.zeros(len(wanted)), np.zeros((draws, len(wanted)))
+    for rows, Z, kernel, e in zip(segments, whitened, kernels, drawn, strict=True):
+        influence = np.tensordot(Z, wanted.T, 1)
         true += _variance(influence, kernel)
-        left = (e - rows.W @ error / noise[:, None]) * rows.mask[:, :, None]
-        width = min(lags + 1, len(left))
-        sums = _moving_sums((influence @ left).reshape(len(left), -1), width)
-        judged += np.einsum("tk,tk->k", sums, sums).reshape(-1, draws) / width
-    return _factor(true, judged)
+        left = (e - np.tensordot(rows.W, error, 1) / noise[:, None]) * rows.mask[:, :, None]
+        judged += _judged(influence, left, min(lags + 1, len(left)))
+    return _factor(true, judged.T)
+
+
+def _judged(influence: Floats, left: Floats, width: int) -> Floats:
+    """Return the variance that residuals let expect of each parameter, (draws, p).
+
+    Args:
+        influence: what a residual of one standard deviation does to the parameters, (M, n, p).
+        left: residuals of each draw, (M, n, draws).
+        width: samples of a window.
+    """
+    (M, _, p), draws = influence.shape, left.shape[2]
+    found = np.empty((draws, p))
+    # Why some parameters at a time: the sums of all of them would leave the cache.
+    some = max(1, CACHED // (M * draws))
+    for first in range(0, p, some):
+        scores = left.swapaxes(1, 2) @ influence[:, :, first : first + some]
+        sums = _moving_sums(scores.reshape(M, -1), width)
+        found[:, first : first + some] = np.einsum("tk,tk->k", sums, sums).reshape(draws, -1) / width
+    return found
 
 
 def _factor(true: Floats, judged: Floats) -> Floats:
@@ -255,10 +280,9 @@ def _factor(true: Floats, judged: Floats) -> Floats:
     return np.asarray(np.sqrt(true / mean) * quantile)
 
 
-def _influence(rows: ObservationRows, bread: Floats, noise: Floats) -> Floats:
-    """Return what a residual of one standard deviation does to the parameters, (M, p, n)."""
-    Z = rows.W if rows.Z is None else rows.Z
-    return np.asarray(bread @ (Z * (rows.mask / noise)[:, :, None]).swapaxes(1, 2))
+def _whitened(rows: ObservationRows, noise: Floats) -> Floats:
+    """Return the regressor, or the instruments where there are any, divided by the noise, (M, n, p)."""
+    return (rows.W if rows.Z is None else rows.Z) * (rows.mask / noise)[:, :, None]
 
 
 def _kernel(rows: ObservationRows) -> Floats:
@@ -280,11 +304,10 @@ def _filtered(rng: np.random.Generator, shape: tuple[int, int, int], kernel: Flo
 
 def _variance(influence: Floats, kernel: Floats) -> Floats:
     """Return the variance that coloured noise gives the parameters, (p,)."""
-    M, p, n = influence.shape
-    spread = np.zeros((M + len(kernel) - 1, p, n))
-    for k, size in enumerate(kernel):
-        spread[k : k + M] += size * influence
-    return np.asarray(np.einsum("tpj,tpj->p", spread, spread))
+    M, n, p = influence.shape
+    ends = len(kernel) - 1
+    (spread,) = decimate(np.pad(influence.reshape(M, n * p).T, ((0, 0), (ends, ends))), kernel[None], 1)
+    return np.asarray(np.einsum("jpt,jpt->p", *2 * (spread.reshape(n, p, -1),)))
 
 
 # ---------------------------------------------------------------- words
