@@ -15,7 +15,7 @@ from dynid.robot import Robot
 Floats = NDArray[np.float64]
 
 
-def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Floats | None = None) -> Floats:
     """Return the columns of the bodies of all links.
 
     Args:
@@ -23,6 +23,7 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         q: positions, (N, n) [rad or m].
         qd: velocities, (N, n) [rad/s or m/s].
         qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+        gravity: in frame 0 where it is not that of the arm, (N, 3) [m/s^2].
 
     Returns:
         Torques per unit of m, mcx, mcy, mcz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz of each link, (N, n, 10 n) [N m or N].
@@ -38,7 +39,7 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     P = np.zeros((n, 10 * n, count))
     omega, alpha, at = np.zeros((3, 3, count))
     # Why: an arm that is held against gravity feels as if its base were accelerated upwards.
-    acceleration = np.repeat(-np.array(robot.gravity)[:, None], count, axis=1)
+    acceleration = -np.broadcast_to(np.array(robot.gravity) if gravity is None else gravity, (count, 3)).T
     for i in range(n):
         z, speed, push = axis[i], qd[:, i], qdd[:, i]
         if turning[i]:

@@ -7,7 +7,7 @@ non-negative least squares over the corners of that cone leaves more where a rob
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -45,8 +45,8 @@ MODELLED = 0.01
 POINTS, MARGIN, MARGIN_SHARE = 4, 0.1, 0.25
 #: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
 OWN = 4
-#: Motions whose columns are formed together; more leave the cache.
-TOGETHER = 8
+#: Samples whose columns are formed together; more leave the cache.
+TOGETHER = 2000
 #: Random samples on which two robot files are compared, and singular values that count as zero, relative.
 RANDOM, SPAN = 60, 1e-9
 
@@ -67,54 +67,61 @@ class ThinMotion:
     apart: bool
     independent: float = np.inf
 
+    def thinned(self, samples: int) -> ThinMotion:
+        """Return the same with so many of its samples, or a few more, evenly spread."""
+        every = max(1, len(self.tau) // samples)
+        return replace(self, x=self.x[:, ::every], tau=self.tau[::every])
+
 
 @dataclass(frozen=True)
 class Columns:
-    """What torques are made of when an arm moves as a robot file says.
+    """What torques are made of when an arm moves as robot files say: K motions of N samples.
 
     Attributes:
-        bodies: columns of the ten parameters of each link, (N, n, 10 n); those of links before a joint are zero.
-        own: columns of constant, viscous and Coulomb friction and rotor inertia of each joint, (n, N, 4).
+        bodies: columns of the ten parameters of each link, (n, 10 n, K, N); those of links before a joint are zero.
+        own: columns of constant, viscous and Coulomb friction and rotor inertia of each joint, (K, n, N, 4).
     """
 
     bodies: Floats
     own: Floats
 
     def of_joint(self, j: int) -> Floats:
-        """Return the columns of the bodies that joint j moves, (N, 10 (n - j))."""
-        return self.bodies[:, j, 10 * j :]
+        """Return the columns of the bodies that joint j moves, (K, N, 10 (n - j))."""
+        return self.bodies[j, 10 * j :].transpose(1, 2, 0)
 
     @cached_property
     def basis(self) -> Floats:
-        """Orthogonal columns of what each joint has of its own, (n, N, 4)."""
+        """Orthogonal columns of what each joint has of its own, (K, n, N, 4)."""
         return np.asarray(np.linalg.qr(self.own)[0])
 
     @cached_property
     def grams(self) -> Floats:
-        """Products of the columns of bodies without what is a joint's own, (n, 10 n, 10 n)."""
-        n, p = self.bodies.shape[1:]
-        found = np.zeros((n, p, p))
-        for j, Q in enumerate(self.basis):
-            B = self.of_joint(j)
-            own = Q.T @ B
-            found[j, 10 * j :, 10 * j :] = B.T @ B - own.T @ own
+        """Products of the columns of bodies without what is a joint's own, (K, n, 10 n, 10 n)."""
+        (K, n), p = self.own.shape[:2], self.bodies.shape[1]
+        found = np.zeros((K, n, p, p))
+        for j in range(n):
+            B = self.of_joint(j).swapaxes(1, 2)
+            own = B @ self.basis[:, j]
+            found[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
         return found
 
-    def left(self, tau: Floats, *, apart: bool) -> Floats:
-        """Return the root mean square that any bodies leave of each joint's torque, (n,) [N m or N].
+    def left(self, of: Sequence[int], tau: Floats, *, apart: bool) -> Floats:
+        """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
 
         Args:
-            tau: torques, (N, n) [N m or N].
+            of: numbers of the motions that the torques belong to, M of them.
+            tau: torques, (M, N, n) [N m or N].
             apart: whether each joint may have bodies of its own.
         """
         if apart:
-            columns = (np.hstack([own, self.of_joint(j)]) for j, own in enumerate(self.own))
-            return np.array([float(_left(each, tau[:, j])) for j, each in enumerate(columns)])
-        return _shared(self, tau)
+            joints = range(tau.shape[2])
+            both = (np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2) for j in joints)
+            return np.stack([_left(columns, tau[:, :, j]) for j, columns in zip(joints, both, strict=True)], axis=1)
+        return _shared(self, of, tau)
 
-    def floor(self, tau: Floats) -> Floats:
-        """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (n,) [N m or N]."""
-        return np.maximum(_left(self.own, tau.T), 1e-9)
+    def floor(self, of: Sequence[int], tau: Floats) -> Floats:
+        """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (M, n) [N m or N]."""
+        return np.maximum(_left(self.own[of], tau.swapaxes(1, 2)), 1e-9)
 
 
 def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
@@ -190,30 +197,34 @@ class Judge:
         Returns:
             Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
         """
-        tables: dict[tuple[object, ...], dict[bytes, list[int]]] = {}
+        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
         moved = [self._dh(robot) for robot in robots]
         for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
-            alike = tables.setdefault((robot.convention, robot.gravity), {})
-            alike.setdefault(x.tobytes(), []).append(k)
+            alike = tables.setdefault(robot.convention, {})
+            alike.setdefault((robot.gravity, x.tobytes()), []).append(k)
         found: dict[int, tuple[Floats, Floats]] = {}
+        together = max(1, TOGETHER // len(self.motion.tau))
         for files in (list(alike.values()) for alike in tables.values()):
-            for some in (files[start : start + TOGETHER] for start in range(0, len(files), TOGETHER)):
-                several = self._columns(robots[some[0][0]], [moved[same[0]][0] for same in some])
-                for same, columns in zip(some, several, strict=True):
-                    for tau, k in ((moved[k][1], k) for k in same):
-                        found[k] = columns.left(tau, apart=self.motion.apart), columns.floor(tau)
+            for some in (files[start : start + together] for start in range(0, len(files), together)):
+                columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
+                several = [(number, k) for number, same in enumerate(some) for k in same]
+                of, tau = [number for number, _ in several], np.stack([moved[k][1] for _, k in several])
+                left, floor = columns.left(of, tau, apart=self.motion.apart), columns.floor(of, tau)
+                found |= {k: (left[m], floor[m]) for m, (_, k) in enumerate(several)}
         return [found[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
-        (columns,) = self._columns(robot, [x])
+        columns = self._columns([(robot, x)])
         signed = robot.torque.source in ("motor_torque", "motor_current")
         parts = [_reduced(columns, tau, j, signed=signed) for j in range(robot.n)]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
+        (floor,) = columns.floor([0], tau[None])
         if self.motion.apart:
-            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), columns.floor(tau)
-        return _cone(parts, bodies, 1.0 / np.maximum(columns.left(tau, apart=False), 1e-9)), columns.floor(tau)
+            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), floor
+        (left,) = columns.left([0], tau[None], apart=False)
+        return _cone(parts, bodies, 1.0 / np.maximum(left, 1e-9)), floor
 
     def outside(self, robot: Robot) -> int:
         """Return how many joints move far beyond their limits under an edited file."""
@@ -238,25 +249,28 @@ class Judge:
     def _span(self, robot: Robot) -> Floats:
         """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
         N, n = self.motion.x.shape[1:]
-        (columns,) = self._columns(robot, [self._dh(robot)[0]])
+        columns = self._columns([(robot, self._dh(robot)[0])])
         map_ = robot.driver.map if robot.driver is not None and self.mapped else None
         sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
-        found = np.zeros((n, N, columns.bodies.shape[2] + OWN * n))
+        p = 10 * n
+        found = np.zeros((n, N, p + OWN * n))
         for j in range(n):
             row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
-            found[row, :, : -OWN * n] = sign[j] * columns.bodies[:, j]
-            start = columns.bodies.shape[2] + OWN * j
-            found[row, :, start : start + OWN] = columns.own[j]
+            found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
+            found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
         return found.reshape(n * N, -1)
 
-    def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Iterator[Columns]:
-        """Yield the columns of an edited file on motions in DH quantities, (3, N, n) each."""
-        slow = per_joint(MOVING_SPEED, robot)
-        free = replace(robot, gravity=(0.0, 0.0, 0.0)) if robot.torque.source == "gravity_free" else robot
-        bodies = body_regressor(free, *np.concatenate(motions, axis=1))
-        for x, part in zip(motions, np.split(bodies, len(motions)), strict=True):
-            v, a = x[1].T, x[2].T
-            yield Columns(part, np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=2))
+    def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
+        """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
+        robot, motions = moved[0][0], [x for _, x in moved]
+        slow, free = per_joint(MOVING_SPEED, robot), robot.torque.source == "gravity_free"
+        gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
+        gravity = np.repeat(gravity, len(self.motion.tau), axis=0)
+        q, qd, qdd = np.concatenate(motions, axis=1)
+        bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
+        v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
+        own = np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=3)
+        return Columns(bodies.reshape(*bodies.shape[:2], len(motions), -1), own)
 
     def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
@@ -295,31 +309,44 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _shared(columns: Columns, tau: Floats) -> Floats:
-    """Return what is left of each joint's torque when all joints share the bodies, (n,).
+def _shared(columns: Columns, of: Sequence[int], tau: Floats) -> Floats:
+    """Return what is left of each joint's torque when all joints share the bodies, (M, n).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
+
+    Args:
+        columns: of K motions.
+        of: numbers of the motions that the torques belong to, M of them.
+        tau: torques, (M, N, n) [N m or N].
     """
-    (_, n, p), grams = columns.bodies.shape, columns.grams
-    left = tau.T - (columns.basis @ (columns.basis.swapaxes(1, 2) @ tau.T[:, :, None]))[:, :, 0]
-    sides = np.zeros((n, p))
+    grams, basis, torque = columns.grams[of], columns.basis[of], tau.swapaxes(1, 2)[..., None]
+    (M, n, p), count = grams.shape[:3], tau.shape[1]
+    left = (torque - basis @ (basis.swapaxes(2, 3) @ torque))[..., 0]
+    sides = np.zeros((M, n, p))
     for j in range(n):
-        sides[j, 10 * j :] = left[j] @ columns.of_joint(j)
-    energy = np.sum(left**2, axis=1) / len(tau)
+        B = columns.of_joint(j)
+        for m, k in enumerate(of):
+            sides[m, j, 10 * j :] = left[m, j] @ B[k]
+    energy = np.sum(left**2, axis=2) / count
     rms = np.sqrt(np.maximum(energy, 1e-18))
     ridge = np.tile(USUAL**-2.0, p // 10)
     for _ in range(3):
-        weight = 1.0 / (ALIKE * rms**2)
-        G, side = (weight @ grams.reshape(n, -1)).reshape(p, p), weight @ sides
-        G[np.diag_indices(p)] += ridge
-        try:
-            theta = np.linalg.solve(G, side)
-        except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them
-            theta = np.linalg.lstsq(G, side, rcond=None)[0]
-        quads = (grams @ theta - 2.0 * sides) @ theta
-        rms = np.sqrt(np.maximum(energy + quads / len(tau), 1e-12 * energy + 1e-18))
+        weight = 1.0 / (ALIKE * rms[:, None] ** 2)
+        G, side = (weight @ grams.reshape(M, n, -1)).reshape(M, p, p), weight @ sides
+        G[:, range(p), range(p)] += ridge
+        theta = _solved(G, side.swapaxes(1, 2))[:, None]
+        quads = ((grams @ theta)[..., 0] - 2.0 * sides)[:, :, None] @ theta
+        rms = np.sqrt(np.maximum(energy + quads[:, :, 0, 0] / count, 1e-12 * energy + 1e-18))
         rms = np.maximum(rms, MODELLED * np.sqrt(energy))
     return np.asarray(rms)
+
+
+def _solved(G: Floats, side: Floats) -> Floats:
+    """Return the solutions of M systems of equations, (M, p, 1)."""
+    try:
+        return np.asarray(np.linalg.solve(G, side))
+    except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them
+        return np.stack([np.linalg.lstsq(A, b, rcond=None)[0] for A, b in zip(G, side, strict=True)])
 
 
 def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:
@@ -327,11 +354,13 @@ def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: bool) -> 
 
     What may have any sign is taken out of all three: the constant, and all friction where a sensor is behind the gear.
     """
-    own, tau = columns.own[joint], torques[:, joint]
+    own, tau = columns.own[0, joint], torques[:, joint]
     Q = np.linalg.qr(own[:, :1] if signed else own)[0]
-    kept = np.hstack([columns.bodies[:, joint], own[:, 1 if signed else OWN :], tau[:, None]])
+    p = columns.bodies.shape[1]
+    kept = np.zeros((len(tau), p + own.shape[1] if signed else p + 1))
+    kept[:, 10 * joint : p] = columns.of_joint(joint)[0]
+    kept[:, p:-1], kept[:, -1] = own[:, 1 if signed else OWN :], tau
     kept = kept - Q @ (Q.T @ kept)
-    p = columns.bodies.shape[2]
     return kept[:, :p], kept[:, p:-1], kept[:, -1]
 
 

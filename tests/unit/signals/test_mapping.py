@@ -12,7 +12,8 @@ from dynid.model.numeric_regressor import body_regressor
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
 from dynid.signals.edits import Edit, edited, pasted, said, with_edits
-from dynid.signals.mapping import diagnose, driver_columns
+from dynid.signals.mapping import FIRST, diagnose, driver_columns
+from dynid.signals.mapping_fit import SAMPLES, Judge
 from dynid.signals.stamps import take_samples
 from makelogs import lwr, lwr_log, shared_data
 
@@ -33,6 +34,16 @@ def test_the_numeric_regressor_is_the_derived_one(name):
 
 def test_a_right_file_is_not_questioned():
     assert not diagnose(*columns(lwr())).wrong
+
+
+def test_a_third_of_the_samples_settles_a_right_file_and_no_other(monkeypatch):
+    asked, fit = [], Judge.possible
+    monkeypatch.setattr(Judge, "possible", lambda self, robot: asked.append(len(self.motion.tau)) or fit(self, robot))
+    assert not diagnose(*columns(lwr())).wrong
+    assert len(asked) == 1
+    assert FIRST <= asked[0] < SAMPLES / 2
+    assert diagnose(*columns(edited(lwr(), Edit("torque", (3.0,))))).wrong
+    assert asked[-1] >= SAMPLES
 
 
 @pytest.mark.parametrize(

@@ -27,4 +27,6 @@ def test_bodies_that_joints_share_leave_what_stacked_rows_leave():
         theta = np.linalg.lstsq(rows, side)[0]
         rest = [one - each @ theta for one, each in zip(left, W, strict=True)]
         rms = np.maximum([np.sqrt(np.mean(each**2)) for each in rest], MODELLED * least)
-    np.testing.assert_allclose(Columns(bodies, own).left(tau, apart=False), rms, rtol=1e-9)
+    several = Columns(np.stack([bodies, bodies]).transpose(2, 3, 0, 1), np.stack([own, own]))
+    found = several.left([1, 0], np.stack([tau, tau]), apart=False)
+    np.testing.assert_allclose(found, [rms, rms], rtol=1e-9)
