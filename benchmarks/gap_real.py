@@ -1,6 +1,9 @@
 """``dynid gap`` on recordings of real arms: what it names as they are, and how often it finds what is put into them.
 
-    python benchmarks/gap_real.py --data ../shared/data [--draws 30] [--out gap_real.json] [--table benchmarks/gap_real.md]
+    python benchmarks/gap_real.py --data ../shared/data [--draws 30] [--unchanged 24] [--out gap_real.json] [--table benchmarks/gap_real.md]
+
+With ``--unchanged``: pairs of recordings, and parts of recordings, of one arm that nothing was put into, drawn from the seed; each
+is asked what has changed.
 
 The model is identified on one recording (or the first part of one) and kept; the injected thing is in another (the
 rest). On the joint that shows it most it is twice as large as what the kept model leaves unexplained in that recording,
@@ -52,6 +55,15 @@ AS_THEY_ARE = {
     "Panda": ("franka_panda", ("panda_salerno/exc.npz",)),
 }
 INJECTED = ("payload", "torque_offset", "coulomb_change", "torque_delay", "torque_gain", "encoder_offset")
+#: Changes that have no name: a joint that shakes between 1 and 4 Hz, and a torque that follows its speed and two positions.
+NAMELESS = ("vibration", "odd_cross")
+#: Recordings of one arm that nothing was put into.
+SAME_ARM = {
+    "LWR4+": ("kuka_lwr4plus", tuple(f"kuka_lwr4plus/run{k}.bag" for k in (1, 2, 3))),
+    "UR10": ("ur10", ("ur10_salerno/exc.npz",)),
+    "TX40": ("staubli_tx40", ("tx40/exc.npz",)),
+    "Panda": ("franka_panda", ("panda_salerno/exc.npz",)),
+}
 
 
 def read(path, robot):
@@ -129,9 +141,23 @@ def inject(name, joint, sign, log, robot, residual, torque_of):
         tau = np.stack([np.interp(t - abs(size), t, column) for column in tau.T], axis=1)
     elif name == "torque_gain":
         tau[:, joint] *= 1 + size
+    elif name in NAMELESS:
+        tau[:, joint] += abs(size) * nameless(name, joint, t, q)
     else:
         q[:, joint] += size
     return replace(log, q=q, tau=tau, qd=None), float(size)
+
+
+def nameless(name, joint, t, q):
+    """Return a torque of rms 1 that no effect of the catalogue is, (N,)."""
+    if name == "vibration":
+        rng = np.random.default_rng(len(t) + joint)
+        waves = [np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform([1, 0], [4, 7], (12, 2))]
+        torque = np.sum(waves, axis=0)
+    else:
+        qd = smooth(np.gradient(q, t, axis=0), t)
+        torque = np.cos(q[:, joint] + 2 * q[:, (joint + 1) % q.shape[1]]) * qd[:, joint]
+    return torque / np.sqrt(np.mean(torque**2))
 
 
 def size_of(name, joint, log, robot, residual, torque_of):
@@ -201,6 +227,7 @@ def one(arm, name, joint, sign, data, cache):
         "others": [n for n in named if n != [name, place] and (n[0], tuple(n[1])) not in before],
         "values": [f.values for f in seen.verdict.named if f.name == name],
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest], "seconds": seconds,
+        "word": seen.verdict.word, "differ": [j + 1 for j in seen.verdict.remainder],
     }  # fmt: skip
 
 
@@ -210,6 +237,32 @@ def look(logs, base, found, earlier=None):
     return analyse_gap(
         sources, base, kept, SelectionOptions(), possible=True, simulate=False, earlier=[earlier] if earlier else ()
     )
+
+
+def unchanged(data, draws, seed):
+    """Return the endings of drawn pairs of recordings, or parts of them, between which nothing was changed."""
+    rng, rows = np.random.default_rng([seed, 7]), []
+    for arm in itertools.islice(itertools.cycle(SAME_ARM), draws):
+        file, logs = SAME_ARM[arm]
+        first, second = drawn_pair(logs, rng)
+        robot = load_robot(file)
+        model = build_model(robot)
+        base = BaseModel(model, reduce(model))
+        source = source_of(read(data / first, robot), model)
+        verdict = look([read(data / second, robot)], base, identified([source], base), source).verdict
+        named = ", ".join(f"{f.name} {'-'.join(str(k + 1) for k in f.joints) or 'arm'}" for f in verdict.named)
+        differ = ", ".join(str(j + 1) for j in verdict.remainder)
+        rows.append([arm, *(x.split("/")[1] for x in (first, second)), verdict.word, named or "-", differ or "-"])
+        print(*rows[-1], flush=True)
+    return rows
+
+
+def drawn_pair(logs, rng):
+    """Return two recordings, each most of one, or two parts of the same."""
+    if len(logs) > 1 and rng.random() < 0.5:
+        return tuple(f"{log}:{rng.uniform(0, 0.3):.2f}:{rng.uniform(0.7, 1):.2f}" for log in rng.permutation(logs)[:2])
+    log, at = rng.choice(logs), rng.uniform(0.35, 0.65)
+    return tuple(rng.permutation([f"{log}:0:{at:.2f}", f"{log}:{at:.2f}:1"]))
 
 
 def as_they_are(data):
@@ -243,15 +296,18 @@ def table(natural, rows):
     if not rows:
         return "\n".join(lines)
     lines += ["", f"Put in at {SIZE:g} times the residual, model kept:", "", "| recordings | put in | draws | right name and joint | "
-              "among names that fit equally well | not named | other names that were not there before |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+              "among names that fit equally well | not named | told as unexplained | other names that were not there before |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
     for arm in ARMS:
-        for name in (*INJECTED, "all"):
-            some = [r for r in rows if r["arm"] == arm and name in (r["effect"], "all")]
+        for name in (*INJECTED, "all", *NAMELESS):
+            some = [
+                r for r in rows if r["arm"] == arm and name in (r["effect"], "all" if r["effect"] in INJECTED else "")
+            ]
             others = sorted({f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}" for r in some for n, p in r["others"]})
             among = sum(r["among"] and not r["found"] for r in some)
             nothing = sum(not r["named"] for r in some)
+            told = sum(r["word"] == "unexplained" for r in some)
             lines.append(
-                f"| {arm} | {name} | {len(some)} | {sum(r['found'] for r in some)} | {among} | {nothing} | {', '.join(others) or '-'} |"
+                f"| {arm} | {name} | {len(some)} | {sum(r['found'] for r in some)} | {among} | {nothing} | {told} | {', '.join(others) or '-'} |"
             )
     return "\n".join(lines)
 
@@ -260,16 +316,22 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=30, help="of each pair of recordings")
+    parser.add_argument(
+        "--unchanged", type=int, default=0, help="pairs that nothing was put into; nothing else is run then"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("gap_real.json"))
     parser.add_argument("--table", type=Path)
     args = parser.parse_args()
+    if args.unchanged:
+        unchanged(args.data, args.unchanged, args.seed)
+        return
     natural = as_they_are(args.data)
     print(table(natural, []), flush=True)
     rng = np.random.default_rng(args.seed)
     rows, cache = [], {}
     for k, arm in itertools.product(range(args.draws), ARMS):
-        name = INJECTED[k % len(INJECTED)]
+        name = (*INJECTED, *NAMELESS)[k % (len(INJECTED) + len(NAMELESS))]
         rows.append(one(arm, name, *drawn(name, arm, args.data, cache, rng), args.data, cache))
         args.out.write_text(json.dumps(rows))
         r = rows[-1]

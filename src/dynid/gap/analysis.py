@@ -388,8 +388,8 @@ def replays(
         regression: refitted with these effects.
     """
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
-    old = [k for k, s in enumerate(problem.segments) if problem.change is None or not s.fresh]
-    if problem.change is not None:
+    old = [k for k, s in enumerate(problem.segments) if not problem.pooled or not s.fresh]
+    if problem.pooled:
         # Why: the columns of what has always been missing take part of what they leave out, and no replay has them.
         problem = without_always_missing(problem)
         search = replace(search, problem=without_always_missing(search.problem))

@@ -5,25 +5,33 @@ standard errors although nothing has changed, because what the model lacks was f
 fitted together, with the columns of the residual model in both alike, and what is looked for acts in the new ones.
 
 Whether anything has changed at all is asked joint by joint: one set of parameters for both against one for each
-(Chow), compared with the same between halves of the old logs, and of the new ones, where nothing can have changed.
+(Chow). Another motion asks for more of a model that lacks something, and each set does better on the rows that it was
+fitted to. So a joint has changed only when one set for both costs more than one set for two halves of the same logs
+that are as unlike as they can be, and when it also misses parts of either logs by more that were left out.
 
-Source: Chow 1960, "Tests of equality between sets of coefficients in two linear regressions", for the statistic.
+Source: Chow 1960, "Tests of equality between sets of coefficients in two linear regressions", for the statistic; Stone
+1974, "Cross-validatory choice and assessment of statistical predictions", for parts that are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.estimation.error_columns import GROUPS, shapes_of
 from dynid.estimation.model_error import LARGEST
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats, sign_of
 
-#: A joint has changed when its common fit is this much worse, beyond 1, than halves of logs are by themselves. Another
-#: motion asks for more of the model than the other half of the same one.
+Ints = NDArray[np.int64]
+
+#: A joint has changed when its common fit is this much worse, beyond 1, than that of unlike halves of the same logs, or
+#: the new logs leave this much more, beyond 1, than one half leaves over the other: between two motions all joints are
+#: elsewhere at once.
 BEYOND_HALVES = 1.5
 #: Smallest growth of a joint's residual that counts, whatever halves say: the squares of what is visible at a fifth of
 #: the noise.
@@ -31,10 +39,15 @@ LEAST_GROWTH = 0.02
 #: The same for what parameters of the new logs alone leave of them, over what those of the old ones leave: a change
 #: that no parameters absorb shows nowhere else, but faster motion leaves more too.
 LEAST_MORE = 0.2
+#: Parts that were left out have to be missed by so much more with the other logs than without them. Where nothing has
+#: changed these are rows more; what the model lacks costs a few per cent.
+LEAST_HARM = 0.1
+#: Parts of the old, and of the new logs, that are left out in turn.
+PARTS = 8
 #: Least rms speed that shapes of friction scale with [rad/s or m/s].
 SLOWEST = 1e-3
-#: Directions of normalised columns below this share of the strongest are left at zero.
-WEAK = 1e-6
+#: Ridge on normalised columns, which holds what the rows leave open near zero.
+OPEN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -43,20 +56,26 @@ class ChangeTest:
 
     Attributes:
         growth: rms of the residual with one set of parameters for old and new logs, over that with one for each, (n,).
-        halves: the largest such growth between halves of the old, and of the new logs, (n,).
+        unlike: the largest such growth between halves of the old, or of the new logs: in time, where the joint was, and
+            how fast it was, (n,).
+        harm: rms by which left-out parts of the old, or of the new logs are missed, with the other logs beside the rest
+            of their own over that without, the larger one, (n,).
         more: rms that the parameters of the new logs leave of them, over that of the old logs, (n,).
+        uneven: the largest such ratio between the same halves, with one set of parameters for both, (n,).
     """
 
     growth: Floats
-    halves: Floats
+    unlike: Floats
+    harm: Floats
     more: Floats
+    uneven: Floats
 
     @property
     def joints(self) -> tuple[int, ...]:
         """Joints that have changed."""
-        usual = BEYOND_HALVES * (self.halves - 1.0)
-        grown = self.growth > 1.0 + np.maximum(usual, LEAST_GROWTH)
-        return tuple(np.flatnonzero(grown | (self.more > 1.0 + np.maximum(usual, LEAST_MORE))).tolist())
+        grown = self.growth > 1.0 + np.maximum(BEYOND_HALVES * (self.unlike - 1.0), LEAST_GROWTH)
+        louder = self.more > 1.0 + np.maximum(BEYOND_HALVES * (self.uneven - 1.0), LEAST_MORE)
+        return tuple(np.flatnonzero((grown & (self.harm > 1.0 + LEAST_HARM)) | louder).tolist())
 
 
 @dataclass(frozen=True)
@@ -74,6 +93,10 @@ class Part:
     def __add__(self, other: Part) -> Part:
         """Return both."""
         return Part(self.gram + other.gram, self.count + other.count)
+
+    def __sub__(self, other: Part) -> Part:
+        """Return this without a part of it."""
+        return Part(self.gram - other.gram, self.count - other.count)
 
 
 def with_always_missing(
@@ -142,66 +165,130 @@ def change_test(
     wide = np.zeros((len(prior), width + sum(map(len, nuisance[0])) + 1))
     wide[:, :width], wide[:, -1] = prior[:, :-1], prior[:, -1]
     known = wide.T @ wide
-    halves = [_halves(s, rows, columns) for s, rows, columns in zip(segments, train, nuisance, strict=True)]
-    eras = [
-        [_sum([half[k] for half, s in zip(halves, segments, strict=True) if s.fresh is fresh]) for k in (0, 1)]
-        for fresh in (False, True)
-    ]
-    old, new = (first + second for first, second in eras)
-    sigma = _rms([old, new], _separate([old, new], np.ones(len(old.count)), known))
-    null = np.max([_growth(parts, sigma, known) for parts in eras], axis=0)
+    eras = [_Era.of(segments, train, nuisance, fresh=fresh) for fresh in (False, True)]
+    old, new = (era.whole for era in eras)
+    sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])
+    unlike, uneven = (np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True))
+    harm = [_harm(era, other, sigma, known) for era, other in ((eras[0], new), (eras[1], old))]
     left, now = (_rms([part], [_solved(part, sigma, known)]) for part in (old, new))
-    return ChangeTest(_growth([old, new], sigma, known), null, now / np.maximum(left, 1e-300))
+    return ChangeTest(
+        _growth([old, new], sigma, known), unlike, np.max(harm, axis=0), now / np.maximum(left, 1e-300), uneven
+    )
 
 
-def _halves(segment: SegmentRows, train: Mask, nuisance: Sequence[Floats]) -> tuple[Part, Part]:
-    """Return the first and the second half of a segment's searched rows."""
-    rows = np.flatnonzero(train)
-    middle = rows[len(rows) // 2] if len(rows) else 0
-    first = np.arange(len(train)) < middle
-    return _part(segment, train & first, nuisance), _part(segment, train & ~first, nuisance)
+@dataclass(frozen=True)
+class _Era:
+    """The searched rows of the old, or of the new logs, one segment after the other; M rows in all.
+
+    Attributes:
+        columns: numbers of the columns that each joint has, the torque last, n of (c + 1,).
+        rows: those columns in the rows that count of each joint, n of (m, c + 1).
+        at: which rows these are, n of (m,).
+        first: whether a row is in the first half of its segment, (M,).
+        q: positions, (M, n) [rad or m].
+        speed: sizes of the velocities, (M, n) [rad/s or m/s].
+        width: number of columns of all joints, with the torque.
+    """
+
+    columns: list[Ints]
+    rows: list[Floats]
+    at: list[Ints]
+    first: Mask
+    q: Floats
+    speed: Floats
+    width: int
+
+    @classmethod
+    def of(
+        cls,
+        segments: Sequence[SegmentRows],
+        train: Sequence[Mask],
+        nuisance: Sequence[Sequence[Floats]],
+        *,
+        fresh: bool,
+    ) -> _Era:
+        """Return the rows of the new logs, or of the old ones."""
+        own = [(s, m, c) for s, m, c in zip(segments, train, nuisance, strict=True) if s.fresh is fresh]
+        n, p = segments[0].W.shape[1:]
+        k = len(nuisance[0][0])
+        W, tau, use = (
+            np.concatenate([x[m] for x, m in zip(parts, (m for _, m, _ in own), strict=True)])
+            for parts in ([s.W for s, _, _ in own], [s.tau for s, _, _ in own], [s.use for s, _, _ in own])
+        )
+        columns, rows = [], []
+        for j in range(n):
+            seen = np.flatnonzero(np.any(W[:, j] != 0.0, axis=0))
+            beside = np.concatenate([c[j][:, m] for _, m, c in own], axis=1)
+            columns.append(np.array([*seen, *range(p + j * k, p + (j + 1) * k), p + n * k]))
+            rows.append(np.column_stack([W[:, j][:, seen], beside.T, tau[:, j]])[use[:, j]])
+        first = np.concatenate([np.arange(m.sum()) < m.sum() // 2 for _, m, _ in own])
+        q, qd = (
+            np.concatenate([x[m] for x, (_, m, _) in zip(xs, own, strict=True)])
+            for xs in zip(*((s.q, s.qd) for s, _, _ in own), strict=True)
+        )
+        return cls(columns, rows, [np.flatnonzero(x) for x in use.T], first, q, np.abs(qd), p + n * k + 1)
+
+    @cached_property
+    def whole(self) -> Part:
+        """All rows."""
+        return self.part(np.ones(len(self.first), dtype=bool))
+
+    def part(self, chosen: Mask) -> Part:
+        """Return some of the rows."""
+        gram, count = np.zeros((len(self.rows), self.width, self.width)), np.zeros(len(self.rows))
+        for j, (columns, rows, at) in enumerate(zip(self.columns, self.rows, self.at, strict=True)):
+            A = rows[chosen[at]]
+            gram[j][np.ix_(columns, columns)] = A.T @ A
+            count[j] = len(A)
+        return Part(gram, count)
 
 
-def _part(segment: SegmentRows, chosen: Mask, nuisance: Sequence[Floats]) -> Part:
-    n, p = segment.W.shape[1:]
-    own = len(nuisance[0])
-    gram, count = np.zeros((n, p + n * own + 1, p + n * own + 1)), np.zeros(n)
-    for j in range(n):
-        use = chosen & segment.use[:, j]
-        columns = [*range(p), *range(p + j * own, p + (j + 1) * own), p + n * own]
-        A = np.column_stack([segment.W[use, j], nuisance[j][:, use].T, segment.tau[use, j]])
-        gram[j][np.ix_(columns, columns)] = A.T @ A
-        count[j] = use.sum()
-    return Part(gram, count)
+def _halves(era: _Era, sigma: Floats, known: Floats) -> tuple[Floats, Floats]:
+    """Return the largest growth, and the largest ratio of residuals, between halves of some logs, (n,) each.
+
+    A joint is judged by halves in time, and by halves of its own positions and speeds.
+    """
+    n = len(sigma)
+    own = _solved(era.whole, sigma, known)
+
+    def between(first: Mask) -> tuple[Floats, Floats]:
+        one = era.part(first)
+        halves = [one, era.whole - one]
+        a, b = (np.maximum(_rms([half], [own]), 1e-300) for half in halves)
+        return _growth(halves, sigma, known), np.maximum(a / b, b / a)
+
+    growth, ratio = between(era.first)
+    for values in (era.q, era.speed):
+        for j in range(n):
+            found = between(np.argsort(np.argsort(values[:, j])) < len(values) // 2)
+            growth[j], ratio[j] = max(growth[j], found[0][j]), max(ratio[j], found[1][j])
+    return growth, ratio
 
 
-def _sum(parts: Sequence[Part]) -> Part:
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
+def _harm(era: _Era, other: Part, sigma: Floats, known: Floats) -> Floats:
+    """Return the rms by which left-out parts of some logs are missed with other logs over that without them, (n,)."""
+    number = np.arange(len(era.first)) * PARTS // max(len(era.first), 1)
+    parts = [era.part(number == k) for k in range(PARTS)]
+    rest = [era.whole - part for part in parts]
+    with_other, without = (
+        _rms(parts, [_solved(one, sigma, known) for one in fitted]) for fitted in ([one + other for one in rest], rest)
+    )
+    return with_other / np.maximum(without, 1e-300)
 
 
 def _growth(parts: Sequence[Part], sigma: Floats, known: Floats) -> Floats:
     """Return rms of one set of parameters for all parts over that of one for each, (n,)."""
-    common = _solved(_sum(parts), sigma, known)
-    together = _rms(parts, [common] * len(parts))
-    return together / np.maximum(_rms(parts, _separate(parts, sigma, known)), 1e-300)
-
-
-def _separate(parts: Sequence[Part], sigma: Floats, known: Floats) -> list[Floats]:
-    return [_solved(part, sigma, known) for part in parts]
+    together = _rms(parts, [_solved(sum(parts[1:], parts[0]), sigma, known)] * len(parts))
+    return together / np.maximum(_rms(parts, [_solved(part, sigma, known) for part in parts]), 1e-300)
 
 
 def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
     """Return [-theta, 1] of the weighted least-squares fit beside what is known of theta, (w + 1,)."""
     whole = np.einsum("j,jab->ab", 1.0 / sigma**2, part.gram) + known
     gram, right = whole[:-1, :-1], whole[:-1, -1]
-    size = np.sqrt(np.diag(gram))
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size = np.where(size > 0, size, 1.0)
-    values, V = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > WEAK * values[-1]
-    theta = V[:, kept] @ ((V[:, kept].T @ (right / size)) / values[kept]) / size
+    theta = np.linalg.solve(gram / np.outer(size, size) + OPEN * np.eye(len(size)), right / size) / size
     return np.append(-theta, 1.0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
-from dynid.gap.change import ChangeTest, change_test, with_always_missing
+from dynid.gap.change import with_always_missing
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
 from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
@@ -106,7 +106,7 @@ class GapProblem:
         arm: the prior of possible links, where it is asked what only an odd arm would absorb.
         held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, or how
             large what has always been missing may be, (k, p + 1).
-        change: which joints have changed since the earlier logs, that are among the rows; None where there are none.
+        pooled: whether the earlier logs are among the rows, and what is looked for acts in the new ones alone.
     """
 
     base: BaseModel
@@ -120,7 +120,7 @@ class GapProblem:
     theta: Floats
     unexplained: Floats | None = None
     matched: float = 0.0
-    change: ChangeTest | None = None
+    pooled: bool = False
     in_force: NoiseModel | None = None
     arm: PossibleArm | None = None
     held_by: Floats | None = None
@@ -128,7 +128,7 @@ class GapProblem:
     @property
     def since(self) -> bool:
         """Whether it is asked what has changed since a model was identified."""
-        return self.kept is not None or self.change is not None
+        return self.kept is not None or self.pooled
 
     def regression(self, theta: Floats | None = None, *, nuisance: bool = True) -> WhitenedRegression:
         """Return the whitened training rows, effects scaled with given base parameters.
@@ -327,7 +327,6 @@ def _problem_since(
     level = _rms(before, unwhitened_fit(before, train[old], None)[1], train[old])
     every, held_by = with_always_missing(every, kept.theta, level)
     repeats = [pair for pair in find_repeats(every) if every[pair.first].fresh == every[pair.second].fresh]
-    change = change_test(every, train, [nuisance_columns(s) for s in every], held_by)
     theta, together = unwhitened_fit(every, train, None, held_by)
     alone = [r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]]
     noise = measure_noise(every, alone, repeats, train)
@@ -335,7 +334,7 @@ def _problem_since(
     level = np.minimum(_rms(every, together, train), AT_FIRST * _rms(every, alone, train))
     noise = with_misfit(noise, cut(every, train), alone, level)
     theta = theta[: len(kept.theta)]
-    return GapProblem(base, None, every, train, held, text, repeats, noise, theta, change=change, held_by=held_by)
+    return GapProblem(base, None, every, train, held, text, repeats, noise, theta, pooled=True, held_by=held_by)
 
 
 def without_always_missing(problem: GapProblem) -> GapProblem:
@@ -373,7 +372,7 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         return replace(problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
     level = _rms(problem.segments, residuals, problem.train) if problem.unexplained is None else problem.unexplained
     # Why not held-out rows: what few seconds of new logs determine leaves much more there, for seconds.
-    rows = problem.segments if problem.change is None else cut(problem.segments, problem.train)
+    rows = cut(problem.segments, problem.train) if problem.pooled else problem.segments
     return replace(problem, noise=with_misfit(noise, rows, residuals, level))
 
 

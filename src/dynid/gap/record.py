@@ -299,7 +299,7 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
     else:
         source = "the residual's high frequencies, a lower bound because no motion is repeated"
     note = ""
-    if problem.change is not None:
+    if problem.pooled:
         note = "earlier and new logs are fitted together; what is looked for acts in the new ones alone"
     elif problem.matched:
         note = "these logs drive the motion of the earlier ones, and are compared with them row by row"

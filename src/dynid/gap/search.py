@@ -103,7 +103,7 @@ def search_effects(
     first = problem = first or make_problem(logs, base, kept, earlier)
     before: dict[Key, float] = {}
     if earlier and not problem.matched:
-        then = make_problem(earlier, base, kept) if problem.change is None else earlier_rows(problem)
+        then = earlier_rows(problem) if problem.pooled else make_problem(earlier, base, kept)
         before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
     # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
     guess = late_torques(problem) if problem.since else None
@@ -122,8 +122,8 @@ def search_effects(
         floor = problem.noise.floor
         problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)
         change = problem.noise.floor / floor
-        most = 1 / SAME_NOISE if problem.change is None else MORE_NOISE
-        if np.all((change > SAME_NOISE) & (change < most)) or (problem.change is not None and not stepwise.selected):
+        most = MORE_NOISE if problem.pooled else 1 / SAME_NOISE
+        if np.all((change > SAME_NOISE) & (change < most)) or (problem.pooled and not stepwise.selected):
             break
     bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
     chi_before = (first.regression() if delay else bare).reduced_chi_square()
@@ -146,7 +146,7 @@ def earlier_rows(problem: GapProblem) -> GapProblem:
         segments=[replace(problem.segments[k], fresh=True) for k in old],
         train=[problem.train[k] for k in old],
         held=[problem.held[k] for k in old],
-        change=None,
+        pooled=False,
     )
 
 
@@ -207,7 +207,7 @@ def with_noise_beside(
     compared with earlier ones have no other measure of it; the first guess, which lets all parameters go, is too small.
     """
     if problem.arm is not None or (
-        problem.change is None and not problem.matched and not (problem.noise.repeats and selected)
+        not problem.pooled and not problem.matched and not (problem.noise.repeats and selected)
     ):
         return problem
     residuals = residuals_beside(problem, regression, selected)
@@ -225,15 +225,12 @@ def still_changed(search: EffectSearch, selected: Sequence[SelectedEffect]) -> t
         selected: what is taken out.
     """
     problem = search.problem
-    assert problem.change is not None, "old logs are not among the rows"
-    selected = [one for one in selected if one.name != "torque_delay"]
-    if not selected:
-        return problem.change.joints
-    regression = with_selected(problem.regression(), selected)
-    segments = []
-    for s in regression.segments:
-        torque = torque_in_rows(s, selected, regression.amplitudes).T
-        segments.append(replace(s, rows=replace(s.rows, tau=s.tau - torque)))
+    assert problem.pooled, "old logs are not among the rows"
+    selected, segments = [one for one in selected if one.name != "torque_delay"], problem.segments
+    if selected:
+        regression = with_selected(problem.regression(), selected)
+        torques = [torque_in_rows(s, selected, regression.amplitudes).T for s in regression.segments]
+        segments = [replace(s, rows=replace(s.rows, tau=s.tau - x)) for s, x in zip(segments, torques, strict=True)]
     nuisance = [nuisance_columns(s) for s in segments]
     return change_test(segments, problem.train, nuisance, problem.held_by).joints
 

@@ -78,14 +78,14 @@ def judge(
         joints: joint names.
     """
     named, closest = tuple(named), tuple(refused)
-    since = search.problem.change is not None
-    remainder = still_changed(search, named) if since else joints_with_more(search)
+    pooled = search.problem.pooled
+    remainder = still_changed(search, named) if pooled else joints_with_more(search)
     groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
     if groups:
         word = "ambiguous"
     elif named:
         word = "named"
-    elif [why for _, why in closest if why != SMALL_DELAY] or remainder or unrepeatable(search):
+    elif remainder or (not pooled and ([why for _, why in closest if why != SMALL_DELAY] or unrepeatable(search))):
         word = "unexplained"
     else:
         word = "nothing_changed" if search.problem.since else "nothing_missing"
@@ -107,7 +107,7 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 
     Where old and new logs are compared, all that they leave counts as noise, and such disturbances with it.
     """
-    covered = () if search.problem.change is None else search.problem.noise.misfit
+    covered = search.problem.noise.misfit if search.problem.pooled else ()
     return [j for j in search.problem.noise.unrepeatable if search.before[j] - 1 < 1 and j not in covered]
 
 
@@ -215,10 +215,10 @@ def advice_of(
     joints: Sequence[str],
 ) -> str:
     """Return what to do next."""
-    bound = not (search.problem.noise.repeats or search.problem.matched or search.problem.change)
+    bound = not (search.problem.noise.repeats or search.problem.matched or search.problem.pooled)
     repeat = " Record each motion twice: without repeats the noise floor is only a lower bound." if bound else ""
     stray = unrepeatable(search)
-    if stray and not named:
+    if stray and word == "unexplained":
         names = ", ".join(joints[j] for j in stray)
         return (
             f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."

@@ -3,18 +3,25 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_base
 from dynid.gap.analysis import analyse_gap
-from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.change import change_test
+from dynid.gap.problem import kept_model, make_problem, nuisance_columns
 from dynid.gap.refit import chance_of_growth
 from dynid.gap.stepwise_selection import SelectionOptions
 
 
+def compared(problem):
+    """Return which joints of a problem with old and new logs have changed."""
+    return change_test(problem.segments, problem.train, list(map(nuisance_columns, problem.segments)), problem.held_by)
+
+
 def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, kept):
     problem = make_problem(twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, old)
-    assert problem.change.joints == ()
+    assert compared(problem).joints == ()
     seen = analyse_gap(
         twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old
     )
@@ -24,8 +31,9 @@ def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, ke
 def test_more_friction_is_named_with_its_size_on_its_joint_alone(twolinks, old, kept, more_friction):
     new = twolinks.logs(more_friction, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
-    assert 1 in problem.change.joints
-    assert problem.change.growth[1] > 1.2 > problem.change.growth[0]
+    change = compared(problem)
+    assert 1 in change.joints
+    assert change.growth[1] > 1.2 > change.growth[0]
     seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
     (one,) = seen.verdict.named
     assert (one.name, one.joints) == ("coulomb_change", (1,))
@@ -42,6 +50,75 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
     assert seen.verdict.named == ()
 
 
+@pytest.mark.parametrize(
+    ("lacking", "before", "now", "repeats"),
+    [
+        (lambda q, qd: np.sin(q[:, 0] + 2.0 * q[:, 1]), (1, 2), (5, 6), 1),
+        (lambda q, qd: np.cos(q[:, 0] + 2.0 * q[:, 1]) * qd[:, 1], (3,), (4,), 2),
+        (lambda q, qd: np.tanh((q[:, 1] - 0.5) / 0.05), (3,), (4,), 1),
+    ],
+)
+def test_what_a_model_lacks_on_another_motion_is_no_change(twolinks, on_joint, lacking, before, now, repeats):
+    """Torques ten times the noise and more that no column says, in old and new logs alike, which move elsewhere."""
+    there = lambda t, q, qd, qdd: on_joint(1, lacking(q, qd))  # noqa: E731
+    old = twolinks.logs(there, plans=before, repeats=repeats)
+    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    problem = make_problem(twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old)
+    assert compared(problem).joints == ()
+
+
+def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_absorb_it(twolinks, on_joint, old, kept):
+    """A vibration that none of the columns follows: old and new logs ask for the same parameters."""
+    shake = lambda t, q, qd, qdd: on_joint(1, 0.15 * np.sin(2.0 * np.pi * 3.0 * t))  # noqa: E731
+    problem = make_problem(twolinks.logs(shake, plans=(5, 6), first=20), twolinks.base, kept, old)
+    change = compared(problem)
+    assert change.joints == (1,)
+    assert change.more[1] > 1.5
+
+
+def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
+    """Half as many rows as parameters: one set for them alone fits anything, and foretells nothing."""
+    problem = make_problem(twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old)
+    few = [m & (s.fresh <= (np.arange(len(m)) < 12)) for m, s in zip(problem.train, problem.segments, strict=True)]
+    assert compared(replace(problem, train=few)).joints == ()
+
+
+def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, more_friction):
+    """Chow's statistic by least squares of stacked, weighted rows instead of normal equations."""
+    problem = make_problem(twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old)
+    found, eras = compared(problem), []
+    for fresh in (False, True):
+        parts = [(s, m) for s, m in zip(problem.segments, problem.train, strict=True) if s.fresh is fresh]
+        eras.append([stacked(parts, j) for j in range(2)])
+
+    def left(groups, sigma):
+        """Return what one set of parameters leaves of each joint of each group."""
+        A = np.vstack([rows[:, :-1] / s for group in groups for rows, s in zip(group, sigma, strict=True)])
+        y = np.concatenate([rows[:, -1] / s for group in groups for rows, s in zip(group, sigma, strict=True)])
+        held = problem.held_by
+        prior = np.zeros((len(held), A.shape[1]))
+        prior[:, : held.shape[1] - 1] = held[:, :-1]
+        x = np.linalg.lstsq(np.vstack([A, prior]), np.append(y, held[:, -1]), rcond=1e-9)[0]
+        return np.array([[np.sum((rows[:, -1] - rows[:, :-1] @ x) ** 2) for rows in group] for group in groups])
+
+    counts = np.array([[len(rows) for rows in era] for era in eras]).sum(axis=0)
+    sigma = np.sqrt(sum(left([era], np.ones(2))[0] for era in eras) / counts)
+    apart = sum(left([era], sigma)[0] for era in eras)
+    np.testing.assert_allclose(found.growth, np.sqrt(left(eras, sigma).sum(axis=0) / apart), rtol=2e-3)
+
+
+def stacked(parts, joint):
+    """Return the rows [columns, torque] of one joint, columns that are not judged at their own place."""
+    found = []
+    for s, m in parts:
+        beside = nuisance_columns(s)
+        wide = np.zeros((len(s), sum(map(len, beside))))
+        k = len(beside[joint])
+        wide[:, joint * k : (joint + 1) * k] = beside[joint].T
+        found.append(np.column_stack([s.W[:, joint], wide, s.tau[:, joint]])[m & s.use[:, joint]])
+    return np.vstack(found)
+
+
 def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
     """Torques of earlier logs may be anything: with their rows weightless the size of the change would be the same."""
     new = twolinks.logs(more_friction, plans=(5, 6), first=20)
@@ -50,7 +127,7 @@ def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
     assert len(fresh) == len(new)
     assert not fresh & {s.number for s in problem.segments if not s.fresh}
     assert all(not held.any() for s, held in zip(problem.segments, problem.held, strict=True) if not s.fresh)
-    assert replace(problem, change=None).since is False
+    assert replace(problem, pooled=False).since is False
 
 
 def test_noise_of_a_comparison_does_not_know_held_out_rows(twolinks, on_joint):

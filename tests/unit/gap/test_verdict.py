@@ -27,12 +27,13 @@ def search(
     delay=0.0,
     matched=0.0,
     since=False,
+    pooled=False,
 ):
     """A search on three joints whose gap is on joint b, and closed."""
     filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
-    noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable))
+    noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable), misfit=())
     segments = [SimpleNamespace(log=filter_)]
-    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, change=None, since=since, arm=None)
+    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, pooled=pooled, since=since, arm=None)
     between = after if between is None else between
     return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
                            between_reversals=np.array(between), delay=delay)  # fmt: skip
@@ -221,3 +222,16 @@ def test_nothing_has_changed_where_that_was_asked():
     verdict = said(search(before=(1, 1, 1), after=(1, 1, 1), since=True))
     assert verdict.word == "nothing_changed"
     assert verdict.advice.startswith("These logs show no change.")
+
+
+def test_a_refused_name_is_no_change_where_old_and_new_logs_agree(monkeypatch):
+    """Whether anything has changed the logs of both say themselves; what was tried and failed is listed."""
+    pooled = search(unrepeatable=[0], since=True, pooled=True)
+    for joints, word, said_first in (
+        ((), "nothing_changed", "These logs show no change."),
+        ((1,), "unexplained", "What disturbs a"),
+    ):
+        monkeypatch.setattr("dynid.gap.verdict.still_changed", lambda search, named, joints=joints: joints)
+        verdict = said(pooled, withdrawn=[effect()])
+        assert (verdict.word, verdict.remainder, len(verdict.closest)) == (word, joints, 1)
+        assert verdict.advice.startswith(said_first)
