@@ -111,12 +111,12 @@ def parts_beside_formulas(
         if float(regression.reduced_chi_square()[joint]) - 1 < LOUD:
             continue
         all_found = explanations(described, options, regression, joint)
-        best = _beyond_doubt(regression, all_found, joint)
-        one = None if best is None else _proved(described, best, joint)
-        explained = all_found[0] if best is None or one is None else best
+        best = _beyond_doubt(described, regression, all_found, joint)
+        proved = best is not None and _proved(described, *best, joint)
+        explained = best[0] if best is not None and proved else all_found[0]
         found += _sizes_beside(described, explained, joint, float(regression.reduced_chi_square()[joint]) - 1)
-        if one is not None:
-            found.append(one)
+        if best is not None and proved:
+            found.append(best[1])
         described = replace(described, selected=_with_formula(described, explained, joint))
     return found
 
@@ -178,31 +178,44 @@ def _describes(found: Explanation, excess: float) -> bool:
     return found.left < NEGLIGIBLE or 1 - found.left / excess >= SHARES[1]
 
 
-def _beyond_doubt(regression: WhitenedRegression, found: Sequence[Explanation], joint: int) -> Explanation | None:
-    """Return the explanation whose effect no other goes without."""
+def _beyond_doubt(
+    search: EffectSearch, regression: WhitenedRegression, found: Sequence[Explanation], joint: int
+) -> tuple[Explanation, SelectedEffect] | None:
+    """Return the explanation whose effect no other goes without, and that effect with its numbers beside the formula.
+
+    A name whose size or shape the rows leave open is none, and stands in the way of no other.
+    """
     excess = float(regression.reduced_chi_square()[joint]) - 1
     possible = [
         x
-        for x in found
+        for x in sorted(found, key=lambda x: -x.score)
         if x.one is not None and x.own is not None and x.takes_part and x.own.chow_p_value >= SAME
         if x.z >= SURE and x.own.visible_rms >= COMPANION * x.formula
         if _describes(x, excess) and not _slow_part(x)
     ]
-    for best in sorted(possible, key=lambda x: -x.score):
+    open_ones: list[Explanation] = []
+    for best in possible:
+        fitted = _numbers(search, best, joint)[-1]
+        if undetermined(fitted):
+            open_ones.append(best)
+            continue
         others = [x for x in found if x is not best and not _holds(regression, joint, x, best)]
+        others = [x for x in others if not any(x is one for one in open_ones)]
         if all(_clearly(best, other) for other in others):
-            return best
+            return best, fitted
     return None
 
 
 def _slow_part(found: Explanation) -> bool:
     """Return whether an effect may be the slow part of what its formula is not all of: both follow places alone.
 
-    A torque over several positions has a slope and a bend along each of them, as it has a mean.
+    A torque over several positions has a slope and a bend along each of them, as it has a mean. A formula is not all of
+    it where it leaves something, or is a series of several terms.
     """
-    if found.one is None or found.one.effect.family != Spring.family or found.left < NEGLIGIBLE:
+    if found.one is None or found.one.effect.family != Spring.family:
         return False
-    return any("qd" not in term and "t" not in term.split() for term in found.terms)
+    places = [term for term in found.terms if "qd" not in term and "t" not in term.split()]
+    return len(places) > 1 or (bool(places) and found.left >= NEGLIGIBLE)
 
 
 def _holds(regression: WhitenedRegression, joint: int, other: Explanation, best: Explanation) -> bool:
@@ -218,18 +231,15 @@ def _clearly(one: Explanation, other: Explanation) -> bool:
     return one.score - other.score > max(EQUAL, SURE_LEAD * spread)
 
 
-def _proved(search: EffectSearch, best: Explanation, joint: int) -> SelectedEffect | None:
-    """Return the effect with its numbers beside the formula, if its size holds and unseen rows speak for both."""
+def _proved(search: EffectSearch, best: Explanation, fitted: SelectedEffect, joint: int) -> bool:
+    """Return whether the size of an effect beside a formula holds, and unseen rows speak for both."""
     problem, whole = search.problem, _with_formula(search, best, joint)
     beside = whole[:-1]
     if any(held_out_ratio(problem, without, whole, joint)[1] >= 1 for without in (beside, search.selected)):
-        return None
-    fitted = _numbers(search, best, joint)[-1]
-    if undetermined(fitted) or fitted.z < SURE:
-        return None
-    if max(change_of_size(problem, whole, share) for share in CUTOFFS) > MOVED:
-        return None
-    return fitted
+        return False
+    if fitted.z < SURE:
+        return False
+    return max(change_of_size(problem, whole, share) for share in CUTOFFS) <= MOVED
 
 
 def _with_formula(search: EffectSearch, found: Explanation, joint: int) -> list[SelectedEffect]:
@@ -269,7 +279,10 @@ def explanations(
     found = [_explanation(regression, rows, joint, None, {}, terms)]
     for one, own in leading.values():
         beside = regression.with_effects([*regression.effects, own])
-        found.append(_explanation(regression, rows, joint, one, own, short_formula(beside, rows)[0]))
+        chosen = short_formula(beside, rows)[0]
+        each = _explanation(regression, rows, joint, one, own, chosen)
+        # Why: what takes no part is no rival of what does; its formula may be one, which is often that by other words.
+        found.append(each if each.takes_part else _explanation(regression, rows, joint, None, {}, chosen))
     return found
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.gap import verdict
+from dynid.gap import analysis, verdict
 from dynid.gap.analysis import analyse_gap, on_one_clock, unsized
-from dynid.gap.beside_formula import same_motion
+from dynid.gap.beside_formula import explanations, parts_beside_formulas, same_motion
 from dynid.gap.formulas import outdone
 from dynid.gap.partial import change_of_size, doubt, with_cutoff
 from dynid.gap.record import record_of
@@ -16,6 +16,7 @@ from dynid.gap.refit import refit
 from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import LITTLE
+from dynid.model.effects.catalogue import CATALOGUE
 
 #: Ripple of the elbow [N m] with its frequency [1/rad], and rms of what repeats beside it [N m].
 RIPPLE, WAVES, REST = 0.2, 21.3, 0.12
@@ -152,3 +153,74 @@ def test_what_a_formula_outdoes_is_a_part_only_beside_one_that_goes_with_other_m
     assert same_motion(part, "a sin(q2) qd2 + b cos(q2) qd2")
     assert not same_motion(part, "a sin(2 q2) |tau2| sign(qd2) + b cos(2 q2) |tau2| sign(qd2)")
     assert not same_motion(part, "")
+
+
+#: Friction that follows the size of the speed [N m s/rad], half as large as what has no name.
+FRICTION = 0.5
+
+
+@pytest.fixture(scope="module")
+def beside_larger(twolinks, on_joint):
+    """Logs with a part beside a larger rest, which hides what the part gains where it is fitted alone."""
+    law = lambda t, q, qd, qdd: on_joint(  # noqa: E731
+        1, FRICTION * np.abs(qd[:, 1]) + np.sin(2 * q[:, 1]) * np.abs(qd[:, 1]) * np.sign(qd[:, 0])
+    )
+    return on_one_clock(twolinks.logs(law))
+
+
+@pytest.fixture(scope="module")
+def nothing_selected(twolinks, beside_larger):
+    return replace(search_effects(beside_larger, twolinks.base, None, SOME), selected=[])
+
+
+@pytest.mark.parametrize(("grown", "interval", "stays"), [(1.01, (0.97, 1.05), True), (1.05, (1.03, 1.07), False)])
+def test_a_part_that_is_proved_beside_a_formula_may_gain_nothing_alone_but_not_make_its_joint_worse(
+    twolinks, beside_larger, monkeypatch, grown, interval, stays
+):
+    real = analysis.held_out_improvement
+
+    def hidden(first, search, effects):
+        found = real(first, search, effects)
+        if effects:
+            found.after[1] = grown * found.before[1]
+            found.ratio[1] = interval
+        return found
+
+    monkeypatch.setattr(analysis, "held_out_improvement", hidden)
+    found = analyse_gap(beside_larger, twolinks.base, None, SOME, simulate=False, words=False)
+    assert [one.key for one in found.verdict.named] == ([("asymmetric_viscous", (1,))] if stays else [])
+    for one in found.verdict.named:
+        assert abs(one.values["a"] - FRICTION) < 3 * one.std_errors["a"]
+    assert stays or any("elbow worse on unseen data" in why for _, why in found.verdict.closest)
+
+
+def test_an_effect_that_takes_no_part_is_no_rival_only_the_formula_that_was_found_beside_it(nothing_selected):
+    found = explanations(nothing_selected, SOME, nothing_selected.problem.regression(), 1)
+    named = [x for x in found if x.one is not None]
+    assert {x.one.name for x in named} >= {"asymmetric_viscous"}
+    assert all(x.takes_part for x in named)
+    assert len(found) > len(named) + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "terms"),
+    [
+        ("stribeck", {"vs": 0.1, "d": 1.0}, None),
+        ("spring", {"order": 1.0, "constant": 0.0}, ["cos(4 q2 + 4 q1)", "cos(3 q2 + 3 q1)"]),
+    ],
+)
+def test_a_name_that_cannot_stand_is_in_the_way_of_no_other(nothing_selected, monkeypatch, name, shape, terms):
+    """A Stribeck hump, whose size such friction leaves open, and the slow part of a series over places.
+
+    Either has the evidence of the right name and a little more.
+    """
+
+    def with_another(search, options, regression, joint):
+        found = explanations(search, options, regression, joint)
+        right = next(x for x in found if x.one is not None and x.one.name == "asymmetric_viscous")
+        other = replace(right.one, effect=CATALOGUE[name], shape=shape)
+        return [*found, replace(right, one=other, terms=terms or right.terms, score=right.score + 1)]
+
+    monkeypatch.setattr("dynid.gap.beside_formula.explanations", with_another)
+    (one,) = parts_beside_formulas(nothing_selected, SOME, [1])
+    assert one.key == ("asymmetric_viscous", (1,))

@@ -86,7 +86,9 @@ class Stribeck(Effect):
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         speed = np.abs(motion.qd[:, joints[0]])
-        return (np.exp(-((speed / shape["vs"]) ** shape["d"])) * sign_of(motion, joints[0]))[None, None]
+        with np.errstate(over="ignore"):
+            hump = np.exp(-((speed / shape["vs"]) ** shape["d"]))
+        return (hump * sign_of(motion, joints[0]))[None, None]
 
 
 class NonlinearViscous(Effect):
