@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.effect_columns import settled
-from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, merge, triangle, weighted, with_columns
+from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, triangle, weighted, with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack, stack_base
 from dynid.log import Log
@@ -64,8 +64,8 @@ def estimate_delay(stack: Stack) -> Delay:
     Args:
         stack: the stacked logs; a rank that is short does no harm.
     """
-    fit = weighted(*stack.whole)
-    whitened = merge(stack.whole[0], 1.0 / fit.noise)[:-1, :-1]
+    fit = stack.first_fit
+    whitened = fit.whitened[:-1, :-1]
     length = np.linalg.norm(whitened, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     _, sigma, Vt = np.linalg.svd(whitened / length)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import weighted
 from dynid.estimation.stack import stack_base
 from dynid.model.base_model import BaseModel
 from dynid.model.reference import model_torques
@@ -54,4 +53,4 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 
 def fitted(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters of conditioned logs by weighted least squares, (p,), each in its unit."""
-    return weighted(*stack_base(logs, base).whole).theta
+    return stack_base(logs, base).first_fit.theta

@@ -232,7 +232,9 @@ def estimate(
         findings=(
             *excitation,
             *sensor_findings(base),
-            *physics_findings(base, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error),
+            *physics_findings(
+                base, stack.observer, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error
+            ),
         ),
         cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
         delay=stack.logs[0].delay if stack.logs else 0.0,

@@ -66,7 +66,7 @@ def wls(stack: Stack, prior: Floats, controller: Controller | None = None, *, co
 def irls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
     rows = _whitened(stack)
-    return _with_covariance(stack, huber(rows, weighted(*stack.whole)), rows, robust=True, corrected=corrected)
+    return _with_covariance(stack, huber(rows, stack.first_fit), rows, robust=True, corrected=corrected)
 
 
 def iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
@@ -76,7 +76,7 @@ def iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, cor
             "--method iv needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
-    return instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
+    return instrumental(_whitened(stack), stack.first_fit, robust=True)
 
 
 def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
@@ -86,7 +86,7 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *
     arm lag, and it knows as little of the encoders' noise. Wrong gains weaken the instruments and bias nothing.
     """
     simulate, effects = _simulation(stack, controller, "idim-iv"), stack.reversals
-    fit = instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
+    fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(IDIM_ROUNDS):
         again = simulate(fit.theta)
         before, fit = fit.theta, instrumental(effects.whitened(again) if effects else again, fit, robust=True)
@@ -102,7 +102,7 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
     depends on the parameters, because the controller holds it to the command: each round is a linear fit.
     """
     simulate = _simulation(stack, controller, "didim")
-    fit = instrumental(_whitened(stack), weighted(*stack.whole), robust=True)
+    fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(DIDIM_ROUNDS):
         rows, before = _of_simulation(simulate(fit.theta)), fit.theta
         found = weighted(*joint_factors(rows))
@@ -145,7 +145,7 @@ def choose(stack: Stack) -> tuple[str, str]:
         return "wls", "an earlier result is updated, which keeps triangular factors and no single rows"
     if stack.commanded:
         return "iv", "the log holds the commanded motion, whose instruments are free of encoder noise"
-    spikes = look_for_spikes(stack, weighted(*stack.whole).theta)
+    spikes = look_for_spikes(stack, stack.first_fit.theta)
     if spikes.found:
         share = 100 * float(np.max(spikes.share))
         return "irls", f"the residual has spikes (up to {share:.1f} % of a joint's samples), which get little weight"

@@ -13,6 +13,7 @@ from dynid.estimation.model_error import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.mass_matrix import random_poses, sign_alarm
+from dynid.model.regressor import Observer
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
@@ -150,12 +151,19 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
 
 
 def physics_findings(
-    base: BaseModel, plain: Fit, rms: Floats, knowledge: tuple[str, ...], in_force: str, error: ModelError | None
+    base: BaseModel,
+    observer: Observer,
+    plain: Fit,
+    rms: Floats,
+    knowledge: tuple[str, ...],
+    in_force: str,
+    error: ModelError | None,
 ) -> list[Finding]:
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
 
     Args:
         base: model and base parameters.
+        observer: evaluator of the base columns.
         plain: the plain estimate.
         rms: residual of the physical set at each joint, (n,) [N m or N].
         knowledge: how well each parameter is known, (p,).
@@ -164,7 +172,6 @@ def physics_findings(
     """
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
-    observer = base.model.observer(base.reduction.base)
     alarm = sign_alarm(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), random_poses(base.robot, POSES))
     if alarm.raised:
         cause = (

@@ -58,8 +58,10 @@ def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
     for start, end in pairwise(edges):
         part = rows[: p + 1 + end - start]
         part[: p + 1], part[p + 1 :, :-1], part[p + 1 :, -1] = R, W[start:end], tau[start:end]
-        # Why not with the zeros of a factor of no rows: they would take as long as rows.
-        R = triangle(part if start or R.any() or end - start <= p else part[p + 1 :])
+        # Why not with the zeros of a factor of no rows: they would take as long as rows, and become rounding.
+        R = triangle(part if start or R.any() else part[p + 1 :])
+        if len(R) <= p:
+            R = np.vstack([R, np.zeros((p + 1 - len(R), p + 1))])
     return R
 
 

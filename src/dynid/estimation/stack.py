@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.least_squares import merge
+from dynid.estimation.least_squares import Fit, merge, weighted
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.longarrays import Growing, release
@@ -104,6 +104,11 @@ class Stack:
     def whole(self) -> tuple[Floats, Ints]:
         """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
         return np.array([merge(part) for part in self.factors.swapaxes(0, 1)]), self.counts.sum(axis=0)
+
+    @cached_property
+    def first_fit(self) -> Fit:
+        """Weighted least squares of all rows as they are, from which what is asked of residuals begins."""
+        return weighted(*self.whole)
 
     @cached_property
     def reversals(self) -> ReversalEffects | None:

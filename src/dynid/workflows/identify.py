@@ -202,7 +202,6 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
     from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import HoldOut, last_motion, last_share
-    from dynid.estimation.least_squares import weighted
     from dynid.estimation.stack import stack_base
 
     kept, base = options.holdout, seen.base
@@ -215,7 +214,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     assert isinstance(kept, Log), "a held-out log is read before it gets here"
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
-    test = stack_base(scaled(conditioned, base, weighted(*stack.whole).theta), base, progress)
+    test = stack_base(scaled(conditioned, base, stack.first_fit.theta), base, progress)
     return HoldOut(stack, test, str(kept.source or "log"))
 
 
