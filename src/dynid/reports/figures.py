@@ -23,12 +23,15 @@ from dynid.text import TITLE_LENGTH, label
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Transform
 
 Floats = NDArray[np.float64]
 
 #: Colours that stay apart for colour-blind readers and in print (Okabe and Ito).
 MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
+#: Parts that the axis of time is divided into at most.
+TICKS = 6
 #: How well PNG files are packed: the usual 6 takes half as long again for 4 %.
 PACKED = 2
 #: Their names, for legends in words.
@@ -118,6 +121,7 @@ def motion_figure(
         _panel(axis, motion, robot, quantity, j, residual_only=residual_only)
         if place // columns == lines - 1:
             axis.set_xlabel("time [s]", fontsize=8)
+        _place_labels(axis)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper right", ncols=3, frameon=False, fontsize=9)
     what = f"residual {quantity.title}" if residual_only else quantity.title
@@ -143,6 +147,21 @@ def _panel(
     axis.set_ylabel(quantity.units[not robot.joints[j].revolute], fontsize=8)
 
 
+def _place_labels(axis: Axes) -> None:
+    """Put the labels of both axes at distances that leave room for numbers.
+
+    Why: else matplotlib makes all ticks and their texts twice more, to see where they end.
+    """
+    from matplotlib.transforms import ScaledTranslation
+
+    def moved(x: float, y: float) -> Transform:
+        return axis.transAxes + ScaledTranslation(x, y, axis.figure.dpi_scale_trans)
+
+    # Unit: inches.
+    axis.xaxis.set_label_coords(0.5, 0.0, transform=moved(0.0, -0.22))
+    axis.yaxis.set_label_coords(0.0, 0.5, transform=moved(-0.5, 0.0))
+
+
 def _shown(motion: EstimatedMotion, quantity: Quantity, j: int) -> dict[str, tuple[Floats, str, float]]:
     """Return values, colour and width of the curves of a quantity of joint j."""
     measured = getattr(motion, f"{quantity.key}_measured")[:, j]
@@ -159,6 +178,8 @@ def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float
     axis.set_ylim(low, high)
     axis.grid(color=GRID, lw=0.6)
     axis.tick_params(labelsize=8)
+    # Why few: a tick takes as long to make as a curve.
+    axis.locator_params(axis="x", nbins=TICKS)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
 

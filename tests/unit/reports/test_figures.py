@@ -35,6 +35,18 @@ def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, qua
         assert axis.get_ylabel() == quantity.units[0 if robot.joints[j].revolute else 1]
 
 
+def test_labels_leave_room_for_numbers_and_stay_on_the_figure(motion, robot):
+    wide = replace(motion, tau_measured=-1234.5 * motion.tau_measured)
+    figure = motion_figure(wide, robot, QUANTITIES[3], "run")
+    figure.canvas.draw()
+    for axis in panels(figure):
+        label = axis.yaxis.label.get_window_extent()
+        numbers = [text.get_window_extent() for text in axis.get_yticklabels()]
+        assert label.x1 < min(box.x0 for box in numbers)
+        assert label.x0 > 0.0
+        assert axis.xaxis.label.get_window_extent().y0 >= 0.0
+
+
 def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
     for only in (False, True):
         (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=only))
