@@ -154,6 +154,7 @@ CASES = {
     "a tool that hardly moves": ("x", b"", "trajectory arm.yaml plan.yaml --tool-speed 1e-12 --preview none --out out", 5, "tool moves at"),
     "a motion that never ends": ("x", b"", "trajectory arm.yaml plan.yaml --alpha 1e-308 --preview none --out out", 3, "inf samples"),
     "a sensor finer than numbers": ("x", b"", "simulate arm.yaml out/trajectory.npz --resolution 1e-308 --out out", 2, "--resolution"),
+    "a heavy point": ("x", b"", "simulate arm.yaml out/trajectory.npz --payload 1e12 --out out", 0, "wrote"),
     "noise that is none": ("x", b"", "simulate arm.yaml out/trajectory.npz --noise nan --out out", 2, "--noise"),
     "waypoints after the end of time": ("way.csv", "t,q_shoulder,q_elbow\n0,0,0\n2e300,0.4,-0.3\n4e300,0,0\n", "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "numbers up to"),
     "a controller without stiffness": ("arm.yaml", held_by("0"), "identify arm.yaml log.npz --method idim-iv --out out", 4, "E407"),

@@ -143,7 +143,8 @@ def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress
     from dynid.sim.mujoco_arm import mujoco_torques
 
     progress.stage("simulate")
-    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
+    # Why also those: Bullet refuses links whose inertia is small beside their mass, such as a heavy point.
+    with suppress(PackageMissing, SystemError), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
         return np.array([arm.inverse_dynamics(*row) for row in rows]), "PyBullet's inverse dynamics"
     with suppress(PackageMissing):
