@@ -8,6 +8,7 @@ code under it, which the common option ``--limit NAME=VALUE`` does for a whole c
 from __future__ import annotations
 
 import errno
+import io
 import os
 import re
 import stat
@@ -16,7 +17,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from dynid.errors import TooLarge
 
@@ -182,6 +183,25 @@ def read_limits(text: str) -> tuple[str, float]:
     return name, float(value)
 
 
+class _File(io.FileIO):
+    """A file that has something to read or has ended; some of the kernel's have nothing yet, and give None."""
+
+    def __init__(self, handle: int, name: str) -> None:
+        super().__init__(handle, "rb")
+        self.path = name
+
+    def readinto(self, buffer: Any, /) -> Any:  # noqa: ANN401
+        return self._there(super().readinto(buffer))
+
+    def readall(self) -> Any:  # noqa: ANN401
+        return self._there(super().readall())
+
+    def _there(self, found: Any) -> Any:  # noqa: ANN401
+        if found is None:
+            raise OSError(errno.EAGAIN, "it has nothing to read", self.path)
+        return found
+
+
 def open_file(path: Path) -> IO[bytes]:
     """Open a regular file to read; a device, a pipe or a socket, which may never end, is refused.
 
@@ -195,7 +215,7 @@ def open_file(path: Path) -> IO[bytes]:
         if not stat.S_ISREG(mode):
             what = "it is a folder" if stat.S_ISDIR(mode) else "it is no regular file"
             raise OSError(errno.EINVAL, what, str(path))
-        return os.fdopen(handle, "rb")
+        return io.BufferedReader(_File(handle, str(path)))
     except BaseException:
         os.close(handle)
         raise

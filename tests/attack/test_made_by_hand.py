@@ -45,6 +45,18 @@ def silent(path: Path) -> None:
     replace(LOG, tau=tau).save(path)
 
 
+def hardly_silent(path: Path) -> None:
+    """A log in which one joint moves and says that it needs 1e-150 N m."""
+    tau = LOG.tau.copy()
+    tau[:, 1] *= 1e-150
+    replace(LOG, tau=tau).save(path)
+
+
+def with_command(path: Path) -> None:
+    """A log with what was commanded."""
+    replace(LOG, extra={"q_ref": LOG.q}).save(path)
+
+
 def a_pause(seconds: float) -> Callable[[Path], None]:
     """A log that was stopped in the middle and went on later."""
 
@@ -117,6 +129,8 @@ CASES = {
     "5000 jobs": ("batch.yaml", "defaults: {robot: arm.yaml}\njobs:\n" + "".join(f"- {{name: j{k}, logs: [x]}}\n" for k in range(5000)), "run batch.yaml --out out", 3, "5 000 jobs"),
     "a log called --force": ("batch.yaml", BATCH.replace("log.csv", "--force"), "run batch.yaml --out out", 3, "no such file"),
     "a joint that needs no torque": ("log.npz", silent, "identify arm.yaml log.npz --out out", 3, "effort is 0 in every sample of elbow"),
+    "a joint that needs 1e-150 N m": ("log.npz", hardly_silent, "identify arm.yaml log.npz --out out", 3, "effort is 0 in every sample of elbow"),
+    "a log with its command beside one without": ("log.npz", with_command, "identify arm.yaml other.npz log.npz --out out", 0, "wrote"),
     "a ring of links": ("arm.urdf", URDF.replace("</robot>", RING + "</robot>"), "import arm.urdf --tip a --out out/a.yaml", 3, "hangs on itself"),
     "300 000 elements inside each other": ("arm.urdf", "<a>" * 300_000, "import arm.urdf --out out/a.yaml", 3, "not XML"),
     "entities that multiply": ("arm.urdf", "<!DOCTYPE r [<!ENTITY a 'lol'>" + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefghi", "bcdefghij", strict=True)) + "]><robot>&j;</robot>", "import arm.urdf --out out/a.yaml", 3, "not XML"),

@@ -1,5 +1,6 @@
 """The table of limits: what is beyond a line of it is refused before it is taken into memory."""
 
+import io
 import os
 import re
 from contextlib import suppress
@@ -77,3 +78,16 @@ def test_a_file_is_measured_before_it_is_read(tmp_path):
         stream.truncate(1 << 40)
     with pytest.raises(TooLarge, match="1 099 511 627 776 bytes"):
         limits.read_bytes(tmp_path / "sparse", "yaml_bytes")
+
+
+def test_a_file_that_has_nothing_to_read_yet_is_a_mistake_and_not_none():
+    ours, theirs = os.pipe()
+    os.set_blocking(ours, False)
+    with io.BufferedReader(limits._File(ours, "kmsg")) as stream:
+        os.write(theirs, b"abc")
+        assert stream.read(3) == b"abc"
+        for read in (stream.read, lambda: stream.read(5), stream.readline):
+            with pytest.raises(OSError, match="nothing to read") as told:
+                read()
+            assert told.value.filename == "kmsg"
+    os.close(theirs)

@@ -137,6 +137,9 @@ def condition_logs(
         where = found[-1].path or found[-1].name
         progress.stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
         progress.findings(each.findings)
+    if any(segment.command is None for log in found for segment in log.segments):
+        # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
+        found = [replace(log, segments=[_without_command(s) for s in log.segments]) for log in found]
     how = "from the motion's band" if cutoff is None else "as given"
     chosen = found[0].filter
     progress.stage(
@@ -145,6 +148,11 @@ def condition_logs(
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
     return found
+
+
+def _without_command(segment: Segment) -> Segment:
+    none = np.zeros((len(segment), 0))
+    return replace(segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none)
 
 
 def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:

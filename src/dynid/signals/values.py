@@ -34,8 +34,9 @@ FLAT_RUN = 5
 FLAT_SHARE = 3.0
 #: Above this share of repeated samples in motion the driver publishes faster than it reads.
 REPEAT_SHARE = 0.2
-#: No sensor reads more in any unit; a flipped bit in a bag, which carries no checksum, does.
-LARGEST = 1e9
+#: No sensor reads more in any unit, and none of torques so little; a flipped bit in a bag, which carries no checksum,
+#: does.
+LARGEST, LEAST_TORQUE = 1e9, 1e-9
 #: A percentile of speeds needs no more samples than this.
 SPEED_SAMPLES = 100_000
 #: Bad samples closer than this [s] go into one --exclude; more intervals than MOST_INTERVALS into one for all.
@@ -220,19 +221,21 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
     """Raise when torques are no torques of this arm.
 
     Raises:
-        WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample.
+        WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample, or nearly.
         TorqueScale: far beyond the rating.
     """
     low, highest = extremes(log.tau)
     largest = np.maximum(-low, highest)
-    if not np.any(largest):
+    if not np.any(largest >= LEAST_TORQUE):
         raise WrongMessageType(
             "effort is 0 in every sample of every joint",
             where=log.topic,
             fix="make the driver publish the joint torques",
         )
     moves = np.subtract(*extremes(log.q)[::-1]) > per_joint(STILL_SPAN, robot)
-    silent = [joint.name for joint, is_silent in zip(robot.joints, moves & (largest == 0), strict=True) if is_silent]
+    silent = [
+        joint.name for joint, is_silent in zip(robot.joints, moves & (largest < LEAST_TORQUE), strict=True) if is_silent
+    ]
     if silent:
         raise WrongMessageType(
             f"effort is 0 in every sample of {', '.join(silent)}, which moves",
