@@ -82,6 +82,9 @@ LIMITS: dict[str, Limit] = {
     "samples": Limit(
         20_000_000, "samples", "samples of a log, also after resampling", "eleven hours at 500 Hz; five arrays of them",
     ),
+    "motion_samples": Limit(
+        1_000_000, "samples", "a planned motion", "17 minutes at the 1 kHz of its checks; it is held in memory",
+    ),
     "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
     "effects": Limit(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.longarrays import filled
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.prior import link_cylinders
 from dynid.robot import Robot
@@ -47,9 +48,12 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
         q: joint positions, (N, n) [rad or m].
         qd: joint velocities, (N, n) [rad/s or m/s].
     """
-    jacobian = tip_jacobian(robot, link_frames(robot, q))
-    speed: Floats = np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1)
-    return speed
+
+    def speed(part: slice) -> Floats:
+        jacobian = tip_jacobian(robot, link_frames(robot, q[part]))
+        return np.asarray(np.linalg.norm(np.sum(jacobian * qd[part, :, None], axis=1), axis=1))
+
+    return filled(len(q), speed)
 
 
 @dataclass(frozen=True)

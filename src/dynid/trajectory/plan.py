@@ -68,9 +68,9 @@ class Trajectory:
         """Return the motion from its beginning to its end at a sample rate [Hz].
 
         Raises:
-            TooLarge: it goes on for longer than a log may.
+            TooLarge: it goes on for too long.
         """
-        limits.check("samples", self.duration * rate, "the motion")
+        limits.check("motion_samples", self.duration * rate, "the motion")
         return self.motion(np.arange(int(np.ceil(self.duration * rate - 1e-9)) + 1) / rate)
 
     def extrema(self, order: int) -> Floats:
