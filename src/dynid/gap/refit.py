@@ -21,6 +21,7 @@ from dynid.gap.selected_effects import SelectedEffect, at_sizes, torque_in_rows,
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import BODY_PARAMETERS
 
@@ -317,7 +318,7 @@ def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect])
         if one not in shown:
             found.append(one)
             continue
-        others = [other for other in shown if other is not one]
+        others = _beside_it(problem, shown, one)
         columns = _linearised(bare, one, np.array([one.values[name] for name in one.amplitudes]))
         own, wide = (significance_test(with_selected(rows, others), columns) for rows in (bare, judged))
         noise = np.maximum(np.diag(wide.covariance) - np.diag(own.covariance), 0.0)
@@ -347,7 +348,7 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
         if len(shapes) < 2 or search.problem.arm is not None:
             found.append(one)
             continue
-        rest = with_selected(bare, [other for other in shown if other is not one])
+        rest = with_selected(bare, _beside_it(search.problem, shown, one))
         made = whitened_columns(rest, one.effect, one.joints, shapes)
         tests = [significance_test(rest, {j: C[k] for j, C in made.items()}) for k in range(len(shapes))]
         lead = np.array([test.gain for test in tests])
@@ -357,6 +358,16 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
         errors = {name: float(np.hypot(one.std_errors[name], x)) for name, x in zip(one.amplitudes, more, strict=True)}
         found.append(replace(one, std_errors=one.std_errors | errors))
     return found
+
+
+def _beside_it(problem: GapProblem, shown: Sequence[SelectedEffect], one: SelectedEffect) -> list[SelectedEffect]:
+    """Return what the numbers of an effect were found beside: the other effects, and the formula for the rest."""
+    others = [other for other in shown if other is not one]
+    if not one.beside:
+        return others
+    joint = one.test.joint
+    formula = Formula(one.beside, [each.revolute for each in problem.base.robot.joints], joint)
+    return [*others, SelectedEffect(formula, (joint,), {}, one.test, 0.0)]
 
 
 def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:
