@@ -116,9 +116,24 @@ def spread(count: int, most: int) -> list[slice]:
     return [slice(start, start + length) for start in np.linspace(0, count - length, 16).astype(int).tolist()]
 
 
+def median(x: NDArray[Any], axis: int | None = None) -> NDArray[np.float64]:
+    """Return the median of numbers along an axis, of all of them without; NaN where one is NaN, or none is there.
+
+    Why not NumPy's: it looks for masked arrays, whose import takes 10 ms of a short command.
+    """
+    rows = np.ravel(x) if axis is None else np.moveaxis(x, axis, -1)
+    count = rows.shape[-1]
+    if not count:
+        return np.full(rows.shape[:-1], np.nan)
+    low, high = (count - 1) // 2, count // 2
+    part = np.partition(rows, sorted({low, high, count - 1}), axis=-1)
+    middle = 0.5 * (part[..., low] + part[..., high])
+    return np.asarray(np.where(np.isnan(part[..., -1]), np.nan, middle))
+
+
 def median_step(t: NDArray[np.float64]) -> float:
     """Return the median difference of numbers that follow each other, (N,), in their unit."""
-    return float(np.median(np.concatenate([np.diff(t[part]) for part in spread(len(t), USUAL)])))
+    return float(median(np.concatenate([np.diff(t[part]) for part in spread(len(t), USUAL)])))
 
 
 def floats(array: NDArray[Any]) -> NDArray[np.float64]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from dynid import longarrays
 
@@ -33,6 +35,7 @@ def test_a_gigabyte_is_written_and_read_in_a_tenth_of_the_memory():
     code = """
 import resource
 import numpy as np
+import pytest
 from dynid.longarrays import PIECE, Growing, release
 growing, block, total = Growing(8), np.ones((PIECE, 8)), 0.0
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -66,3 +69,35 @@ def test_parts_are_joined_in_a_file_and_a_single_one_is_itself(monkeypatch):
     parts = [np.arange(k, k + 600.0).reshape(-1, 2) for k in (0, 600)]
     np.testing.assert_array_equal(longarrays.joined(parts), np.concatenate(parts))
     assert longarrays.joined(parts[:1]) is parts[0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8])
+@pytest.mark.parametrize("axis", [None, 0, 1])
+def test_the_median_is_that_of_numpy(count, axis):
+    x = np.random.default_rng(count).standard_normal((count, count + 1))
+    np.testing.assert_array_equal(longarrays.median(x, axis), np.median(x, axis))
+    x[0, 0] = np.nan
+    np.testing.assert_array_equal(longarrays.median(x, axis), np.median(x, axis))
+
+
+def test_nothing_has_no_median():
+    assert np.isnan(longarrays.median(np.zeros(0)))
+    np.testing.assert_array_equal(longarrays.median(np.zeros((0, 2)), 0), [np.nan, np.nan])
+
+
+def test_a_log_is_checked_without_masked_arrays():
+    """Their import takes as long as the bodies that a whole log is fitted with."""
+    code = """
+import sys
+import dynid, numpy
+arm = dynid.load_robot("kuka_lwr4plus")
+base = dynid.base_model(arm)  # its derivation may take as long as it likes
+for name in ("numpy.ma", "numpy.ma.core", "numpy.ma.extras"):
+    sys.modules.pop(name, None)
+vars(numpy).pop("ma", None)
+dynid.identify(arm, dynid.load_log(sys.argv[1], arm), base=base)
+print("numpy.ma" in sys.modules)
+"""
+    log = Path(__file__).parents[2] / "trajectories" / "lwr4plus_validate.bag"
+    done = subprocess.run([sys.executable, "-c", code, str(log)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynid.estimation.observation_rows import ObservationRows, joined, runs
 from dynid.estimation.quantiles import normal_quantile, student_quantile
 from dynid.estimation.robust import HUBER
-from dynid.longarrays import Growing, release
+from dynid.longarrays import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]
@@ -289,7 +289,7 @@ def _kernel(rows: ObservationRows) -> Floats:
     """Return what made the noise in the rows as coloured as it is, (K,), of unit length."""
     if rows.cutoff == 0.0 or len(rows.t) < 2:
         return np.ones(1)
-    step = float(np.median(np.diff(rows.t)))
+    step = float(median(np.diff(rows.t)))
     half = int(pulse_width(rows.cutoff) / step)
     kernel = pulse(step * np.arange(-half, half + 1.0), rows.cutoff)
     return np.asarray(kernel / np.linalg.norm(kernel))

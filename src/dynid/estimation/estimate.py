@@ -78,7 +78,7 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         share: between 0 and 1.
     """
     train, judged = np.zeros(stack.blocks, dtype=bool), np.zeros(stack.blocks, dtype=bool)
-    for log in np.unique(stack.log_of_block):
+    for log in sorted(set(stack.log_of_block.tolist())):
         blocks = np.flatnonzero(stack.log_of_block == log)
         if log < 0:
             train[blocks] = True

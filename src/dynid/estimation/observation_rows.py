@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import accumulate
-from dynid.longarrays import Growing, release, spans
+from dynid.longarrays import Growing, median, release, spans
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Segment
@@ -396,5 +396,5 @@ def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
         for j, growing in enumerate(residuals):
             growing.append(size[segment.mask[:, j], j])
         largest = max(largest, float(size.max(initial=0.0)))
-    spread = [1.4826 * float(np.median(one.whole())) if len(one) else 0.0 for one in residuals]
+    spread = [1.4826 * float(median(one.whole())) if len(one) else 0.0 for one in residuals]
     return np.asarray(np.maximum(spread, 1e-12 * max(largest, 1e-18)))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import triangle, weighted
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, joined, robust_noise, runs
+from dynid.longarrays import median
 from dynid.signals.filters import pulse, pulse_slope, pulse_width
 
 Floats = NDArray[np.float64]
@@ -121,7 +122,7 @@ def _runs(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
 
 
 def _step(rows: ObservationRows) -> float:
-    return float(np.median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
+    return float(median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
 
 
 def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:

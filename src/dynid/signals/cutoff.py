@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.log import Log
-from dynid.longarrays import spread
+from dynid.longarrays import median, spread
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
 
@@ -95,7 +95,7 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
 def level_of(log: Log) -> Floats:
     """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
     bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), NOISE_SAMPLES)]
-    return np.asarray(np.median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
+    return np.asarray(median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
 
 
 def position_noise(log: Log, robot: Robot) -> Noise | None:

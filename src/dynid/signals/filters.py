@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.log import Log
-from dynid.longarrays import empty, spans
+from dynid.longarrays import empty, median, spans
 from dynid.signals.pieces import extremes
 
 Floats = NDArray[np.float64]
@@ -164,12 +164,12 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
     # Why a copy: a slice would keep the whole piece in memory.
     usual = [np.abs(x - medians)[-part.start % every :: every].copy() for part, x, medians in _medians(log.tau)]
     low, high = extremes(log.tau)
-    least = np.maximum(DEVIATIONS * 1.4826 * np.median(np.concatenate(usual), axis=0), OF_RANGE * (high - low))
+    least = np.maximum(DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0), OF_RANGE * (high - low))
     found = []
     for part, x, medians in _medians(log.tau):
         row, joint = np.nonzero(np.abs(x - medians) > least)
         found.append((part.start + row, joint, medians[row, joint]))
-    row, joint, median = (np.concatenate(column) for column in zip(*found, strict=True))
+    row, joint, usually = (np.concatenate(column) for column in zip(*found, strict=True))
     count = np.bincount(joint, minlength=log.n)
     count[count > MOST * len(log)] = 0
     if not count.any():
@@ -177,7 +177,7 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
     tau, kept = empty(log.tau.shape), count[joint] > 0
     for part in spans(len(log)):
         tau[part] = log.tau[part]
-    tau[row[kept], joint[kept]] = median[kept]
+    tau[row[kept], joint[kept]] = usually[kept]
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
     text = f"torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
     return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count.tolist()}),)

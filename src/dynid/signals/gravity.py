@@ -114,9 +114,10 @@ def check_gravity(log: Log, robot: Robot) -> None:
     load = expected_torque(q, robot)
     change = np.ptp(load, axis=0)
     known = robot.prior is not None
-    loaded = np.flatnonzero((change > SIGNIFICANT * change.max()) & (change > LEAST_CHANGE))
+    carries = (change > SIGNIFICANT * change.max()) & (change > LEAST_CHANGE)
     if known:
-        loaded = np.union1d(loaded, np.flatnonzero(change > max(LIGHTER * change.max(), LEAST_OF_LIGHTER)))
+        carries |= change > max(LIGHTER * change.max(), LEAST_OF_LIGHTER)
+    loaded = np.flatnonzero(carries)
     shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
     if shares and max(shares) < (LEAST_SHARE_KNOWN if known else LEAST_SHARE_UNKNOWN):
         heaviest = int(loaded[np.argmax(change[loaded])])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongMapping
 from dynid.log import Log
+from dynid.longarrays import median
 from dynid.robot import Robot
 from dynid.signals.assignment import assignment
 from dynid.signals.columns import in_si, matching_columns, robot_columns
@@ -294,7 +295,7 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     found = np.zeros(robot.n)
     for kind in (turning, ~turning):
         if kind.any():
-            found[kind] = np.median(left[kind] / scale[kind]) * scale[kind]
+            found[kind] = median(left[kind] / scale[kind]) * scale[kind]
     return found
 
 

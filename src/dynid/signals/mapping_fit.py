@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.log import Log
+from dynid.longarrays import median
 from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.prior import prior_bodies, second_moments
@@ -131,7 +132,7 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     first = max(0, (len(log) - MOST_SAMPLES) // 2)
     part = slice(first, first + MOST_SAMPLES)
     t, q, tau = log.t[part], log.q[part], log.tau[part]
-    usual = float(np.median(np.diff(t)))
+    usual = float(median(np.diff(t)))
     fastest = bandwidth(log, robot)
     width = max(3, round(min(SMOOTHING, 0.33 / max(fastest, 0.1)) / usual))
     if len(t) < 6 * width + 20:
@@ -410,7 +411,7 @@ def _corners(
         ends = (p[i : i + 3] - p[i + 1]) @ R[i]
         reach = MARGIN + MARGIN_SHARE * np.abs(ends).max()
         axes = [
-            np.union1d(np.linspace(low, high, POINTS), [0.0])
+            np.array(sorted({*np.linspace(low, high, POINTS).tolist(), 0.0}))
             for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
         ]
         x, y, z = np.hstack([np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T])

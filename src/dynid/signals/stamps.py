@@ -13,7 +13,7 @@ from dynid import limits
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
-from dynid.longarrays import PIECE, USUAL, empty, filled, median_step, spans, spread
+from dynid.longarrays import PIECE, USUAL, empty, filled, median, median_step, spans, spread
 from dynid.robot import Robot
 from dynid.signals.motion import any_moves, bandwidth
 from dynid.signals.pieces import samples_where, take_samples
@@ -66,7 +66,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     _check_order(log)
     some = np.concatenate([np.diff(log.t[part]) for part in spread(len(log), USUAL)])
     if np.any(some > 0):
-        limits.check("rate_hz", 1.0 / float(np.median(some[some > 0])), log.topic or "the time of the log")
+        limits.check("rate_hz", 1.0 / float(median(some[some > 0])), log.topic or "the time of the log")
     step = steps(log.t)
     fresh = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
     repeated = int(np.sum(~fresh))
@@ -165,7 +165,7 @@ def with_even_clock(log: Log) -> Log:
 
 def _samples_between(step: Floats) -> NDArray[Any] | None:
     """Return how many sample times each step is; None when that is not clear."""
-    most = 1.5 * float(np.median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
+    most = 1.5 * float(median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
     usual = _mean(len(step), lambda part: step[part][step[part] < most])
     away = _sums(step, len(step) + 1)[1:]
     number = filled(len(step), lambda part: np.arange(part.start, part.stop))
@@ -220,7 +220,7 @@ def _block_medians(x: Floats, count: int) -> Floats:
     blocks = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
     together = max(1, PIECE // (short + 1))
     return np.concatenate([
-        np.median(every[k : k + together], axis=1) for every in blocks for k in range(0, len(every), together)
+        median(every[k : k + together], axis=1) for every in blocks for k in range(0, len(every), together)
     ])  # fmt: skip
 
 

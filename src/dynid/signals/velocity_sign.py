@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.longarrays import median
 from dynid.model.effects.interface import coulomb_sign
 from dynid.robot import Coulomb
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
@@ -38,7 +39,7 @@ def white_noise(x: Floats) -> Floats:
     if len(some) <= ORDER:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * ORDER, ORDER) ** 0.5
-    return np.asarray(1.4826 * np.median(np.abs(np.diff(some, ORDER, axis=0)), axis=0) / gain)
+    return np.asarray(1.4826 * median(np.abs(np.diff(some, ORDER, axis=0)), axis=0) / gain)
 
 
 @dataclass(frozen=True)
