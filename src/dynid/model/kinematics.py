@@ -104,8 +104,9 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
     batch, q = q.shape[:-1], np.reshape(q, (-1, robot.n))
     count, n = q.shape
     base = base_pose(robot) if world else np.eye(4)
-    R, p = np.broadcast_to(base[:3, :3], (count, 3, 3)), np.broadcast_to(base[:3, 3], (count, 3))
-    rotations, (origins, axes, points) = np.empty((count, n, 3, 3)), np.empty((3, count, n, 3))
+    # Why samples last: every operation runs along them.
+    R, p = (np.repeat(part[..., None], count, axis=-1) for part in (base[:3, :3], base[:3, 3]))
+    rotations, (origins, axes, points) = np.empty((n, 3, 3, count)), np.empty((3, n, 3, count))
     step, shift = np.empty((3, 3, count)), np.empty((3, count))
     for i, joint in enumerate(robot.joints):
         theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(count))
@@ -117,13 +118,13 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
             for k in range(3):
                 step[j, k] = rows[j][k]
         if robot.convention == "standard":
-            axes[:, i], points[:, i] = R[:, :, 2], p
-        p = p + np.einsum("nij,jn->ni", R, shift)
-        R = np.einsum("nij,jkn->nik", R, step)
+            axes[i], points[i] = R[:, 2], p
+        p = p + np.einsum("ijn,jn->in", R, shift)
+        R = np.einsum("ijn,jkn->ikn", R, step)
         if robot.convention == "modified":
-            axes[:, i], points[:, i] = R[:, :, 2], p
-        rotations[:, i], origins[:, i] = R, p
-    parts = (x.reshape(*batch, *x.shape[1:]) for x in (rotations, origins, axes, points))
+            axes[i], points[i] = R[:, 2], p
+        rotations[i], origins[i] = R, p
+    parts = (np.moveaxis(x, -1, 0).reshape(*batch, *x.shape[:-1]) for x in (rotations, origins, axes, points))
     return LinkFrames(*parts)
 
 

@@ -85,13 +85,12 @@ def _columns(found: Floats, f: Floats, m: Floats, a: Floats, w: Floats, dw: Floa
     turned = _across(a[:, None], m)
     for k in range(3):
         found[:, 1 + k] = f[0] * force[0][k] + f[1] * force[1][k] + f[2] * force[2][k] + turned[k]
-    for k in range(6):
-        found[:, 4 + k] = m[0] * moment[0][k] + m[1] * moment[1][k] + m[2] * moment[2][k]
+    np.einsum("ikt,ijt->kjt", m, np.array(moment), out=found[:, 4:])
 
 
 def _turned(R: Floats, x: Floats) -> Floats:
     """Return vectors (3, ..., N) in the frame whose rotation is R, (3, 3, N)."""
-    return np.stack([R[0, k] * x[0] + R[1, k] * x[1] + R[2, k] * x[2] for k in range(3)])
+    return np.asarray(np.einsum("ij...,i...->j...", R if x.ndim == 2 else R[:, :, None], x))
 
 
 def _moved(acceleration: Floats, omega: Floats, alpha: Floats, arm: Floats) -> Floats:
