@@ -1,6 +1,9 @@
 """An arm with a joint_trajectory_controller: streamed points, or one goal of its FollowJointTrajectory action."""
 
+import os
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -27,6 +30,16 @@ def test_the_messages_of_the_action_are_those_of_ros():
         CANCEL: "302881f31927c1df708a2dbab0e80ee8",
     }
     assert {kind: action_message(kind)._md5sum for kind in published} == published
+
+
+def test_classes_of_messages_leave_no_folder_when_the_program_is_killed(tmp_path):
+    program = (
+        "import os; from dynid.drivers.kinova_gen2 import kinova_message, kinova_service;"
+        "kinova_message('JointVelocity'); kinova_service('Start'); os.kill(os.getpid(), 9)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert done.returncode == -signal.SIGKILL
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.alone

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
-from dynid.drivers.ros import import_ros
+from dynid.drivers.ros import import_ros, message_classes
 from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 from dynid.text import shell
 
@@ -242,12 +242,11 @@ class FollowJointTrajectoryPort(CommandPort):
 @cache
 def _generated() -> dict[str, Any]:
     """Return all classes by name."""
-    generate = import_ros("genpy.dynamic").generate_dynamic
     line = "=" * 80
     parts = "".join(f"{line}\nMSG: {kind}\n{text}" for kind, text in _TEXTS.items())
     found: dict[str, Any] = {}
     for kind in (GOAL, RESULT, STATUS, CANCEL):
-        found |= generate(kind, _TEXTS[kind] + parts)
+        found |= message_classes(kind, _TEXTS[kind] + parts)
     return found
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.drivers.command_port import CommandPort, Target
 from dynid.drivers.interface import Driver
-from dynid.drivers.ros import Node, import_ros
+from dynid.drivers.ros import Node, import_ros, message_classes
 from dynid.errors import ServiceMissing
 
 if TYPE_CHECKING:
@@ -159,17 +159,16 @@ class KinovaGen2Port(CommandPort):
 def kinova_message(name: str) -> Any:  # noqa: ANN401 - a generated class
     """Return the class of a message, such as ``"JointVelocity"``."""
     kind = f"kinova_msgs/{name}"
-    return import_ros("genpy.dynamic").generate_dynamic(kind, _MESSAGES[name])[kind]
+    return message_classes(kind, _MESSAGES[name])[kind]
 
 
 @cache
 def kinova_service(name: str) -> Any:  # noqa: ANN401
     """Return the class of a service as rospy wants it: request and response classes and a checksum over both."""
     kind, text = f"kinova_msgs/{name}", _SERVICES[name]
-    generate = import_ros("genpy.dynamic").generate_dynamic
     halves = {}
     for part, lines in zip(("Request", "Response"), text.split("---\n"), strict=True):
-        halves[part] = generate(f"{kind}{part}", lines)[f"{kind}{part}"]
+        halves[part] = message_classes(f"{kind}{part}", lines)[f"{kind}{part}"]
     genmsg = import_ros("genmsg")
     import_ros("genmsg.gentools")
     context = genmsg.msg_loader.MsgContext.create_default()

@@ -5,9 +5,11 @@ rospy waits without end for a master that is not there, so a socket knocks first
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import importlib.machinery
 import os
+import shutil
 import sys
 import threading
 from collections.abc import Callable
@@ -75,6 +77,22 @@ def import_ros(name: str) -> Any:  # noqa: ANN401 - ROS has no types
         return importlib.import_module(name)
     except ImportError as error:
         raise RosMissing(f"{name} cannot be imported: {error}", fix=APT) from error
+
+
+def message_classes(kind: str, definition: str) -> dict[str, Any]:
+    """Return the classes that a message definition of dynid makes, by the names of their types.
+
+    Why not by genpy alone: it removes its temporary folder when Python ends, which an interrupted or killed program
+    never does in that way. The module is in memory once it is imported, so the folder goes at once.
+    """
+    try:
+        found: dict[str, Any] = import_ros("genpy.dynamic").generate_dynamic(kind, definition)
+    finally:
+        for folder in [each for each in sys.path if Path(each).name.startswith("genpy_")]:
+            sys.path.remove(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+        atexit.unregister(shutil.rmtree)
+    return found
 
 
 def within(seconds: float, function: Callable[[], T]) -> T:
