@@ -37,8 +37,10 @@ BEYOND_HALVES = 1.5
 #: the noise.
 LEAST_GROWTH = 0.02
 #: The same for what parameters of the new logs alone leave of them, over what those of the old ones leave: a change
-#: that no parameters absorb shows nowhere else, but faster motion leaves more too.
+#: that no parameters absorb shows nowhere else. Faster motion leaves more too, so rows of like speed are compared.
 LEAST_MORE = 0.2
+#: Rows of like speed that have an rms at least.
+FEW = 10
 #: Parts that were left out have to be missed by so much more with the other logs than without them. Where nothing has
 #: changed these are rows more; what the model lacks costs a few per cent.
 LEAST_HARM = 0.1
@@ -60,8 +62,9 @@ class ChangeTest:
             how fast it was, (n,).
         harm: rms by which left-out parts of the old, or of the new logs are missed, with the other logs beside the rest
             of their own over that without, the larger one, (n,).
-        more: rms that the parameters of the new logs leave of them, over that of the old logs, (n,).
-        uneven: the largest such ratio between the same halves, with one set of parameters for both, (n,).
+        more: rms that the parameters of the new logs leave of them, over that of the old logs, the least of slow and of
+            fast rows, (n,).
+        uneven: the largest such ratio between halves in time, and of where the joint was, with one set for both, (n,).
     """
 
     growth: Floats
@@ -170,10 +173,9 @@ def change_test(
     sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])
     unlike, uneven = (np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True))
     harm = [_harm(era, other, sigma, known) for era, other in ((eras[0], new), (eras[1], old))]
-    left, now = (_rms([part], [_solved(part, sigma, known)]) for part in (old, new))
-    return ChangeTest(
-        _growth([old, new], sigma, known), unlike, np.max(harm, axis=0), now / np.maximum(left, 1e-300), uneven
-    )
+    left, now = (era.residuals(_solved(era.whole, sigma, known)) for era in eras)
+    more = np.array([_louder(a, b) for a, b in zip(now, left, strict=True)])
+    return ChangeTest(_growth([old, new], sigma, known), unlike, np.max(harm, axis=0), more, uneven)
 
 
 @dataclass(frozen=True)
@@ -242,6 +244,24 @@ class _Era:
             count[j] = len(A)
         return Part(gram, count)
 
+    def residuals(self, theta: Floats) -> list[Floats]:
+        """Return what [-theta, 1], (w,), leaves of the rows of each joint, and their speeds, n of (2, m)."""
+        return [
+            np.stack([rows @ theta[columns], self.speed[at, j]])
+            for j, (columns, rows, at) in enumerate(zip(self.columns, self.rows, self.at, strict=True))
+        ]
+
+
+def _louder(one: Floats, other: Floats) -> float:
+    """Return the rms of residuals with their speeds, (2, m), over that of others, the least of slow and fast ones."""
+    middle = np.median(np.append(one[1], other[1])) if one.size + other.size else 0.0
+    ratios = []
+    for fast in (False, True):
+        a, b = (x[0, (x[1] >= middle) == fast] for x in (one, other))
+        if min(len(a), len(b)) >= FEW:
+            ratios.append(np.sqrt(np.mean(a**2) / max(np.mean(b**2), 1e-300)))
+    return float(min(ratios, default=0.0))
+
 
 def _halves(era: _Era, sigma: Floats, known: Floats) -> tuple[Floats, Floats]:
     """Return the largest growth, and the largest ratio of residuals, between halves of some logs, (n,) each.
@@ -249,19 +269,18 @@ def _halves(era: _Era, sigma: Floats, known: Floats) -> tuple[Floats, Floats]:
     A joint is judged by halves in time, and by halves of its own positions and speeds.
     """
     n = len(sigma)
-    own = _solved(era.whole, sigma, known)
 
-    def between(first: Mask) -> tuple[Floats, Floats]:
+    def grown(first: Mask) -> Floats:
         one = era.part(first)
-        halves = [one, era.whole - one]
-        a, b = (np.maximum(_rms([half], [own]), 1e-300) for half in halves)
-        return _growth(halves, sigma, known), np.maximum(a / b, b / a)
+        return _growth([one, era.whole - one], sigma, known)
 
-    growth, ratio = between(era.first)
-    for values in (era.q, era.speed):
-        for j in range(n):
-            found = between(np.argsort(np.argsort(values[:, j])) < len(values) // 2)
-            growth[j], ratio[j] = max(growth[j], found[0][j]), max(ratio[j], found[1][j])
+    growth, ratio = grown(era.first), np.zeros(n)
+    left = era.residuals(_solved(era.whole, sigma, known))
+    for j in range(n):
+        near, slow = (np.argsort(np.argsort(x[:, j])) < len(x) // 2 for x in (era.q, era.speed))
+        growth[j] = max(growth[j], grown(near)[j], grown(slow)[j])
+        halves = [(left[j][:, first[era.at[j]]], left[j][:, ~first[era.at[j]]]) for first in (era.first, near)]
+        ratio[j] = max(_louder(*pair) for a, b in halves for pair in ((a, b), (b, a)))
     return growth, ratio
 
 

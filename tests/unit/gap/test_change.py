@@ -76,6 +76,21 @@ def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_abso
     assert change.more[1] > 1.5
 
 
+@pytest.mark.parametrize(("shaken", "joints"), [(0.0, ()), (0.25, (1,))])
+def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint, shaken, joints):
+    """A joint that rings the more the faster it turns, then and now, and shakes beside that since."""
+
+    def rings(shaken):
+        return lambda t, q, qd, qdd: on_joint(
+            1, 0.4 * np.abs(qd[:, 1]) * np.sin(20.0 * t) + shaken * np.sin(2.0 * np.pi * 3.7 * t)
+        )
+
+    old = twolinks.logs(rings(0.0), plans=(1, 2))
+    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    problem = make_problem(twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old)
+    assert compared(problem).joints == joints
+
+
 def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
     """Half as many rows as parameters: one set for them alone fits anything, and foretells nothing."""
     problem = make_problem(twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old)
