@@ -240,7 +240,9 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
             white = whitened(r[:, j], ar)
             kept.append(white[use[ORDER:, j]])
             power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (0.375 * len(white))
-            powers.append(power[(f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)])
+            inside = (f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)
+            # Why: of a part of few rows, no frequency may lie there.
+            powers.append(power[inside if inside.any() else [np.argmin(np.abs(f - 0.775 * chosen.cutoff))]])
         # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
         level[j] = np.sqrt(np.median(np.concatenate(powers)) / np.log(2))
         # Why: rows that do not count, at rest or clipped, are in the spectrum; noise is no larger than what is left.

@@ -141,6 +141,18 @@ def test_noise_without_repeats_is_no_larger_than_what_is_left():
     assert np.all(noise.floor <= np.sqrt(np.mean(residual**2, axis=0)))
 
 
+@pytest.mark.parametrize("second_step", [3, 4, 5, 8])
+def test_noise_of_the_fewest_rows_is_a_number(second_step):
+    """Of 16 rows, no frequency may lie at the upper end of the pass band."""
+    from dynid.signals.conditioning import Filter
+
+    rows = Rows(motion(np.arange(16) / RATE))
+    rows.log = SimpleNamespace(filter=Filter(240.0, 10.0, 1, second_step))
+    residual = np.random.default_rng(9).normal(size=(16, 2))
+    noise = measure_noise([rows], [residual], [], [np.ones(16, dtype=bool)])
+    assert np.all((noise.sigma > 0.1) & (noise.sigma < 3.0))
+
+
 def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
     from dynid.signals.conditioning import Filter
 
