@@ -322,7 +322,7 @@ def needed_inputs(
     if logs:
         return log_inputs(robot, logs) | texts | hashed
     path = folder / "fullnumericregressor.npz"
-    inputs = dict(stored_key(path, robot)["inputs"])
+    inputs = dict(stored_key(path, robot).get("inputs", {}))
     default = IdentifyOptions().texts()
     for name in READING:
         text = texts.get(name)

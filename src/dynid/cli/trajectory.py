@@ -285,7 +285,7 @@ def reuse(common: Common, path: Path, *, accept: bool) -> None:
         stored, wrote = stored.accepted(seen=seen), [path]
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
-    common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})
+    common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})
 
 
 def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, Any]) -> None:
@@ -310,4 +310,4 @@ def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, A
         stored, wrote = found.accepted(seen=seen), [path, *wrote]
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
-    common.terminal.emit_json({**stored.facts["answer"], "wrote": wrote, "reviewed": stored.reviewed})
+    common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})

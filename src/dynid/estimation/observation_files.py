@@ -15,18 +15,53 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
+from dynid.errors import Finding
+from dynid.estimation.result import LATEST
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, reading, write_artifact
+from dynid.files.contents import Array, Contents, Fact
+from dynid.limits import LIMITS
 from dynid.longarrays import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import Filter, Segment
+from dynid.signals.filters import pulse_width
 
 SCHEMA = "dynid/fullnumericregressor/1"
-#: Steps of thinning and seconds of delay are below this.
-_MOST = 1e6
+#: Least frequency [Hz], and most samples that one is kept of.
+LEAST_HZ, MOST_STEPS = 1e-6, 1_000_000
 _ARRAYS = tuple(field.name for field in fields(Segment))
+#: What belongs to a commanded motion is there or not, and what is not known of a measured one is NaN.
+_COMMAND = ("command_q", "command_qd", "command_qdd", "coulomb_sign", "command_coulomb_sign")
 Floats = NDArray[np.float64]
+CONTENTS = Contents(
+    SCHEMA,
+    {
+        "key": Fact(str),
+        "base": Fact(list[str], "p"),
+        "joints": Fact(list[str], "n"),
+        "lengths": Fact(list[int], "S", least=1),
+        "source_of_segment": Fact(list[int], "S", least=0),
+        "sources": Fact(list[dict[str, Any]], "L"),
+        "sources.*.name": Fact(str),
+        "sources.*.path": Fact(str),
+        "sources.*.sha256": Fact(str),
+        "sources.*.delay": Fact(float, least=-LATEST, most=LATEST),
+        "sources.*.rate": Fact(float, least=LEAST_HZ, most=LIMITS["rate_hz"].most),
+        "sources.*.cutoff": Fact(float, least=LEAST_HZ),
+        "sources.*.first_step": Fact(int, least=1, most=MOST_STEPS),
+        "sources.*.second_step": Fact(int, least=1, most=MOST_STEPS),
+        "logs": Fact(list[str]),
+        "log_sha256": Fact(list[str]),
+        "log_findings": Fact(list[Finding]),
+        "inputs": Fact(dict[str, str], needed=False),
+    },
+    {name: Array("N n") for name in ("q", "qd", "qdd", "tau")}
+    | {name: Array("N n", gaps=True) for name in ("raw_q", "raw_qd")}
+    | {name: Array("N n?", gaps=True) for name in _COMMAND}
+    | {name: Array("N") for name in ("t", "elapsed")}
+    | {"usable": Array("N n", np.bool_), "effects": Array("N _")}
+    | {"R": Array("n p+1 p+1"), "rows": Array("n", np.int64, least=0)},
+)
 
 
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
@@ -51,55 +86,31 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
 
 def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     """Read fullnumericregressor.npz: the conditioned logs and the header."""
-    artifact = read_artifact(path, SCHEMA)
+    artifact = read_artifact(path, CONTENTS)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
-        _factors_in(a)
-        edges = np.cumsum([0, *h["lengths"]]).tolist()
+        edges = np.cumsum([0, *map(int, h["lengths"])]).tolist()
+        owners = list(map(int, h["source_of_segment"]))
+        if edges[-1] != len(a["t"]) or set(owners) != set(range(len(h["sources"]))) or not owners:
+            raise ValueError("its segments are not those of its logs")
         segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
-        owners: Sequence[int] = h["source_of_segment"]
-        n = int(segments[0].q.shape[1])
-        for segment in segments:
-            N = len(segment.t)
-            require_numbers((N, n), q=segment.q, qd=segment.qd, qdd=segment.qdd, tau=segment.tau)
-            require_numbers((N, n), raw_q=segment.raw_q, raw_qd=segment.raw_qd, gaps=True)
-            require_numbers((N, n), np.bool_, usable=segment.usable)
-            require_numbers((N,), t=segment.t, elapsed=segment.elapsed)
-            for name in ("command_q", "command_qd", "command_qdd", "coulomb_sign", "command_coulomb_sign"):
-                part = getattr(segment, name)
-                require_numbers((N, n if part.size else 0), **{name: part}, gaps=True)
-            require_numbers((N, *segment.effects.shape[1:2]), effects=segment.effects)
-            if not np.all(np.diff(segment.t) > 0):
-                raise ValueError("its times do not rise")
-        logs = []
-        for k, s in enumerate(h["sources"]):
-            chosen = Filter(float(s["rate"]), float(s["cutoff"]), int(s["first_step"]), int(s["second_step"]))
-            steps, delay = (chosen.first_step, chosen.second_step), float(s["delay"])
-            if not 0 < chosen.cutoff < chosen.rate <= limits.limit("rate_hz") or not all(0 < k < _MOST for k in steps):
-                raise ValueError("its filter is none")
-            if not abs(delay) < _MOST:
-                raise ValueError("its torques are later than its motion")
-            logs.append(
-                ConditionedLog(
-                    [segment for segment, owner in zip(segments, owners, strict=True) if owner == k],
-                    chosen,
-                    str(s["name"]),
-                    str(s["path"]),
-                    str(s["sha256"]),
-                    delay,
-                )
-            )
-        return logs, h
+        if not all(np.all(np.diff(segment.t) > 0) for segment in segments):
+            raise ValueError("its times do not rise")
+        return [_log(k, s, segments, owners) for k, s in enumerate(h["sources"])], h
+
+
+def _log(number: int, source: Mapping[str, Any], segments: Sequence[Segment], owners: Sequence[int]) -> ConditionedLog:
+    """Return one of the logs from its facts and the segments of all."""
+    steps = (int(source[key]) for key in ("first_step", "second_step"))
+    chosen = Filter(float(source["rate"]), float(source["cutoff"]), *steps)
+    own = [segment for segment, owner in zip(segments, owners, strict=True) if owner == number]
+    taps = pulse_width(chosen.cutoff) * chosen.rate / chosen.first_step
+    if not chosen.cutoff < chosen.rate or taps > sum(map(len, own)):
+        raise ValueError("its filter is none, or longer than its log")
+    return ConditionedLog(own, chosen, source["name"], source["path"], source["sha256"], float(source["delay"]))
 
 
 def load_factors(path: Path) -> Floats:
     """Return the triangular factor of [W tau] of each joint in fullnumericregressor.npz, (n, p + 1, p + 1)."""
-    arrays = read_artifact(path, SCHEMA).arrays
-    with reading(path):
-        return _factors_in(arrays)
-
-
-def _factors_in(arrays: Mapping[str, NDArray[Any]]) -> Floats:
-    factors = arrays["R"]
-    require_numbers((len(factors), *factors.shape[1:2] * 2), R=factors)
-    return factors
+    found: Floats = read_artifact(path, CONTENTS).arrays["R"]
+    return found

@@ -14,7 +14,8 @@ from dynid import longarrays
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact
+from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.contents import Array, Contents, Fact
 from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog
@@ -55,6 +56,14 @@ class EstimatedMotion:
     tau_measured: Floats
     tau_estimated: Floats
     usable: NDArray[np.bool_]
+
+
+CONTENTS = Contents(
+    SCHEMA,
+    {"joints": Fact(list[str], "n"), "log": Fact(str, needed=False), "same_motion": Fact(bool, needed=False)},
+    {each.name: Array("N n") for each in fields(EstimatedMotion)}
+    | {"t": Array("N"), "usable": Array("N n", np.bool_), "log": Array("N", np.int64, least=0)},
+)
 
 
 def predict(
@@ -134,15 +143,9 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
-    artifact = read_artifact(path, SCHEMA)
-    with reading(path):
-        found = EstimatedMotion(**{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)})
-        shape = found.q_measured.shape
-        signals = {field.name: getattr(found, field.name) for field in fields(found) if field.name != "usable"}
-        require_numbers(shape[:1], t=signals.pop("t"))
-        require_numbers(shape, **signals)
-        require_numbers(shape, np.bool_, usable=found.usable)
-        return found, dict(artifact.header)
+    artifact = read_artifact(path, CONTENTS)
+    found = EstimatedMotion(**{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)})
+    return found, dict(artifact.header)
 
 
 # ---------------------------------------------------------------- how wrong a prediction is

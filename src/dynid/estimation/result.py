@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +19,10 @@ from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.quantiles import normal_quantile
-from dynid.files.artifact import (
-    Artifact,
-    read_artifact,
-    reading,
-    require_fields,
-    require_numbers,
-    write_artifact,
-    write_text,
-)
+from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact, write_text
+from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
+from dynid.limits import LIMITS
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import body_columns
@@ -36,8 +30,8 @@ from dynid.model.prior import body_of
 from dynid.model.program import Program
 from dynid.model.reduce import Reduction
 from dynid.model.reference import model_torques
-from dynid.model.regressor import Model, build_model
-from dynid.model.store import reduction_facts, reduction_from
+from dynid.model.regressor import Model, build_model, parameter_names
+from dynid.model.store import REDUCTION_ARRAYS, REDUCTION_FACTS, reduction_facts, reduction_from
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table
@@ -66,6 +60,8 @@ FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
 #: By how much a covariance may exceed the product of its standard deviations, as a share.
 ROUNDING = 1e-6
+#: Least noise and size that is none of rounding, and longest delay of torques [s].
+LEAST, LATEST = 1e-60, 100.0
 IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
 
 
@@ -507,77 +503,138 @@ class Identification:
         return path
 
 
+_K, _G = len(GROUPS), len(GROUP_NAMES)
+CONTENTS = Contents(
+    SCHEMA,
+    {
+        "robot": Fact(str),
+        "robot_file": Fact(str),
+        "robot_path": Fact(str),
+        "cutoff_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most),
+        "kept_rate_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most, needed=False),
+        "delay_applied_s": Fact(float, least=-LATEST, most=LATEST),
+        "delay_s": Fact(float | None, least=-LATEST, most=LATEST, needed=False),
+        "log_sha256": Fact(list[str]),
+        "logs": Fact(list[str], needed=False),
+        "findings": Fact(list[Finding]),
+        **REDUCTION_FACTS,
+        "result": Fact(dict[str, Any]),
+        **{f"result.{key}": Fact(str) for key in ("method", "why", "heldout", "choice")},
+        "result.knowledge": Fact(list[Literal[WORDS]], "p"),  # type: ignore[valid-type]
+        "result.in_force": Fact(Literal["physical", "plain"]),
+        "result.joints": Fact(list[JointQuality], "n"),
+        "result.relative_error_percent": Fact(float),
+        "result.heldout_relative_error_percent": Fact(float | None),
+        "result.heldout_by_set": Fact(dict[str, float]),
+        "result.rank": Fact(int, least=0),
+        "result.condition_number": Fact(float),
+        "result.condition_number_scaled": Fact(float),
+        "result.samples": Fact(int, least=0),
+        "result.model_error_evidence": Fact(float | None),
+        "result.expected": Fact(dict[str, Any] | None),
+        "result.physical.names": Fact(list[str], "c"),
+        "result.physical.touched": Fact(list[str]),
+        "result.physical.cost": Fact(float),
+        "result.physical.objective": Fact(float),
+        "result.physical.gap": Fact(float),
+        "result.physical.steps": Fact(int),
+        "result.physical.inflation": Fact(float, least=LEAST),
+    },
+    {
+        **REDUCTION_ARRAYS,
+        "theta": Array("p"),
+        "plain": Array("p"),
+        "covariance": Array("p p", endless=True),
+        "plain_covariance": Array("p p", endless=True),
+        "std_error": Array("p", endless=True, least=0.0, most=np.inf),
+        "prior": Array("p", gaps=True),
+        "noise": Array("n", least=LEAST),
+        "factors": Array("n p+1 p+1"),
+        "counts": Array("n", np.int64, least=0),
+        "full_x": Array("c"),
+        "full_std_error": Array("c", least=0.0),
+        "full_data_share": Array("c"),
+        "full_covariance": Array("c c", endless=True),
+        "full_hessian": Array("d d"),
+        "motion_*": Array("_ n", np.float32),
+        "error_speed": Array("n", least=LEAST, needed=False),
+        "error_reference": Array("p", needed=False),
+        "error_scale": Array(f"n {_K}", least=LEAST, needed=False),
+        "error_projection": Array(f"n p {_K}", needed=False),
+        "error_mean": Array(f"n {_K}", needed=False),
+        "error_root": Array(f"n {_K} {_K}", needed=False),
+        "error_slope": Array(f"n {_K} p", needed=False),
+        "error_size": Array(f"{_G}", least=LEAST, needed=False),
+        "error_rms": Array(f"n {_G + 1}", least=0.0, needed=False),
+    },
+)
+
+
 def load(path: Path) -> Identification:
     """Read parameters.npz.
 
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
     """
-    artifact = read_artifact(path, SCHEMA)
-    h, a = dict(artifact.header), artifact.arrays
-    if "reduction" not in h or "plain_covariance" not in artifact.arrays:
+    header = read_header(path) or {}
+    if header.get("schema") == SCHEMA and "reduction" not in header:
         raise NotAnArtifact(
             f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
         )
+    artifact = read_artifact(path, CONTENTS)
+    h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
-        facts: dict[str, Any] = {key: stored[key] for key in SCALARS} | {key: a[key] for key in ARRAYS if key in a}
+        facts: dict[str, Any] = {key: stored[key] for key in SCALARS} | {key: a[key] for key in ARRAYS}
         facts |= {"joints": _tuple(JointQuality, stored["joints"]), "findings": _tuple(Finding, h["findings"])}
         full: dict[str, Any] = {
             key: tuple(value) if isinstance(value, list) else value for key, value in stored["physical"].items()
         }
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
-        robot = parse_robot(str(h["robot_file"]), Path(str(h["robot_path"])))
+        robot = parse_robot(h["robot_file"], Path(h["robot_path"]))
         found = Identification(
             robot=robot if h["robot_path"] else replace(robot, path=None),
             reduction=reduction_from(h["reduction"], a),
             **{**facts, "knowledge": tuple(facts["knowledge"])},
             physical=PhysicalParameters(**full),
             model_error=_model_error(stored["model_error_evidence"], a),
-            expected=ExpectedError.of(stored["expected"]),
+            expected=_expected(stored["expected"], len(a["noise"])),
             motions=tuple(a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a),
             cutoff=float(h["cutoff_hz"]),
-            delay=float(h.get("delay_applied_s") or 0.0),
+            delay=float(h["delay_applied_s"]),
             log_sha256=tuple(h["log_sha256"]),
             header=h,
             path=path,
         )
-        _check(found)
+        _require_one_arm(found)
     return found
 
 
-def _check(found: Identification) -> None:
-    """Raise when the parts of a result do not fit each other, or are those of no arm."""
-    require_fields(found)
-    p, c, n = len(found.reduction.base), len(found.reduction.names), found.robot.n
-    require_numbers((p,), theta=found.theta, plain=found.plain)
-    require_numbers((p,), prior=found.prior, gaps=True)
-    require_numbers((n,), np.integer, counts=found.counts)
-    require_numbers((n,), noise=found.noise)
-    require_numbers((n, p + 1, p + 1), factors=found.factors)
-    full = found.physical
-    require_numbers((c,), full_x=full.x, full_std_error=full.std_error, full_data_share=full.data_share)
-    require_numbers((len(full.hessian),) * 2, full_hessian=full.hessian)
-    require_numbers((p,), std_error=found.std_error, endless=True)
-    _require_covariance(p, covariance=found.covariance, plain_covariance=found.plain_covariance)
-    _require_covariance(c, full_covariance=full.covariance)
-    for motion in found.motions:
-        require_numbers((len(motion), n), motion=motion)
-    if found.expected is not None:
-        require_numbers((n,), noise_nm=found.expected.noise)
+def _require_one_arm(found: Identification) -> None:
+    """Raise when the parts of a result are not those of one arm."""
+    robot = found.robot
+    if tuple(joint.joint for joint in found.joints) != robot.joint_names:
+        raise ValueError("its joints are not those of its robot")
+    names = parameter_names(robot)
+    if found.reduction.names != names or found.physical.names != names:
+        raise ValueError("its parameters are not those of its robot")
+    _require_covariance(covariance=found.covariance, plain_covariance=found.plain_covariance)
+    _require_covariance(full_covariance=found.physical.covariance)
     if found.model_error is not None:
-        _check_model_error(found.model_error, n, p)
-    if len(found.knowledge) != p or len(found.joints) != n or full.names != found.reduction.names:
-        raise ValueError("its joints or parameters are not those of its robot")
-    if found.in_force not in IN_FORCE or not set(found.knowledge) <= set(WORDS):
-        raise ValueError("the words for its parameters are unknown")
-    if not (np.all(found.noise > 0.0) and np.all(found.counts >= 0) and 0.0 < full.inflation < np.inf):
-        raise ValueError("its rows have no noise, or none")
+        # Why: loads are found with what the root takes away.
+        root = found.model_error.root
+        require_numbers(root.shape, error_root=np.linalg.inv(root))
 
 
-def _require_covariance(size: int, **arrays: Any) -> None:  # noqa: ANN401
+def _expected(facts: dict[str, Any] | None, n: int) -> ExpectedError | None:
+    found = ExpectedError.of(facts)
+    if found is not None:
+        require_numbers((n,), noise_nm=found.noise)
+    return found
+
+
+def _require_covariance(**arrays: Floats) -> None:
     """Raise when matrices are no covariances; infinity stands for what is not known."""
-    require_numbers((size, size), endless=True, **arrays)
     for name, found in arrays.items():
         known = np.isfinite(found)
         variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
@@ -590,23 +647,6 @@ def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> 
     if evidence is None:
         return None
     return ModelError(**{key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}, evidence=float(evidence))
-
-
-def _check_model_error(error: ModelError, n: int, p: int) -> None:
-    """Raise when a residual model is none of n joints and p parameters."""
-    k, groups = len(GROUPS), len(GROUP_NAMES)
-    require_numbers((n,), error_speed=error.speed)
-    require_numbers((p,), error_reference=error.reference)
-    require_numbers((n, k), error_scale=error.scale, error_mean=error.mean)
-    require_numbers((n, p, k), error_projection=error.projection)
-    require_numbers((n, k, k), error_root=error.root)
-    require_numbers((n, k, p), error_slope=error.slope)
-    require_numbers((groups,), error_size=error.size)
-    require_numbers((n, groups + 1), error_rms=error.rms)
-    if not all(np.all(sizes > 0.0) for sizes in (error.speed, error.scale, error.size)):
-        raise ValueError("the columns of its residual model have no size")
-    # Why: loads are found with what the root takes away.
-    require_numbers((n, k, k), error_root=np.linalg.inv(error.root))
 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401

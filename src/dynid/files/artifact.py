@@ -7,22 +7,19 @@ carry a fixed date, so that two runs on the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
+from dynid.errors import Finding, NewerSchema, NotAnArtifact, TooLarge
 from dynid.files import hashed
-from dynid.longarrays import spans
+from dynid.files.contents import Contents, Fact
 from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
 from dynid.text import whole_number
 from dynid.version import __version__
@@ -43,16 +40,20 @@ class Artifact:
     arrays: Mapping[str, NDArray[Any]]
 
 
-#: Numbers beyond this are not measured, counted or computed by anybody: those of a header, and those of arrays, of
-#: which five may be multiplied.
-_LARGEST, LARGEST = 1e150, 1e60
 #: What the headers of results say about the run, wherever they say it.
-_HEADER: dict[str, Any] = {
-    "robot": str, "key": str | None, "dynid": str, "command": str, "seed": int | None, "robot_file": str,
-    "robot_path": str, "logs": list[str], "log_sha256": list[str] | str, "inputs": dict[str, str], "joints": list[str],
-    "cutoff_hz": float, "kept_rate_hz": float, "delay_s": float | None, "delay_std_error_s": float | None,
-    "delay_applied_s": float | None, "log_findings": list[dict[str, Any]], "findings": list[dict[str, Any]],
-}  # fmt: skip
+_RUN = Contents(
+    "",
+    {
+        place: Fact(kind, needed=False)
+        for place, kind in {
+            "robot": str, "key": str | None, "dynid": str, "command": str, "seed": int | None, "robot_file": str,
+            "robot_path": str, "logs": list[str], "log_sha256": list[str] | str, "inputs": dict[str, str],
+            "joints": list[str], "cutoff_hz": float, "kept_rate_hz": float, "delay_s": float | None,
+            "delay_std_error_s": float | None, "delay_applied_s": float | None, "log_findings": list[Finding],
+            "findings": list[Finding],
+        }.items()
+    },
+)  # fmt: skip
 #: What reading a file that somebody has changed may raise on the way from its numbers to a value.
 _DAMAGE = (
     KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError,
@@ -70,93 +71,6 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         raise NotAnArtifact(f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)) from error
-
-
-def require_fields(value: Any) -> None:  # noqa: ANN401
-    """Raise when a field of a dataclass, or of one in it, is not of the type that it is declared with.
-
-    Raises:
-        TypeError: names the field.
-    """
-    for each in fields(value):
-        try:
-            hint = eval(str(each.type), vars(sys.modules[type(value).__module__]))
-        except NameError:  # a type that is imported for type checkers only
-            continue
-        _require(getattr(value, each.name), hint, each.name)
-
-
-def require_numbers(
-    shape: tuple[int, ...],
-    kind: Any = np.float64,  # noqa: ANN401
-    *,
-    gaps: bool = False,
-    endless: bool = False,
-    **arrays: NDArray[Any],
-) -> None:
-    """Raise when arrays have another shape or type than dynid writes, or hold what nobody measures or computes.
-
-    Args:
-        shape: what each must have.
-        kind: type of its numbers, such as ``np.integer``.
-        gaps: whether NaN may stand for what is not known.
-        endless: whether infinity may.
-        arrays: by their names in the file.
-
-    Raises:
-        ValueError: names the array.
-    """
-    for name, array in arrays.items():
-        if array.shape != shape or not (array.dtype.isnative and np.issubdtype(array.dtype, kind)):
-            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
-        for part in (array[some] for some in spans(len(array) if shape else 0)):
-            size = np.abs(part)
-            known = (size < LARGEST) | (gaps & np.isnan(part)) | (endless & np.isinf(size))
-            if not known.all():
-                raise ValueError(f"'{name}' holds values that are no numbers, or that nothing has")
-
-
-def _require(value: Any, hint: Any, name: str) -> None:  # noqa: ANN401
-    """Raise when a value is not of a type; numbers of numpy count as numbers."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (tuple, list) and isinstance(value, origin):
-        same = origin is list or inner[-1:] == (Ellipsis,)
-        for item, kind in zip(value, inner[:1] * len(value) if same else inner, strict=True):
-            _require(item, kind, name)
-    elif (origin or hint) in (dict, Mapping) and isinstance(value, Mapping):
-        for key, item in value.items():
-            _require(key, str, name)
-            _require(item, inner[1] if inner else Any, name)
-    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, hint):
-        require_fields(value)
-    elif not _is(value, hint, origin, name):
-        raise TypeError(f"'{name}' is {value!r:.60}, which is no {getattr(hint, '__name__', hint)}")
-
-
-def _is(value: Any, hint: Any, origin: Any, name: str) -> bool:  # noqa: ANN401
-    """Return whether a value that holds no others is of a type."""
-    if origin is np.ndarray:
-        return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
-    if origin in (Union, UnionType):
-        return any(_fits(value, one, name) for one in get_args(hint))
-    if hint in (float, int):
-        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-        if hint is float and number and not np.isfinite(value):
-            return True
-        return number and abs(value) < _LARGEST and (hint is float or float(value).is_integer())
-    if origin is Literal:
-        return value in get_args(hint)
-    if hint in (str, bool):
-        return isinstance(value, hint)
-    return origin not in (tuple, list, dict, Mapping) and hint not in (dict, Mapping) and not is_dataclass(hint)
-
-
-def _fits(value: Any, hint: Any, name: str) -> bool:  # noqa: ANN401
-    try:
-        _require(value, hint, name)
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def sha256(path: Path) -> str:
@@ -190,12 +104,12 @@ def write_artifact(path: Path, artifact: Artifact) -> None:
     write_npz(path, {"schema": artifact.schema, "dynid": __version__, **artifact.header}, artifact.arrays)
 
 
-def read_artifact(path: Path, schema: str | None = None) -> Artifact:
+def read_artifact(path: Path, contents: Contents | None = None) -> Artifact:
     """Read a result file without executing anything in it.
 
     Args:
         path: the file.
-        schema: schema it must have, such as ``"dynid/regressor/1"``; any when None.
+        contents: what it must hold; any result when None.
 
     Raises:
         NotAnArtifact: not a dynid result, damaged, or of another kind.
@@ -205,27 +119,36 @@ def read_artifact(path: Path, schema: str | None = None) -> Artifact:
         arrays = read_npz(path)
         header = parse_json(str(arrays.pop(HEADER)), path)
         found = str(header["schema"])
-        for name, kind in _HEADER.items():
-            if name in header:
-                _require(header[name], kind, name)
+        _RUN.require(header, {}, path)
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise NotAnArtifact(f"{path} is not a dynid result, or is damaged: {error}", where=str(path)) from error
-    if schema is not None and found != schema:
-        kind, _, number = found.rpartition("/")
-        if kind == schema.rsplit("/", 1)[0] and whole_number(number) > int(schema.rsplit("/", 1)[1]):
-            raise NewerSchema(
-                f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
-                where=str(path),
-            )
-        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=str(path))
+    if contents is not None:
+        _require_schema(path, header, contents.schema)
+        with reading(path):
+            contents.require(header, arrays, path)
     return Artifact(found, header, arrays)
+
+
+def _require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
+    found = str(header["schema"])
+    kind, _, number = found.rpartition("/")
+    wanted, _, known = schema.rpartition("/")
+    if kind == wanted and whole_number(number) > int(known):
+        raise NewerSchema(
+            f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
+            where=str(path),
+        )
+    if found != schema:
+        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=str(path))
 
 
 def read_header(path: Path) -> dict[str, Any] | None:
     """Return only the header of a result file, or None when it is none."""
     try:
-        return dict(parse_json(str(read_npz(path, HEADER)[HEADER]), path))
+        header = dict(parse_json(str(read_npz(path, HEADER)[HEADER]), path))
+        _RUN.require(header, {}, path)
     except (OSError, ValueError, KeyError, TypeError, TooLarge):
         return None
+    return header

@@ -17,13 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import JointCountDiffers, NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, reading, require_numbers, write_artifact, write_text
+from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
+from dynid.files.contents import Array, Contents, Fact
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
 
 Floats = NDArray[np.float64]
 SCHEMA = "dynid/trajectory/1"
+#: Least speed factor, and longest motion [s].
+SLOWEST, LONGEST = 1e-9, 1e9
+_CORNER = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -140,31 +144,22 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         NotAnArtifact: not a trajectory, or damaged: the samples are not those that the header names.
         JointCountDiffers: it belongs to another arm.
     """
-    artifact = read_artifact(path, SCHEMA)
+    artifact = read_artifact(path, CONTENTS)
     header, arrays = dict(artifact.header), artifact.arrays
-    try:
-        motion = Motion(*(np.asarray(arrays[name], dtype=float) for name in ("t", "q", "qd", "qdd")))
-        review = Review(**header.pop("review")) if header.get("review") else None
-        stored = StoredTrajectory(
-            robot=str(header.pop("robot")),
-            joints=tuple(str(name) for name in header.pop("joints")),
-            motion=motion,
-            alpha=float(header.pop("alpha")),
-            basis=header.pop("basis"),
-            coefficients=arrays["coefficients"],
-            review=review,
-            facts=header,
-            selected=arrays.get("selected"),
-            source=path,
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise NotAnArtifact(f"{path} lacks parts of a trajectory ({error})", where=str(path)) from None
-    with reading(path):
-        shape = (len(motion.t), len(stored.joints))
-        require_numbers(shape[:1], t=motion.t)
-        require_numbers(shape, q=motion.q, qd=motion.qd, qdd=motion.qdd)
-        if stored.selected is not None:
-            require_numbers((len(stored.selected),), np.integer, selected=stored.selected)
+    motion = Motion(arrays["t"], arrays["q"], arrays["qd"], arrays["qdd"])
+    review = header.pop("review")
+    stored = StoredTrajectory(
+        robot=header.pop("robot"),
+        joints=tuple(header.pop("joints")),
+        motion=motion,
+        alpha=float(header.pop("alpha")),
+        basis=header.pop("basis"),
+        coefficients=arrays["coefficients"],
+        review=None if review is None else Review(**review),
+        facts=header,
+        selected=arrays.get("selected"),
+        source=path,
+    )
     if len(motion.t) < 2:
         raise NotAnArtifact(f"{path}: {len(motion.t)} samples are no motion", where=str(path))
     if header["motion_sha256"] != motion_hash(motion):
@@ -173,6 +168,36 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         found, expected = ", ".join(stored.joints), ", ".join(robot.joint_names)
         raise JointCountDiffers(f"{path} has the joints {found}, the robot {expected}", where=str(path))
     return stored
+
+
+CONTENTS = Contents(
+    SCHEMA,
+    {
+        "robot": Fact(str),
+        "joints": Fact(list[str], "n"),
+        "alpha": Fact(float, least=SLOWEST, most=1.0),
+        "basis": Fact(dict[str, Any]),
+        "motion_sha256": Fact(str),
+        "review": Fact(Review | None),
+        "answer": Fact(dict[str, Any], needed=False),
+        "pictures": Fact(list[str], needed=False),
+        "assumed_limits": Fact(list[str], needed=False),
+        "scene.floor": Fact(float | None, needed=False),
+        "scene.obstacles": Fact(list[dict[str, _CORNER]], "B", needed=False),
+        "scene.workspace": Fact(dict[str, _CORNER] | None, needed=False),
+        "scene.self_distance": Fact(float, needed=False),
+        "scene.distance": Fact(float, needed=False),
+        "scene.urdf": Fact(str | None, needed=False),
+    },
+    {
+        "t": Array("N", least=0.0, most=LONGEST, rising=True),
+        "q": Array("N n"),
+        "qd": Array("N n"),
+        "qdd": Array("N n"),
+        "coefficients": Array("_ n"),
+        "selected": Array("_", np.int64, least=0, rising=True, needed=False),
+    },
+)
 
 
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from dynid.units import joint_unit
 
@@ -12,6 +12,7 @@ from dynid.units import joint_unit
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from dynid.files.contents import Contents
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 SCHEMA = "dynid/gap/1"
 #: Held-out rows that the curve of an effect keeps at most.
 MOST_ROWS = 8000
+#: Joints that an effect names, by its scope.
+JOINTS_OF = {"joint": 1, "pair": 2, "arm": 0}
+#: Parts of a motion that residuals are told of: there are about twenty.
+MOST_REGIONS = 100
 
 
 @dataclass(frozen=True)
@@ -339,16 +344,16 @@ def read_record(path: Path) -> GapRecord:
     Raises:
         NotAnArtifact: it is damaged, or of another kind.
     """
-    from dynid.files.artifact import read_artifact, reading, require_fields, require_numbers
+    from dynid.files.artifact import read_artifact, reading
     from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
 
-    artifact = read_artifact(path, SCHEMA)
+    artifact = read_artifact(path, contents())
     with reading(path):
         found = dict(artifact.header["record"])
-        found |= {key: tuple(_effect_of(one) for one in found.get(key, [])) for key in _EFFECTS}
-        found |= {key: tuple(found.get(key, [])) for key in _WORDS}
+        found |= {key: tuple(_effect_of(one) for one in found[key]) for key in _EFFECTS}
+        found |= {key: tuple(found[key]) for key in _WORDS}
         found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
         found["cannot_judge"] = {name: tuple(joints) for name, joints in found["cannot_judge"]}
         found["joints"] = tuple(
@@ -361,17 +366,86 @@ def read_record(path: Path) -> GapRecord:
             for k, follows in enumerate(found["curves"])
         )
         record = GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
-        n = len(record.joint_names)
-        require_numbers((n,), before=improvement.before, after=improvement.after, floor=improvement.floor)
-        require_numbers((n, 2), ratio=improvement.ratio)
-        require_numbers((len(record.simulation), n), simulation=record.simulation)
-        for one in record.curves:
-            require_numbers((len(one.t),), **{name: getattr(one, name) for name in _CURVE})
-        for value in (record, *record.named, *record.closest, *record.formulas, *record.joints, *record.curves):
-            require_fields(value)
-        if {one.joint for one in record.joints} != set(range(n)) or len(record.torque_units) != n:
-            raise ValueError("it has other joints than names")
+        _require_one_arm(record)
     return record
+
+
+def contents() -> Contents:
+    """Return what gap.npz holds."""
+    from dynid.files.contents import Array, Contents, Fact
+    from dynid.gap.localisation import ResidualRegion
+
+    words, text = list[str], Fact(str)
+    effect = {
+        **dict.fromkeys(("effect", "where", "joint", "unit", "why_not", "formula", "beside"), text),
+        "indices": Fact(list[int], least=0),
+        "joints": Fact(words),
+        "values": Fact(list[tuple[str, float]]),
+        "std_errors": Fact(list[tuple[str, float]]),
+        "units": Fact(list[tuple[str, str]]),
+        "p_value": Fact(float),
+        "rms_before": Fact(float, least=0.0),
+        "rms_after": Fact(float | None, least=0.0),
+        "rivals": Fact(words),
+        "rival_keys": Fact(list[tuple[str, list[int]]]),
+        "share": Fact(float | None),
+    }
+    record = {
+        **dict.fromkeys(("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text),
+        **dict.fromkeys(("not_repeatable", "logs", "clues", "curves"), Fact(words)),
+        "mode": Fact(Literal["refit", "frozen"]),
+        "verdict": Fact(Literal["named", "nothing_missing", "nothing_changed", "unexplained", "ambiguous"]),
+        "question": Fact(Literal["numbers", "arm", "changed", ""]),
+        **{f"{group}.*.{key}": fact for group in _EFFECTS for key, fact in effect.items()},
+        "alternatives": Fact(list[words]),  # type: ignore[valid-type]
+        "joint_names": Fact(words, "n"),
+        "torque_units": Fact(words, "n"),
+        "joints": Fact(list[dict[str, Any]], "n"),
+        "joints.*.joint": Fact(int, least=0),
+        "joints.*.chi": Fact(float, least=0.0),
+        "joints.*.share": Fact(float, least=0.0),
+        "joints.*.text": text,
+        "joints.*.regions": Fact(list[ResidualRegion]),
+        "joints.*.regions.*.chi": Fact(float, least=0.0),
+        "cannot_judge": Fact(list[tuple[str, list[int]]]),
+    }
+    arrays = {name: Array("n", least=0.0) for name in _IMPROVEMENT}
+    arrays |= {"ratio": Array("n 2"), "simulation": Array("_ n")}
+    return Contents(
+        SCHEMA,
+        {"record": Fact(dict[str, Any])} | {f"record.{key}": fact for key, fact in record.items()},
+        arrays | {f"curve_*_{name}": Array("M*") for name in _CURVE},
+    )
+
+
+def _require_one_arm(record: GapRecord) -> None:
+    """Raise when the parts of a record are not those of one search of one arm."""
+    from dynid.model.effects.catalogue import CATALOGUE
+    from dynid.model.effects.formula import Formula
+
+    n, known = len(record.joint_names), {*CATALOGUE, Formula.name}
+    effects = [one for key in _EFFECTS for one in getattr(record, key)]
+    keys = [key for one in effects for key in ((one.effect, one.indices), *one.rival_keys)]
+    places = [*(joints for _, joints in keys), *record.cannot_judge.values(), [one.joint for one in record.joints]]
+    if not all(0 <= joint < n for joints in places for joint in joints):
+        raise ValueError("it has joints that its arm lacks")
+    if {one.joint for one in record.joints} != set(range(n)):
+        raise ValueError("it has other joints than names")
+    if not {name for name, _ in keys} <= known or any(len(one.rivals) != len(one.rival_keys) for one in record.named):
+        raise ValueError("it has effects that nobody knows")
+    if not all(len(joints) == JOINTS_OF[CATALOGUE[name].scope] for name, joints in keys if name in CATALOGUE):
+        raise ValueError("its effects act on other joints than they do")
+    for one in record.named:
+        effect = CATALOGUE[one.effect]
+        shape = {name: one.values[name] for name in effect.shape_units}
+        if not set(effect.amplitudes(shape)) <= set(one.values):
+            raise ValueError(f"{one.effect} lacks a size")
+    if not all(1 <= len(one.t) <= MOST_ROWS for one in record.curves):
+        raise ValueError("its curves have no rows, or too many")
+    if len({(region.kind, region.name) for one in record.joints for region in one.regions}) > MOST_REGIONS:
+        raise ValueError("its motion has more parts than any search has")
+    if len(record.simulation) not in (0, 2):
+        raise ValueError("its simulation is neither before nor after")
 
 
 def _stored(one: GapEffect) -> dict[str, Any]:

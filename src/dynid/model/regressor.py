@@ -229,3 +229,9 @@ class Observer:
 def build_model(robot: Robot) -> Model:
     """Derive the model of an arm from its DH table."""
     return Model(robot, derive(robot)[0])
+
+
+def parameter_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of all columns of an arm's model, (c), without deriving it."""
+    none = np.zeros(0, dtype=np.int32)
+    return Model(robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))).parameter_names

@@ -13,22 +13,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import (
-    Artifact,
-    read_artifact,
-    read_header,
-    reading,
-    require_fields,
-    require_numbers,
-    write_artifact,
-)
+from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact
+from dynid.files.contents import Array, Contents, Fact
 from dynid.model.program import Program
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
-REGRESSOR = "dynid/regressor/1"
-FULL = "dynid/fullregressor/1"
+#: Integers of a derivation are small.
+LARGEST_CONSTANT = 1e9
+_ARM = {
+    "key": Fact(str),
+    "joints": Fact(list[str], "n"),
+    "geometry": Fact(list[tuple[str, float, float, float, float]], "n"),
+    "convention": Fact(str),
+    "gravity": Fact(tuple[float, float, float]),
+}
+REGRESSOR = Contents(
+    "dynid/regressor/1",
+    {
+        **_ARM,
+        "program_inputs": Fact(list[str]),
+        "constants": Fact(list[int], least=-LARGEST_CONSTANT, most=LARGEST_CONSTANT),
+        "shape": Fact(tuple[int, int]),
+        "parameters": Fact(list[str]),
+        "operations": Fact(int, least=0),
+    },
+    {name: Array("M", np.int32, least=0) for name in ("op", "lhs", "rhs")}
+    | {name: Array("E", np.int32, least=0) for name in ("rows", "cols", "outputs")},
+)
+_REDUCTION = {
+    "parameters": Fact(list[str], "c"),
+    "base": Fact(list[str], "p"),
+    "rank": Fact(int),
+    "alone": Fact(list[str]),
+    "none": Fact(list[str]),
+    "combined": Fact(list[str]),
+    "gap": Fact(float | None),
+    "method": Fact(str),
+    "formulas": Fact(list[str]),
+}
+#: Base parameters in a file that holds more: their facts are under ``reduction``.
+REDUCTION_FACTS = {"reduction": Fact(dict[str, Any])} | {f"reduction.{key}": fact for key, fact in _REDUCTION.items()}
+REDUCTION_ARRAYS = {
+    "base": Array("p", np.int64, least=0, rising=True),
+    "K": Array("p c"),
+    "singular_values": Array("_", least=0.0),
+}
+FULL = Contents("dynid/fullregressor/1", {**_ARM, **_REDUCTION}, REDUCTION_ARRAYS)
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
 DERIVATION = 2
 
@@ -67,22 +99,20 @@ def save_model(path: Path, model: Model) -> None:
         parameters=list(model.parameter_names),
         operations=p.flops,
     )
-    write_artifact(path, Artifact(REGRESSOR, header, arrays))
+    write_artifact(path, Artifact(REGRESSOR.schema, header, arrays))
 
 
 def load_model(path: Path, robot: Robot) -> Model:
     """Read regressor.npz of a robot."""
     artifact = read_artifact(path, REGRESSOR)
     h, a = artifact.header, artifact.arrays
-    try:
+    with reading(path):
         program = Program(
-            tuple(str(name) for name in h["program_inputs"]),
-            tuple(int(value) for value in h["constants"]),
+            tuple(h["program_inputs"]),
+            tuple(map(int, h["constants"])),
             a["op"], a["lhs"], a["rhs"], a["rows"], a["cols"], a["outputs"],
             (int(h["shape"][0]), int(h["shape"][1])),
         )  # fmt: skip
-    except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise NotAnArtifact(f"{path} is damaged: {error}", where=str(path)) from error
     if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
         raise NotAnArtifact(f"{path} is damaged: it belongs to an arm with other joints", where=str(path))
     return Model(robot, program)
@@ -91,7 +121,7 @@ def load_model(path: Path, robot: Robot) -> Model:
 def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
     """Write fullregressor.npz."""
     facts, arrays = reduction_facts(reduction)
-    write_artifact(path, Artifact(FULL, _header(model.robot, **facts), arrays))
+    write_artifact(path, Artifact(FULL.schema, _header(model.robot, **facts), arrays))
 
 
 def load_reduction(path: Path) -> Reduction:
@@ -120,9 +150,12 @@ def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDA
 def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Reduction:
     """Return the base parameters that ``reduction_facts`` wrote.
 
+    Args:
+        facts: as the tables of this module have them, which the reader of a file has asked.
+        arrays: with the names of ``REDUCTION_ARRAYS``.
+
     Raises:
-        KeyError: something is missing.
-        TypeError: something is of another kind.
+        ValueError: names, indices and the matrix contradict each other.
     """
     found = Reduction(
         names=tuple(facts["parameters"]),
@@ -132,19 +165,15 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         none=tuple(facts["none"]),
         combined=tuple(facts["combined"]),
         singular_values=arrays["singular_values"],
-        gap=np.inf if facts["gap"] is None else float(facts["gap"]),
-        method=str(facts["method"]),
+        gap=np.inf if facts["gap"] is None else facts["gap"],
+        method=facts["method"],
         formulas=tuple(facts["formulas"]),
     )
-    require_fields(found)
-    p, c = len(found.base), len(found.names)
-    require_numbers((p,), np.integer, base=found.base)
-    require_numbers((p, c), K=found.K)
-    require_numbers((len(found.singular_values),), singular_values=found.singular_values)
+    p, c = found.K.shape
     known = set(found.names)
     if len(known) != c or not known.issuperset((*found.alone, *found.none, *found.combined)):
         raise ValueError("the names of its parameters contradict each other")
-    if p == 0 or found.base.min() < 0 or found.base.max() >= c or np.any(np.diff(found.base) <= 0):
+    if p == 0 or found.base[-1] >= c or tuple(facts["base"]) != found.base_names:
         raise ValueError("its base parameters are not among its parameters")
     if not np.array_equal(found.K[:, found.base], np.eye(p)):
         raise ValueError("'K' is not the matrix of a reduction")

@@ -419,26 +419,22 @@ def _row(path: Path) -> Row | str:
     import numpy as np
 
     from dynid.estimation.covariance import NOT_DETERMINED
-    from dynid.estimation.result import SCHEMA
-    from dynid.files.artifact import read_artifact, require_numbers
+    from dynid.estimation.result import CONTENTS
+    from dynid.files.artifact import read_artifact, reading
     from dynid.model.store import reduction_from
 
     try:
-        artifact = read_artifact(path, SCHEMA)
+        artifact = read_artifact(path, CONTENTS)
         header, arrays = artifact.header, artifact.arrays
-        names = reduction_from(header["reduction"], arrays).base_names
-        value, covariance = arrays["plain"], arrays["plain_covariance"]
-        require_numbers((len(names),), plain=value)
-        require_numbers((len(names), len(names)), plain_covariance=covariance, endless=True)
-        error = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+        with reading(path):
+            names = reduction_from(header["reduction"], arrays).base_names
         stored = header["result"]
-        if int(stored["rank"]) < len(names):
+        error = np.sqrt(np.maximum(np.diagonal(arrays["plain_covariance"]), 0.0))
+        if stored["rank"] < len(names):
             error = np.where([word == NOT_DETERMINED for word in stored["knowledge"]], np.inf, error)
-        return Row(str(header["robot"]), tuple(names), value, error)
+        return Row(header["robot"], names, arrays["plain"], error)
     except DynidError as mistake:
         return f"{mistake.code} {mistake.what}"
-    except (KeyError, TypeError, ValueError, IndexError) as mistake:
-        return f"{path} is damaged: {mistake}"
 
 
 def history_of(members: Sequence[tuple[Run, Row]]) -> History:

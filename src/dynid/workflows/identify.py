@@ -194,7 +194,7 @@ def updated(
             f"{earlier.label} was made from this log already",
             fix="give a log that it does not hold yet",
         )
-    both = {key: [*earlier.header[key], *header[key]] for key in ("log_sha256", "logs")}
+    both = {key: [*earlier.header.get(key, []), *header[key]] for key in ("log_sha256", "logs")}
     return with_earlier(stack, earlier), {**header, **both}
 
 

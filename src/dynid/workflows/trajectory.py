@@ -191,7 +191,7 @@ def _given_path(
 
 def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
     """Return the motion of a plan, or of its file, as coefficients of its family."""
-    from dynid.files.artifact import reading, require_numbers
+    from dynid.files.artifact import reading
     from dynid.trajectory.basis import basis_from
     from dynid.trajectory.plan import Trajectory
 
@@ -199,9 +199,8 @@ def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
         return stored.trajectory
     with reading(Path(stored.source or "the trajectory")):
         basis = basis_from(dict(stored.basis))
-        require_numbers((basis.size, len(stored.joints)), coefficients=stored.coefficients)
-        if not 0 < stored.alpha < np.inf:
-            raise ValueError("its alpha is none of a motion")
+        if len(stored.coefficients) != basis.size:
+            raise ValueError(f"it has {len(stored.coefficients)} coefficients of each joint, expected {basis.size}")
     return Trajectory(basis, stored.coefficients, stored.alpha)
 
 

@@ -1,0 +1,284 @@
+"""What each kind of result holds: the facts of its header and its arrays, declared once and asked where it is read.
+
+A result may come from somebody else, or from a program that changed it. What the code behind a reader takes for granted
+(types, shapes that agree, ranges, order) is therefore said in a table beside the reader, and never asked anywhere else.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid import limits
+from dynid.longarrays import spans
+
+#: Numbers beyond this are not measured, counted or computed by anybody: those of a header, and those of arrays, of
+#: which five may be multiplied.
+_LARGEST, LARGEST = 1e150, 1e60
+#: Limits of sizes that several kinds of results have, by their names in the tables.
+_LIMITS = {"N": "samples", "n": "joints", "B": "obstacles"}
+_SIZE = re.compile(r"([A-Za-z]+)(?:\+(\d+))?")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """What the header says under a key.
+
+    Attributes:
+        kind: type of the value, such as ``list[str]``; a dataclass stands for a mapping with its fields.
+        size: name of the number of its entries; "" where that is free.
+        least: smallest number in it; infinity and NaN pass only where neither bound is given.
+        most: largest number.
+        needed: whether it must be there.
+    """
+
+    kind: Any
+    size: str = ""
+    least: float | None = None
+    most: float | None = None
+    needed: bool = True
+
+
+@dataclass(frozen=True)
+class Array:
+    """What an array holds.
+
+    Attributes:
+        shape: sizes by name, such as ``"N n"``, ``"p+1"`` or ``"3"``; ``"n?"`` may also be 0, ``"_"`` is any size.
+        kind: type of its numbers.
+        gaps: whether NaN may stand for what is not known.
+        endless: whether infinity may.
+        least: smallest number.
+        most: largest number.
+        rising: whether each number is larger than the one before.
+        needed: whether it must be there.
+    """
+
+    shape: str
+    kind: Any = np.float64
+    gaps: bool = False
+    endless: bool = False
+    least: float = -LARGEST
+    most: float = LARGEST
+    rising: bool = False
+    needed: bool = True
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a kind of result holds.
+
+    Attributes:
+        schema: name and number, such as ``"dynid/regressor/1"``.
+        facts: of the header, by their places: ``"result.rank"``; ``*`` stands for every entry of a list or mapping.
+        arrays: by name; ``*`` stands for a number, and a size that ends in it belongs to that number.
+    """
+
+    schema: str
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+    arrays: Mapping[str, Array] = field(default_factory=dict)
+
+    def require(self, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], where: Path | str) -> None:
+        """Raise when a result holds something else than its table says.
+
+        Args:
+            header: facts.
+            arrays: by name.
+            where: the file.
+
+        Raises:
+            TooLarge: it has more samples or joints than the limit.
+            KeyError: something is missing.
+            TypeError: a fact is of another kind.
+            ValueError: a number is out of its range, or sizes contradict each other.
+        """
+        sizes: dict[str, int] = {}
+        for place, fact in self.facts.items():
+            for value in _values(header, place.split("."), fact.needed):
+                _require(value, fact.kind, place)
+                if fact.size:
+                    _agree(sizes, fact.size, len(value), place)
+                if fact.least is not None or fact.most is not None:
+                    _require_range(value, fact, place)
+        for pattern, told in self.arrays.items():
+            for name, number in _named(pattern, arrays, told.needed):
+                _require_array(arrays[name], told, name, number, sizes)
+        for name, limit in _LIMITS.items():
+            limits.check(limit, sizes.get(name, 0), where)
+
+
+def _values(node: Any, words: list[str], needed: bool) -> Iterator[Any]:  # noqa: ANN401
+    """Yield what a header holds at a place."""
+    if not words:
+        yield node
+    elif words[0] == "*":
+        for each in node.values() if isinstance(node, Mapping) else node:
+            yield from _values(each, words[1:], needed)
+    elif not isinstance(node, Mapping):
+        raise TypeError(f"'{words[0]}' is looked for in {node!r:.60}, which has no keys")
+    elif needed or words[0] in node:
+        yield from _values(node[words[0]], words[1:], needed)
+
+
+def _agree(sizes: dict[str, int], name: str, size: int, where: str) -> None:
+    """Note a size that is met for the first time; raise when it is another one than before."""
+    if sizes.setdefault(name, size) != size:
+        raise ValueError(f"'{where}' has {size} entries, expected {sizes[name]}")
+
+
+def _require_range(value: Any, fact: Fact, place: str) -> None:  # noqa: ANN401
+    for number in value if isinstance(value, list) else [value]:
+        if number is None:
+            continue
+        low = -_LARGEST if fact.least is None else fact.least
+        high = _LARGEST if fact.most is None else fact.most
+        if not low <= number <= high:
+            raise ValueError(f"'{place}' is {number:g}, which none is")
+
+
+def _named(pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool) -> Iterator[tuple[str, str]]:
+    """Yield the names of arrays that a pattern stands for, and their numbers."""
+    if "*" in pattern:
+        expression = re.compile(re.escape(pattern).replace(r"\*", r"(\d{1,4})"))
+        yield from ((name, match[1]) for name in arrays if (match := expression.fullmatch(name)))
+    elif needed or pattern in arrays:
+        yield pattern, ""
+
+
+def _require_array(array: NDArray[Any], told: Array, name: str, number: str, sizes: dict[str, int]) -> None:
+    wanted = told.shape.split()
+    if array.ndim == len(wanted):
+        for word, size in zip(wanted, array.shape, strict=True):
+            match = _SIZE.fullmatch(word.rstrip("?").replace("*", ""))
+            if match is not None and not (size == 0 and word.endswith("?")):
+                key = match[1] + (number if "*" in word else "")
+                _agree(sizes, key, size - int(match[2] or 0), name)
+    shape = tuple(
+        int(word) if word.isdigit() else size
+        for word, size in zip(wanted, (*array.shape, *[0] * len(wanted)), strict=False)
+    )
+    require_numbers(shape, told.kind, gaps=told.gaps, endless=told.endless, **{name: array})
+    if told.kind is np.bool_:
+        return
+    for part in (array[some].astype(np.float64, copy=False) for some in spans(len(array) if shape else 0)):
+        if np.any(part < told.least) or np.any(part > told.most):
+            raise ValueError(f"'{name}' holds numbers that it never has")
+    if told.rising and not all(
+        np.all(np.diff(array[max(0, some.start - 1) : some.stop]) > 0) for some in spans(len(array))
+    ):
+        raise ValueError(f"the numbers of '{name}' do not rise")
+
+
+def require_fields(value: Any) -> None:  # noqa: ANN401
+    """Raise when a field of a dataclass, or of one in it, is not of the type that it is declared with.
+
+    Raises:
+        TypeError: names the field.
+    """
+    for name, hint in _hints(type(value)):
+        _require(getattr(value, name), hint, name)
+
+
+def _hints(kind: type[Any]) -> Iterator[tuple[str, Any]]:
+    """Yield name and type of each field of a dataclass; not those whose types are imported for type checkers only."""
+    for each in fields(kind):
+        try:
+            yield each.name, eval(str(each.type), vars(sys.modules[kind.__module__]))
+        except NameError:
+            continue
+
+
+def require_numbers(
+    shape: tuple[int, ...],
+    kind: Any = np.float64,  # noqa: ANN401
+    *,
+    gaps: bool = False,
+    endless: bool = False,
+    **arrays: NDArray[Any],
+) -> None:
+    """Raise when arrays have another shape or type than dynid writes, or hold what nobody measures or computes.
+
+    Args:
+        shape: what each must have.
+        kind: type of its numbers, such as ``np.integer``.
+        gaps: whether NaN may stand for what is not known.
+        endless: whether infinity may.
+        arrays: by their names in the file.
+
+    Raises:
+        ValueError: names the array.
+    """
+    for name, array in arrays.items():
+        if array.shape != shape or not (array.dtype.isnative and np.issubdtype(array.dtype, kind)):
+            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
+        for part in (array[some] for some in spans(len(array) if shape else 0)):
+            size = np.abs(part.astype(np.float64, copy=False))
+            known = (size < LARGEST) | (gaps & np.isnan(part)) | (endless & np.isinf(size))
+            if not known.all():
+                raise ValueError(f"'{name}' holds values that are no numbers, or that nothing has")
+
+
+def _require(value: Any, hint: Any, name: str) -> None:  # noqa: ANN401
+    """Raise when a value is not of a type; numbers of numpy count as numbers, lists as tuples."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (tuple, list) and isinstance(value, (list, tuple)):
+        same = origin is list or inner[-1:] == (Ellipsis,)
+        for item, kind in zip(value, inner[:1] * len(value) if same else inner, strict=True):
+            _require(item, kind, name)
+    elif (origin or hint) in (dict, Mapping) and isinstance(value, Mapping):
+        for key, item in value.items():
+            _require(key, str, name)
+            _require(item, inner[1] if inner else Any, name)
+    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, hint):
+        require_fields(value)
+    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, Mapping):
+        _require_mapping(value, hint, name)
+    elif not _is(value, hint, origin, name):
+        raise TypeError(f"'{name}' is {value!r:.60}, which is no {getattr(hint, '__name__', hint)}")
+
+
+def _require_mapping(value: Mapping[str, Any], kind: type[Any], name: str) -> None:
+    """Raise when a mapping does not have the fields of a dataclass."""
+    known = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}
+    if not set(value) <= set(known) or not {key for key, needed in known.items() if needed} <= set(value):
+        raise TypeError(f"'{name}' has the keys {', '.join(map(str, value))}; a {kind.__name__} has {', '.join(known)}")
+    for key, hint in _hints(kind):
+        if key in value:
+            _require(value[key], hint, f"{name}.{key}")
+
+
+def _is(value: Any, hint: Any, origin: Any, name: str) -> bool:  # noqa: ANN401
+    """Return whether a value that holds no others is of a type."""
+    if origin is np.ndarray:
+        return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+    if origin in (Union, UnionType):
+        return any(_fits(value, one, name) for one in get_args(hint))
+    if hint in (float, int):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer, float, np.floating)):
+            return False
+        if isinstance(value, (float, np.floating)):
+            return hint is float and bool(-_LARGEST < value < _LARGEST or not np.isfinite(value))
+        return bool(-_LARGEST < value < _LARGEST)
+    if hint is NoneType:
+        return value is None
+    if origin is Literal:
+        return isinstance(value, str) and value in get_args(hint)
+    if hint in (str, bool):
+        return isinstance(value, hint)
+    return origin not in (tuple, list, dict, Mapping) and hint not in (dict, Mapping) and not is_dataclass(hint)
+
+
+def _fits(value: Any, hint: Any, name: str) -> bool:  # noqa: ANN401
+    try:
+        _require(value, hint, name)
+    except (TypeError, ValueError):
+        return False
+    return True
