@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, WrongUsage
+from dynid.errors import Finding, JointCountDiffers, WrongUsage
 from dynid.table import Table
 
 Floats = NDArray[np.float64]
@@ -342,6 +343,20 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Joint names, base to tip."""
         return tuple(joint.name for joint in self.joints)
+
+    def require_joints(self, names: Sequence[str], where: Path | str) -> None:
+        """Raise when a file is of another arm.
+
+        Args:
+            names: its joints.
+            where: the file.
+
+        Raises:
+            JointCountDiffers: the arm has other joints.
+        """
+        if tuple(names) != self.joint_names:
+            found, expected = ", ".join(names), ", ".join(self.joint_names)
+            raise JointCountDiffers(f"{where} has the joints {found}, the robot {expected}", where=str(where))
 
     def joint_name(self, joint: int | str) -> str:
         """Return the name of a joint given by its number from 1 or by its name.

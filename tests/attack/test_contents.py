@@ -8,17 +8,19 @@ import json
 import pkgutil
 import shutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from inputs import first_seed, inputs_wanted
+from inputs import ROBOT, first_seed, inputs_wanted
 
 import dynid
-from dynid.errors import DynidError
+from dynid.errors import DynidError, JointCountDiffers, WrongUsage
 from dynid.estimation import observation_files, prediction, result
 from dynid.estimation.compare import compare
 from dynid.estimation.parameter_posterior import parameter_posterior
+from dynid.estimation.payload import find_payload
 from dynid.files import artifact
 from dynid.files.contents import Contents
 from dynid.files.trajectoryfile import read_trajectory
@@ -27,7 +29,8 @@ from dynid.gap.record import read_record
 from dynid.model import store
 from dynid.model.base_model import BaseModel
 from dynid.npz import read_npz
-from dynid.reports.evidence import _spectrum, relative_percent
+from dynid.reports.evidence import _spectrum, gather, relative_percent
+from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
 from dynid.workflows.robots import load_robot
 from dynid.workflows.trajectory import trajectory_of
@@ -59,7 +62,7 @@ def motion(path: Path, robot) -> None:
 
 
 def stack(path: Path, robot) -> None:
-    _spectrum(observation_files.load_factors(path))
+    _spectrum(observation_files.load_factors(path)[0])
     for log in observation_files.load(path)[0]:
         log.filter.second_kernel  # noqa: B018
 
@@ -205,3 +208,60 @@ def test_a_result_as_it_was_written_has_the_contents_of_its_table(kind, original
     for path in (originals / "out").rglob(file):
         found = artifact.read_artifact(path, contents)
         assert {place.split(".")[0] for place, fact in contents.facts.items() if fact.needed} <= set(found.header)
+
+
+def of_three_joints(path: Path) -> None:
+    """Make a result one of an arm with a third joint: every array and fact with a size of two joints has three."""
+    arrays = read_npz(path)
+    header = json.loads(str(arrays.pop("header")))
+    for name in ("joints", "joint_names"):
+        for holder in (header, header.get("record", {})):
+            if name in holder and len(holder[name]) == 2:
+                holder[name] = [*holder[name], copy.deepcopy(holder[name][-1])]
+                if isinstance(holder[name][-1], dict):
+                    holder[name][-1]["joint"] = 2
+                else:
+                    holder[name][-1] = "hand"
+    if "record" in header:
+        header["record"]["torque_units"] += ["N m"]
+    for name, array in arrays.items():
+        if name != "ratio" and not name.startswith("curve") and 2 in array.shape:
+            axis = array.shape.index(2) if name != "simulation" else 1
+            arrays[name] = np.concatenate([array, np.take(array, [1], axis=axis)], axis=axis)
+        elif name == "ratio":
+            arrays[name] = np.concatenate([array, array[1:]])
+    np.savez(path, header=np.array(json.dumps(header)), **arrays)
+
+
+@pytest.mark.parametrize(
+    "file", ["estimatedmotion.npz", "gap.npz", "fullnumericregressor.npz", "validation/other/estimatedmotion.npz"]
+)
+def test_a_report_beside_a_file_of_another_arm_names_it(file, originals, tmp_path):
+    shutil.copytree(originals / "out", tmp_path / "out")
+    of_three_joints(tmp_path / "out" / file)
+    with pytest.raises(JointCountDiffers, match=Path(file).name):
+        gather(dynid.load(tmp_path / "out" / "parameters.npz"))
+
+
+def test_what_is_beside_a_result_of_the_same_arm_is_gathered(originals):
+    found = gather(dynid.load(originals / "out" / "parameters.npz"))
+    assert found.motion is not None
+    assert found.gap is not None
+    assert found.singular_values is not None
+
+
+def test_results_and_motions_of_another_arm_complete_no_plan(originals, tmp_path):
+    other = ROBOT.replace("elbow", "wrist")
+    (tmp_path / "other.yaml").write_text(other)
+    robot = load_robot(tmp_path / "other.yaml")
+    for file in ("parameters.npz", "trajectory.npz"):
+        with pytest.raises(JointCountDiffers, match=file):
+            require_same_arm([dynid.load(originals / "out" / file)], robot)
+
+
+def test_a_load_is_not_found_against_an_arm_with_other_joints(originals):
+    """Names of parameters are numbers of joints: two arms may have the same, and other joints."""
+    one = dynid.load(originals / "out" / "parameters.npz")
+    joints = tuple(replace(joint, joint=f"{joint.joint}_2") for joint in one.joints)
+    with pytest.raises(WrongUsage, match="other base parameters"):
+        find_payload(one, replace(one, joints=joints))

@@ -221,6 +221,7 @@ def test_a_result_from_a_stranger_is_exported_reported_and_compared_without_runn
     header["robot_path"] = "/somewhere/*/\nopen('HACKED', 'w').yaml"
     header["dynid"] = header["command"] = header["logs"][0] = ATTACK
     header["result"] |= dict.fromkeys(("method", "why", "choice", "heldout"), ATTACK)
+    header["result"]["joints"][0]["joint"] = PYTHON_ATTACK
     header["findings"] = [{"code": "W402", "level": "warning", "text": ATTACK, "evidence": {}}]
     write_artifact(shop.folder / "evil/parameters.npz", Artifact(stored.schema, header, stored.arrays))
     done = shop("export", "evil", "--format", "all", "--json")

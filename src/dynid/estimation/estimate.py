@@ -126,7 +126,7 @@ def with_earlier(stack: Stack, earlier: Identification) -> Stack:
     Raises:
         WrongUsage: the earlier result has other base parameters, or keeps no factors.
     """
-    if earlier.names != stack.names:
+    if earlier.names != stack.names or earlier.robot.joint_names != stack.joints:
         raise WrongUsage(
             f"{earlier.label} has other base parameters than this log's model",
             fix="identify both with the same robot file",

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding
 from dynid.estimation.result import LATEST
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, write_artifact
@@ -36,7 +35,6 @@ Floats = NDArray[np.float64]
 CONTENTS = Contents(
     SCHEMA,
     {
-        "key": Fact(str),
         "base": Fact(list[str], "p"),
         "joints": Fact(list[str], "n"),
         "lengths": Fact(list[int], "S", least=1),
@@ -50,10 +48,7 @@ CONTENTS = Contents(
         "sources.*.cutoff": Fact(float, least=LEAST_HZ),
         "sources.*.first_step": Fact(int, least=1, most=MOST_STEPS),
         "sources.*.second_step": Fact(int, least=1, most=MOST_STEPS),
-        "logs": Fact(list[str]),
-        "log_sha256": Fact(list[str]),
-        "log_findings": Fact(list[Finding]),
-        "inputs": Fact(dict[str, str], needed=False),
+        "delay_applied_s": Fact(float, least=-LATEST, most=LATEST, needed=False),
     },
     {name: Array("N n") for name in ("q", "qd", "qdd", "tau")}
     | {name: Array("N n", gaps=True) for name in ("raw_q", "raw_qd")}
@@ -110,7 +105,7 @@ def _log(number: int, source: Mapping[str, Any], segments: Sequence[Segment], ow
     return ConditionedLog(own, chosen, source["name"], source["path"], source["sha256"], float(source["delay"]))
 
 
-def load_factors(path: Path) -> Floats:
-    """Return the triangular factor of [W tau] of each joint in fullnumericregressor.npz, (n, p + 1, p + 1)."""
-    found: Floats = read_artifact(path, CONTENTS).arrays["R"]
-    return found
+def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:
+    """Return the triangular factors of [W tau] in fullnumericregressor.npz, (n, p + 1, p + 1), and its header."""
+    found = read_artifact(path, CONTENTS)
+    return found.arrays["R"], dict(found.header)

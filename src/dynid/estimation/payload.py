@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
+from dynid.estimation.compare import same_parameters
 from dynid.estimation.least_squares import block_diagonal, triangle
 from dynid.estimation.model_error import centred, rows_under
 from dynid.estimation.parameter_posterior import ParameterPosterior, parameter_posterior
@@ -116,7 +117,7 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     Raises:
         WrongUsage: the results are of different arms, or the last link is not identified.
     """
-    if loaded.names != unloaded.names:
+    if not same_parameters(loaded, unloaded):
         raise WrongUsage(
             f"{unloaded.label} has other base parameters than this log's model",
             fix="identify both with the same robot file",

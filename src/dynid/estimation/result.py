@@ -507,7 +507,6 @@ _K, _G = len(GROUPS), len(GROUP_NAMES)
 CONTENTS = Contents(
     SCHEMA,
     {
-        "robot": Fact(str),
         "robot_file": Fact(str),
         "robot_path": Fact(str),
         "cutoff_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import JointCountDiffers, NotAnArtifact
+from dynid.errors import NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
 from dynid.files.contents import Array, Contents, Fact
 from dynid.motion import Motion
@@ -164,9 +164,8 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         raise NotAnArtifact(f"{path}: {len(motion.t)} samples are no motion", where=str(path))
     if header["motion_sha256"] != motion_hash(motion):
         raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
-    if robot is not None and stored.joints != robot.joint_names:
-        found, expected = ", ".join(stored.joints), ", ".join(robot.joint_names)
-        raise JointCountDiffers(f"{path} has the joints {found}, the robot {expected}", where=str(path))
+    if robot is not None:
+        robot.require_joints(stored.joints, path)
     return stored
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,22 +66,43 @@ class Evidence:
 
 
 def gather(result: Identification) -> Evidence:
-    """Return what a report shows of a result: from the files beside it, or from memory where it was not saved."""
+    """Return what a report shows of a result: from the files beside it, or from memory where it was not saved.
+
+    Raises:
+        JointCountDiffers: a file beside it is of another arm.
+        NotAnArtifact: one is damaged.
+    """
     from dynid.gap.record import read_record  # here: most results have no gap beside them
 
     if not result.path.name:
         if result.stack is None:
             return Evidence(result)
         return Evidence(result, _fitted_motion(result.stack, result.theta), (), _spectrum(result.stack.whole[0]))
-    folder = result.path.parent
+    folder, robot = result.path.parent, result.robot
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
+    record = read_record(gap) if gap.is_file() else None
+    if record is not None:
+        robot.require_joints(record.joint_names, gap)
     return Evidence(
         result=result,
-        motion=prediction.load(motion)[0] if motion.is_file() else None,
-        unseen=tuple(_unseen(file) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
-        singular_values=_spectrum(load_factors(stack)) if stack.is_file() else None,
-        gap=read_record(gap) if gap.is_file() else None,
+        motion=_motion(motion, robot)[0] if motion.is_file() else None,
+        unseen=tuple(_unseen(file, robot) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
+        singular_values=_singular_values(stack, result) if stack.is_file() else None,
+        gap=record,
     )
+
+
+def _motion(path: Path, robot: Robot) -> tuple[EstimatedMotion, dict[str, Any]]:
+    motion, header = prediction.load(path)
+    robot.require_joints(header["joints"], path)
+    return motion, header
+
+
+def _singular_values(path: Path, result: Identification) -> Floats | None:
+    """Return those of the stack beside a result; None where it is that of another model of the arm."""
+    factors, header = load_factors(path)
+    result.robot.require_joints(header["joints"], path)
+    return _spectrum(factors) if tuple(header["base"]) == result.names else None
 
 
 def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
@@ -99,10 +120,10 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
     return 100 * float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12), 100 * each
 
 
-def _unseen(path: Path) -> Unseen:
-    motion, header = prediction.load(path)
-    name = Path(str(header.get("log", path.parent.name))).name
-    return Unseen(name, motion, *relative_percent(motion), same_motion=bool(header.get("same_motion", False)))
+def _unseen(path: Path, robot: Robot) -> Unseen:
+    motion, header = _motion(path, robot)
+    name = Path(header.get("log", path.parent.name)).name
+    return Unseen(name, motion, *relative_percent(motion), same_motion=header.get("same_motion", False))
 
 
 def _spectrum(factors: Floats) -> Floats:

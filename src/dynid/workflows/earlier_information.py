@@ -25,7 +25,11 @@ Earlier = Log | Identification | StoredTrajectory
 
 
 def read_earlier(path: Path, robot: Robot) -> Earlier:
-    """Return what a file holds: parameters.npz, trajectory.npz, or else a log."""
+    """Return what a file holds: parameters.npz, trajectory.npz, or else a log.
+
+    Raises:
+        DynidError: it is of another arm, or damaged.
+    """
     from dynid.estimation import result
     from dynid.files.artifact import read_header
     from dynid.files.trajectoryfile import read_trajectory
@@ -36,6 +40,19 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     if schema == "dynid/identification":
         return result.load(path)
     return read_trajectory(path, robot) if schema == "dynid/trajectory" else read_log(path, robot)
+
+
+def require_same_arm(earlier: Sequence[Earlier], robot: Robot) -> None:
+    """Raise when results or motions are of another arm; a log has its columns looked up.
+
+    Raises:
+        JointCountDiffers: one is.
+    """
+    for known in earlier:
+        if isinstance(known, Identification):
+            robot.require_joints(known.robot.joint_names, known.label)
+        elif isinstance(known, StoredTrajectory):
+            robot.require_joints(known.joints, known.source or "the earlier motion")
 
 
 def torque_noise(

@@ -427,12 +427,12 @@ def _row(path: Path) -> Row | str:
         artifact = read_artifact(path, CONTENTS)
         header, arrays = artifact.header, artifact.arrays
         with reading(path):
-            names = reduction_from(header["reduction"], arrays).base_names
+            robot, names = header["robot"], reduction_from(header["reduction"], arrays).base_names
         stored = header["result"]
         error = np.sqrt(np.maximum(np.diagonal(arrays["plain_covariance"]), 0.0))
         if stored["rank"] < len(names):
             error = np.where([word == NOT_DETERMINED for word in stored["knowledge"]], np.inf, error)
-        return Row(header["robot"], names, arrays["plain"], error)
+        return Row(robot, names, arrays["plain"], error)
     except DynidError as mistake:
         return f"{mistake.code} {mistake.what}"
 

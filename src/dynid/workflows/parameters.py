@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import Finding, LogNotFound
+from dynid.errors import Finding, LogNotFound, NotAnArtifact
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -185,25 +185,28 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
 
     Raises:
         LogNotFound: the file is not there, or belongs to another version of the robot file.
+        NotAnArtifact: it is damaged.
     """
     from dynid.estimation import observation_files
     from dynid.estimation.delay import Delay
     from dynid.estimation.effect_columns import settled
     from dynid.estimation.stack import stack_base
+    from dynid.files.artifact import reading
 
     stored_key(path, base.robot)
     conditioned, header = observation_files.load(path)
-    progress.stage("log", f"from {path}: {', '.join(header['logs'])}")
-    error = header.get("delay_std_error_s")
-    return Observations(
-        base=base,
-        stack=stack_base(settled(conditioned, base), base, progress),
-        logs=tuple(header["logs"]),
-        log_sha256=tuple(header["log_sha256"]),
-        delay=None if error is None else Delay(header["delay_s"], error),
-        applied_delay=float(header.get("delay_applied_s") or 0.0),
-        findings=tuple(Finding(**finding) for finding in header["log_findings"]),
-    )
+    base.robot.require_joints(header["joints"], path)
+    entries = sum(len(column.rows) for effect in base.model.added for column in effect.columns)
+    if any(segment.effects.shape[1] != entries for log in conditioned for segment in log.segments):
+        raise NotAnArtifact(f"{path} is damaged: it has other effects than its robot", where=str(path))
+    with reading(path):
+        logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
+        error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
+        delay = None if error is None else Delay(float(header["delay_s"]), error)
+        findings = tuple(Finding(**finding) for finding in header["log_findings"])
+    progress.stage("log", f"from {path}: {', '.join(logs)}")
+    stack = stack_base(settled(conditioned, base), base, progress)
+    return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 
 def stored_key(path: Path, robot: Robot) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from dynid.workflows.earlier_information import (
     Earlier,
     believed,
     earlier_information,
+    require_same_arm,
     torque_noise,
     unexplained,
 )
@@ -100,6 +101,7 @@ def plan_trajectory(
     begin = time.monotonic()
     base = _plain(base or base_model(robot, progress=progress), progress)
     before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
+    require_same_arm(before, robot)
     noise, source = torque_noise(robot, options.noise, before, options.rate)
     known = earlier_information(base, before, noise, progress)
     context = planning_context(base, options, noise, known, believed(base, before, known))
