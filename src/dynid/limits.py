@@ -85,6 +85,10 @@ LIMITS: dict[str, Limit] = {
     "motion_samples": Limit(
         1_000_000, "samples", "a planned motion", "17 minutes at the 1 kHz of its checks; it is held in memory",
     ),
+    "matrix": Limit(
+        16_000_000, "numbers", "a regressor that is worked on as a whole",
+        "128 MB, of which a few are held at a time; random states of ten joints make 2 million",
+    ),
     "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
     "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
     "effects": Limit(
@@ -94,6 +98,9 @@ LIMITS: dict[str, Limit] = {
     "waypoints": Limit(500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"),
     "obstacles": Limit(500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"),
     "jobs": Limit(2000, "jobs", "jobs of a batch file", "each reads its files first; a fleet of 100 arms has 1000"),
+    "stretches": Limit(
+        10_000, "stretches", "stretches that a log of a job is read in", "each is a task; a day in minutes has 1440",
+    ),
     "links": Limit(1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(

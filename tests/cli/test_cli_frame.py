@@ -7,12 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 
-from dynid.cli.main import available, loop_map
+from dynid.cli.dataclass_options import Number
+from dynid.cli.main import available, loop_map, module_of
 from dynid.codes import catalogue
 from dynid.errors import EXIT_MEANING
 
@@ -409,3 +412,15 @@ def test_a_wrong_option_is_one_json_object_too(dynid):
 
 def test_an_error_without_json_leaves_stdout_empty(dynid):
     assert dynid("check", "no_such_arm").out == ""
+
+
+def test_every_number_on_the_command_line_is_one_that_can_be_measured():
+    """click takes what is not a number for one in any range, and infinity where there is no upper end."""
+    for name in available():
+        for param in import_module(module_of(name)).command.params:
+            if not isinstance(param.type, (click.types.FloatParamType, click.FloatRange)):
+                continue
+            assert isinstance(param.type, Number), f"{name} {param.opts}"
+            for text in ("nan", "inf", "-inf", "1e400", "1e13", "1e-300"):
+                with pytest.raises(click.BadParameter):
+                    param.type.convert(text, param, None)

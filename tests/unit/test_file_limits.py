@@ -4,11 +4,23 @@ import io
 import os
 import re
 from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from dynid import limits
 from dynid.errors import TooLarge
+from dynid.files.robotfile import parse_robot
+from dynid.model.program import Program
+from dynid.model.reduce import reduce_plain
+from dynid.model.regressor import Model
+from dynid.trajectory.basis import Fourier
+from dynid.trajectory.plan import Trajectory
+from dynid.workflows.pieces import cut
+
+ARM = "name: arm\nconvention: standard\njoints: [{a: 0.3}, {a: 0.2}, {a: 0.1}, {a: 0.1}]\n"
 
 every = pytest.mark.parametrize("name", limits.LIMITS)
 
@@ -91,3 +103,17 @@ def test_a_file_that_has_nothing_to_read_yet_is_a_mistake_and_not_none():
                 read()
             assert told.value.filename == "kmsg"
     os.close(theirs)
+
+
+def test_what_a_command_asks_for_is_bounded_by_the_product_of_its_numbers():
+    """Each number is possible for itself: an hour, a millisecond, a slow run; a hundred thousand states; a second."""
+    robot = parse_robot(ARM, Path("arm.yaml"))
+    none = np.zeros(0, dtype=np.int32)
+    model = Model(robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n)))
+    slow = Trajectory(Fourier(3600.0, 3), np.zeros((5, 2)), alpha=0.1)
+    with pytest.raises(TooLarge, match="a planned motion"):
+        slow.sampled(1000.0)
+    with pytest.raises(TooLarge, match="a regressor"):
+        reduce_plain(model, samples=100_000)
+    with pytest.raises(TooLarge, match="stretches"):
+        cut(Path("log.npz"), SimpleNamespace(samples=10_000_000, rate=100.0), 1.0, 8.0)

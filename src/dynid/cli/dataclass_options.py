@@ -10,9 +10,20 @@ from typing import Any, TypeVar
 import click
 
 from dynid.cli.completed import EFFECTS
-from dynid.options import Declaration, Options, declaration_of, flag_of
+from dynid.options import LEAST, MOST, Declaration, Options, declaration_of, flag_of
 
 Given = TypeVar("Given", bound=Options)
+
+
+class Number(click.FloatRange):
+    """A number that can be measured; click takes what is not a number for one in any range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
+        """Return the number."""
+        found = super().convert(value, param, ctx)
+        if not abs(found) <= MOST or 0 < abs(found) < LEAST:
+            self.fail(f"{value} is nothing that can be measured", param, ctx)
+        return found
 
 
 def options_from(kind: type[Options], *, without: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Any]:
@@ -72,9 +83,9 @@ def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
         low, high = said.bounds
         if isinstance(each.default, int):
             return click.IntRange(None if low is None else int(low), None if high is None else int(high))
-        return click.FloatRange(low, high)
+        return Number(low, high)
     if said.kind == "count":
         return click.IntRange(min=1)
-    if said.kind in ("positive", "float"):
-        return click.FloatRange(min=0, min_open=said.kind == "positive")
+    if said.kind in ("positive", "float") or (isinstance(each.default, float) and said.read is None):
+        return Number(min=0 if said.kind else None, min_open=said.kind == "positive")
     return str if said.read is not None or each.default in (None, ()) else type(each.default)

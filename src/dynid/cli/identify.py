@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.dataclass_options import Number, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.robot_argument import robot_argument
@@ -69,7 +69,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--load-mass",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number(min=0, min_open=True),
     metavar="KG",
     help="Mass of the load in the log given with --loaded [kg].",
 )

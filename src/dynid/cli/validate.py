@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.dataclass_options import Number, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @options_from(ValidateOptions)
 @click.option(
     "--max-rms",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     metavar="NM",
     help="Exit 1 when the rms torque error of any joint is larger [N m or N].",
 )

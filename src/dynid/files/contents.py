@@ -24,7 +24,7 @@ from dynid.longarrays import spans
 #: which five may be multiplied.
 _LARGEST, LARGEST = 1e150, 1e60
 #: Limits of sizes that several kinds of results have, by their names in the tables.
-_LIMITS = {"N": "samples", "n": "joints", "B": "obstacles"}
+_LIMITS = {"N": "samples", "T": "motion_samples", "n": "joints", "B": "obstacles"}
 _SIZE = re.compile(r"([A-Za-z]+)(?:\+(\d+))?")
 
 

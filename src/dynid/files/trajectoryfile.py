@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, write_artifact, write_text
+from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.motion import Motion
+from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
 
@@ -189,10 +190,10 @@ CONTENTS = Contents(
         "scene.urdf": Fact(str | None, needed=False),
     },
     {
-        "t": Array("N", least=0.0, most=LONGEST, rising=True),
-        "q": Array("N n"),
-        "qd": Array("N n"),
-        "qdd": Array("N n"),
+        "t": Array("T", least=0.0, most=LONGEST, rising=True),
+        "q": Array("T n"),
+        "qd": Array("T n"),
+        "qdd": Array("T n"),
         "coefficients": Array("_ n"),
         "selected": Array("_", np.int64, least=0, rising=True, needed=False),
     },
@@ -202,9 +203,10 @@ CONTENTS = Contents(
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
     header = ["t", *(column(f"{kind}_{name}") for kind in ("q", "qd", "qdd") for name in joints)]
-    rows = np.column_stack([motion.t, motion.q, motion.qd, motion.qdd])
-    lines = [",".join(header), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    write_text(path, "\n".join(lines) + "\n")
+    with written_whole(path) as stream:
+        stream.write((",".join(header) + "\n").encode())
+        for t, *values in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
+            stream.write((",".join(f"{value:.9g}" for value in (t, *np.concatenate(values))) + "\n").encode())
 
 
 def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
@@ -215,18 +217,20 @@ def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
     sign, offset = np.ones(robot.n), np.zeros(robot.n)
     if robot.driver is not None:
         sign, offset = np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
-    lines = ["header: {seq: 0, stamp: {secs: 0, nsecs: 0}, frame_id: ''}"]
-    lines += [f"joint_names: [{', '.join(map(yaml_word, robot.log_names))}]", "points:"]
-    for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
-        nanoseconds = round(float(t) * 1e9)
-        lines += [
-            f"- positions: {_row((q - offset) * sign)}",
-            f"  velocities: {_row(qd * sign)}",
-            f"  accelerations: {_row(qdd * sign)}",
-            "  effort: []",
-            f"  time_from_start: {{secs: {nanoseconds // 10**9}, nsecs: {nanoseconds % 10**9}}}",
-        ]
-    write_text(path, "\n".join(lines) + "\n")
+    names = ", ".join(map(yaml_word, robot.log_names))
+    head = f"header: {{seq: 0, stamp: {{secs: 0, nsecs: 0}}, frame_id: ''}}\njoint_names: [{names}]\npoints:\n"
+    with written_whole(path) as stream:
+        stream.write(head.encode())
+        for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
+            nanoseconds = round(float(t) * 1e9)
+            lines = (
+                f"- positions: {_row((q - offset) * sign)}",
+                f"  velocities: {_row(qd * sign)}",
+                f"  accelerations: {_row(qdd * sign)}",
+                "  effort: []",
+                f"  time_from_start: {{secs: {nanoseconds // 10**9}, nsecs: {nanoseconds % 10**9}}}",
+            )
+            stream.write(("\n".join(lines) + "\n").encode())
 
 
 def _row(values: Floats) -> str:

@@ -32,7 +32,7 @@ HERMITE = np.linalg.inv(_ENDS)
 
 
 #: Knots or harmonics of a motion and seconds at full speed are fewer than this; searched motions have tens.
-MOST, LONGEST = 2000, 1e6
+MOST, LONGEST = 512, 1e6
 #: No two knots are nearer [s], whose fifth power divides.
 NEAREST = 1e-6
 

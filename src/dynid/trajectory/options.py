@@ -108,7 +108,7 @@ class PlanOptions(Options):
     restarts: int = option(
         5, "Number of starts of the search; when all finish, equal seeds give equal plans.", kind="count", shown=""
     )
-    seconds: float = option(60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, None))
+    seconds: float = option(60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6))
     replay: tuple[int, int] | None = option(
         None, "Make the plan again that a search of this seed ended with.", metavar="START:N", read=_replay
     )

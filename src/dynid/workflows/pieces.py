@@ -243,6 +243,7 @@ def tree(tasks: dict[str, Task], key: str, members: Sequence[str], merge: Callab
 def cut(path: Path, looked: Looked, seconds: float, cutoff: float) -> list[Stretch]:
     """Return the stretches of a log: as many as it takes, all of one length."""
     count = max(1, int(np.ceil(looked.samples / looked.rate / seconds - 1e-9)))
+    limits.check("stretches", count, path)
     edges = np.linspace(0, looked.samples, count + 1).astype(int).tolist()
     return [Stretch(path, start, end, cutoff) for start, end in pairwise(edges)]
 

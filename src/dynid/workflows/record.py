@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 PATIENT = 8
 
 
-def _quantity(unit: str) -> Callable[[Any, str], float]:
-    """Return a reader of positive numbers with a unit; percent become a share."""
+def _quantity(unit: str, most: float) -> Callable[[Any, str], float]:
+    """Return a reader of positive numbers with a unit, up to the largest one; percent become a share."""
 
     def read(value: Any, name: str) -> float:  # noqa: ANN401
         text = str(value).strip()
@@ -42,8 +42,10 @@ def _quantity(unit: str) -> Callable[[Any, str], float]:
             number = float(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
         except ValueError:
             number = 0.0
-        if not 0 < number < float("inf"):
-            raise WrongUsage(f"{name} {value} is not a positive number of {unit}")
+        if not 0 < number <= most:
+            raise WrongUsage(
+                f"{name} {value} is not a positive number of {unit} up to {100 * most if unit == '%' else most:g}"
+            )
         return number
 
     return read
@@ -56,14 +58,16 @@ class RecordOptions(Options):
     dry_run: bool = option(False, "Check everything, send nothing.")
     listen_only: bool = option(False, "Record while another program moves the arm.")
     repeat: int = option(1, "How often the motion is played.", bounds=(1, 1000), shown="")
-    speed: float = option("100%", "Share of the planned speed.", shown="", read=_quantity("%"))
+    speed: float = option("100%", "Share of the planned speed.", shown="", read=_quantity("%", 10.0))
     max_deviation: float = option(
-        "0.15rad", "Stop when a joint is further from its plan [rad or m].", shown="", read=_quantity("rad")
+        "0.15rad", "Stop when a joint is further from its plan [rad or m].", shown="", read=_quantity("rad", 1e3)
     )
     master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).", metavar="T")
     command_topic: str | None = option(None, "Topic or action of the commands (default: the driver's).", metavar="T")
-    timeout: float = option("2s", "How long master and topic may stay silent [s].", shown="", read=_quantity("s"))
+    timeout: float = option(
+        "2s", "How long master and topic may stay silent [s].", shown="", read=_quantity("s", 86400.0)
+    )
     accept_unreviewed: bool = option(False, "Play a motion that nobody has confirmed.", deliberate=True)
     go_to_start: bool = option(False, "Approach the first pose slowly from where the arm stands.", deliberate=True)
     zero_torques: bool = option(

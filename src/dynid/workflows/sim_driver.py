@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.options import Options, option
+from dynid.options import MOST, Options, option
 from dynid.robot import Robot
 from dynid.sim.driver_loop import FAULTS
 
@@ -209,6 +209,8 @@ def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
             f"--pose {given} is neither a file nor numbers",
             fix=f"plan it first: dynid trajectory {robot.word}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
         ) from None
+    if not np.all(np.abs(pose) <= MOST):
+        raise WrongUsage(f"--pose {given} is nothing that can be measured", fix="give one per joint [rad]")
     if len(pose) != robot.n:
         what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"
         raise WrongUsage(what, fix="give one per joint [rad]")

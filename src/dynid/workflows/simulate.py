@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
 from dynid.log import Log
 from dynid.motion import Motion
-from dynid.options import Options, option
+from dynid.options import MOST, Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.text import whole_number
@@ -40,6 +40,8 @@ def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
             parameters = {key.strip(): float(number) for key, number in pairs}
         except ValueError:
             raise WrongUsage(f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5") from None
+        if not all(abs(number) <= MOST for number in parameters.values()):
+            raise WrongUsage(f"{name} '{item}' has a number that is nothing that can be measured")
         found.append(EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters))
     return tuple(found)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import PlanTeachesLittle
 from dynid.files.planfile import Waypoints
 from dynid.files.trajectoryfile import StoredTrajectory
@@ -243,6 +244,7 @@ def _predicted(
     prediction = predict(base.model, columns, motion, noise, context.other, context.believed)
     selected = None
     if options.select is not None:
+        limits.check("matrix", motion.q.size * len(columns), "--select")
         W = base.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
         selected = select_samples(W, options.select)
     cost = prediction.std_error * np.sqrt(np.diag(context.other))
