@@ -22,6 +22,7 @@ from dynid.estimation.compare import compare
 from dynid.estimation.parameter_posterior import parameter_posterior
 from dynid.estimation.payload import find_payload
 from dynid.files import artifact
+from dynid.files.batchfile import Job
 from dynid.files.contents import Contents
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.gap import record
@@ -32,6 +33,7 @@ from dynid.npz import read_npz
 from dynid.reports.evidence import _spectrum, gather, relative_percent
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
+from dynid.workflows.job import RECORD, _record
 from dynid.workflows.robots import load_robot
 from dynid.workflows.trajectory import trajectory_of
 
@@ -265,3 +267,19 @@ def test_a_load_is_not_found_against_an_arm_with_other_joints(originals):
     joints = tuple(replace(joint, joint=f"{joint.joint}_2") for joint in one.joints)
     with pytest.raises(WrongUsage, match="other base parameters"):
         find_payload(one, replace(one, joints=joints))
+
+
+def test_a_record_of_a_job_with_an_odd_fact_is_used_or_the_job_is_done_again(originals, tmp_path):
+    original = (originals / "out" / "batch" / "one" / RECORD).read_text()
+    done = Job("one", "arm.yaml", (Path("log.csv"),))
+    (tmp_path / "parameters.npz").touch()
+    used = 0
+    for seed in range(first_seed(), first_seed() + inputs_wanted(10_000)):
+        facts = json.loads(original)
+        other_fact(np.random.default_rng([seed, 8]), facts)
+        (tmp_path / RECORD).write_text(json.dumps(facts))
+        found = _record(done, tmp_path, json.loads(original)["key"])
+        if found is not None:
+            used += 1
+            assert found.facts()["outcome"] in ("passed", "beyond a limit")
+    assert used > 0

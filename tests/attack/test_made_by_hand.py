@@ -104,6 +104,12 @@ def job(**keys: object) -> str:
     return json.dumps({"jobs": [{"name": "one", "robot": "arm.yaml", "logs": ["log.npz"], **keys}]})
 
 
+def wide(path: Path) -> None:
+    """A log of ten samples of a hundred thousand joints."""
+    q = np.zeros((10, 100_000))
+    np.savez(path, t=np.arange(10.0), q=q, tau=q)
+
+
 def poses(count: int) -> str:
     return "\n".join(f"{k % 3 * 0.1},{k % 5 * 0.1}" for k in range(count))
 
@@ -155,6 +161,11 @@ CASES = {
     "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "parameters known"),
     "an arm with effects": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: backlash, parameters: {b: 0.01}"), "trajectory arm.yaml --seconds 1 --preview none --out out", 0, "planned without"),
     "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
+    "a formula on no joint": ("arm.yaml", ROBOT + "effects:\n  - {effect: formula, formula: a q, joints: []}\n", "model arm.yaml --out out", 3, "acts on no joint"),
+    "a speed to the power of 1000": ("arm.yaml", effects("effect: nonlinear_viscous, parameters: {p: 1000}"), "identify arm.yaml log.npz --out out", 3, "no finite torque"),
+    "a simulated time constant of zero": ("x", b"", "simulate arm.yaml out/trajectory.npz --effect torque_drift@elbow:tc=0,a=1 --out out/x", 2, "--effect"),
+    "torques that are an hour late": ("arm.yaml", effects("effect: torque_delay, parameters: {delay: 3600}"), "identify arm.yaml log.npz --out out", 3, "3600 s late"),
+    "100 000 columns without names": ("log.npz", wide, "check log.npz", 3, "columns of a log"),
     "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
     "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),
     "an empty plan": ("out/trajectory.npz", b"", "simulate arm.yaml out/trajectory.npz --out out/x", 3, "E3"),

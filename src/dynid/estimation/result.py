@@ -612,7 +612,7 @@ def load(path: Path) -> Identification:
 def _require_one_arm(found: Identification) -> None:
     """Raise when the parts of a result are not those of one arm."""
     robot = found.robot
-    if tuple(joint.joint for joint in found.joints) != robot.joint_names:
+    if len(found.joints) != robot.n:
         raise ValueError("its joints are not those of its robot")
     names = parameter_names(robot)
     if found.reduction.names != names or found.physical.names != names:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from dynid import limits
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
 from dynid.log import SCHEMA, Log
 from dynid.npz import HEADER, parse_json, read_npz
@@ -22,6 +23,7 @@ def read_npz_log(path: Path) -> Log:
     Raises:
         LogNotFound: not an .npz file, or a dynid result of another kind.
         NewerSchema: written by a newer dynid.
+        TooLarge: it has more samples or columns than the limit.
         LogLayout: arrays are missing or their sizes differ.
     """
     try:
@@ -53,6 +55,9 @@ def read_npz_log(path: Path) -> Log:
         dh=bool(header.get("dh", False)),
         extra={"q_ref": arrays["q_ref"]} if "q_ref" in arrays else {},
     )
+    limits.check("samples", len(log), path)
+    limits.check("columns", log.n, path)
+    limits.check("name_length", max(map(len, names), default=0), path)
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
     return log

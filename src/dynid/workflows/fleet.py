@@ -31,6 +31,8 @@ AT_ONCE, MANY = 100, 400
 #: Columns of a list of results.
 COLUMNS = ("result", "arm", "time")
 SECONDS = 86400.0
+#: Days of the epoch that stand for dates.
+FIRST_DATE, LAST_DATE = 7305, 84_000
 #: What this command writes, which ``out/*/*`` names as well.
 WRITTEN = ("fleet.csv", "fleet.html")
 _DATE = re.compile(r"\d{4}-?\d\d-?\d\d(?!\d)")
@@ -353,8 +355,8 @@ def _day(text: str) -> float:
 
 
 def _text_of(day: float) -> str:
-    """Return a number of days as a date, where it is one since 1990."""
-    if day < 7305:
+    """Return a number of days as a date, where it is one from 1990 to 2199."""
+    if not FIRST_DATE <= day < LAST_DATE:
         return f"{day:g}"
     return datetime.fromtimestamp(day * SECONDS, tz=timezone.utc).strftime("%Y-%m-%d")
 

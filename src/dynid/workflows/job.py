@@ -26,6 +26,7 @@ from dynid import limits
 from dynid.errors import DynidError, ExitStatus, WorkerDiffers, WrongUsage
 from dynid.files.artifact import sha256, write_text
 from dynid.files.batchfile import Job
+from dynid.files.contents import Contents, Fact
 from dynid.files.remote import fetch
 from dynid.npz import parse_json
 from dynid.progress import SILENT, Progress
@@ -35,6 +36,15 @@ from dynid.workflows.cluster import Pool, Task
 
 #: What a job leaves in its folder, so that it need not run again.
 RECORD = "job.json"
+RECORDED = Contents(
+    RECORD,
+    {
+        "key": Fact(str),
+        "status": Fact(int, least=ExitStatus.DONE, most=ExitStatus.LIMIT_NOT_MET),
+        "message": Fact(str),
+        "answers": Fact(dict[str, list[dict[str, Any]]]),
+    },
+)
 #: The model in a job's folder, which is made first.
 MODEL = ("regressor.npz", "fullregressor.npz")
 
@@ -388,10 +398,11 @@ def _record(job: Job, folder: Path, key: str) -> JobResult | None:
     """Return what a job gave that was done before from the same inputs."""
     try:
         found = parse_json(limits.read_bytes(folder / RECORD, "header_bytes").decode("utf-8"), folder / RECORD)
+        RECORDED.require(found, {}, folder / RECORD)
         if found["key"] == key and (folder / "parameters.npz").is_file():
-            status, answers, message = int(found["status"]), dict(found["answers"]), str(found["message"])
-            return JobResult(job, folder, status, answers=answers, message=message, reused=True)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, DynidError):
+            facts = {name: found[name] for name in ("status", "answers", "message")}
+            return JobResult(job, folder, **facts, reused=True)
+    except (OSError, ValueError, KeyError, TypeError, DynidError):
         pass
     return None
 

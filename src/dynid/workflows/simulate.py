@@ -209,6 +209,8 @@ def _effect_torque(
             columns = effect.columns(path, joints, shape)
             rows = list(effect.rows(joints, robot.n))
             torque[:, rows] += np.tensordot([named.parameters[name] for name in names], columns, axes=1).T
+        if not np.all(np.isfinite(torque)):
+            raise WrongUsage(f"--effect: {effect.name} gives no finite torque with these numbers", fix=_template(spec))
     return torque
 
 

@@ -13,7 +13,7 @@ from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.estimation.fleet import History, look_at
 from dynid.reports.fleet_page import fleet_page
 from dynid.workflows.cluster import Here
-from dynid.workflows.fleet import FleetOptions, fleet, ordered, runs_of
+from dynid.workflows.fleet import FleetOptions, _day, _text_of, fleet, ordered, runs_of
 
 
 @pytest.fixture
@@ -139,3 +139,13 @@ def test_the_page_needs_no_network_and_names_cannot_become_markup():
     assert "<i>" not in page
     assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", page)
     assert not re.search("https?:", page)
+
+
+@pytest.mark.parametrize("day", [-1e9, 0.5, 7304.0, 84_000.0, 1e8, 999_999_999.0])
+def test_a_number_of_days_that_is_no_date_stays_a_number(day):
+    assert _text_of(day) == f"{day:g}"
+
+
+def test_a_number_of_days_is_the_date_that_it_came_from():
+    for text in ("1990-01-01", "2026-02-28", "2199-12-01"):
+        assert _text_of(_day(text)) == text

@@ -13,6 +13,7 @@ from dynid.model.effects import friction, position, sensor, whole_arm
 from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 from dynid.model.parameters import Parameter
+from dynid.options import LONGEST_DELAY
 from dynid.robot import EffectSpec, Robot
 
 #: In the order in which equally good effects are preferred and the reference page lists them.
@@ -83,8 +84,17 @@ class Added:
     columns: tuple[AddedColumn, ...]
 
     def evaluate(self, motion: ArmMotion) -> Floats:
-        """Return the entries of its columns, column by column, row by row, (E, N)."""
-        return self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
+        """Return the entries of its columns, column by column, row by row, (E, N).
+
+        Raises:
+            WrongRobotFile: with these numbers it has no torque, such as a time constant of zero.
+        """
+        found = self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
+        if not np.all(np.isfinite(found)):
+            shown = ", ".join(f"{name} = {value:g}" for name, value in self.shape.items()) or "its formula"
+            what = f"effects: {self.effect.name} {_place(self.joints, motion.robot)}: {shown} gives no finite torque"
+            raise WrongRobotFile(what, where=str(motion.robot.path or motion.robot.name))
+        return found
 
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
@@ -141,7 +151,11 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     missing = [name for name in needed if name not in spec.parameters]
     if missing:
         raise WrongRobotFile(f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where)
-    if effect.scope == "pair" and len(spec.joints) != 2:
+    if effect.scope == "joint" and not spec.joints:
+        raise WrongRobotFile(f"effects: {spec.effect} acts on no joint", where=where, fix="joints: [NAME]")
+    if abs(spec.parameters.get("delay", 0.0)) > LONGEST_DELAY and effect.name == "torque_delay":
+        raise WrongRobotFile(f"effects: torques are not {spec.parameters['delay']:g} s late", where=where)
+    if effect.scope == "pair" and len(set(spec.joints)) != 2:
         raise WrongRobotFile(f"effects: {spec.effect} needs two joints: the one it acts on and the other", where=where)
     return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
 
@@ -150,6 +164,8 @@ def _formula(spec: EffectSpec, robot: Robot, where: str) -> Effect:
     """Return the effect of a formula of the robot file."""
     if not spec.formula:
         raise WrongRobotFile("effects: formula needs the key formula", where=where, fix="formula: a cos(2 q4) |qd4|")
+    if not spec.joints:
+        raise WrongRobotFile("effects: formula acts on no joint", where=where, fix="joints: [NAME]")
     made = Formula(spec.formula, [one.revolute for one in robot.joints], robot.joint_names.index(spec.joints[0]))
     joints = [name for one in robot.effects if one.effect == spec.effect for name in one.joints]
     twice = [name for name in spec.joints if joints.count(name) > 1]
