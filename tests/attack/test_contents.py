@@ -16,7 +16,7 @@ import pytest
 from inputs import ROBOT, first_seed, inputs_wanted
 
 import dynid
-from dynid.errors import DynidError, JointCountDiffers, WrongUsage
+from dynid.errors import DynidError, JointCountDiffers, RankDeficient, WrongUsage
 from dynid.estimation import observation_files, prediction, result
 from dynid.estimation.compare import compare
 from dynid.estimation.parameter_posterior import parameter_posterior
@@ -33,7 +33,10 @@ from dynid.npz import read_npz
 from dynid.reports.evidence import _spectrum, gather, relative_percent
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
+from dynid.workflows.identify import identify
 from dynid.workflows.job import RECORD, _record
+from dynid.workflows.model import base_model
+from dynid.workflows.parameters import load_observations
 from dynid.workflows.robots import load_robot
 from dynid.workflows.trajectory import trajectory_of
 
@@ -283,3 +286,18 @@ def test_a_record_of_a_job_with_an_odd_fact_is_used_or_the_job_is_done_again(ori
             used += 1
             assert found.facts()["outcome"] in ("passed", "beyond a limit")
     assert used > 0
+
+
+@pytest.mark.parametrize("name", ["tau", "qdd"])
+def test_a_stack_of_numbers_that_no_system_holds_is_no_internal_error(name, originals, tmp_path):
+    path, robot = tmp_path / "fullnumericregressor.npz", load_robot(originals / "arm.yaml")
+    arrays = read_npz(originals / "out" / path.name)
+    arrays[name] = (
+        0 * arrays[name]
+        if name == "tau"
+        else np.where(np.arange(len(arrays["t"]))[:, None] == 600, -1e59, arrays[name])
+    )
+    np.savez(path, **arrays)
+    base = base_model(robot)
+    with np.errstate(all="ignore"), pytest.raises(RankDeficient, match="cannot be solved"):
+        identify(robot, load_observations(path, base), base=base)

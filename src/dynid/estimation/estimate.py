@@ -18,7 +18,7 @@ from dynid.estimation.findings import (
     physics_findings,
     sensor_findings,
 )
-from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error
+from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error, solvable
 from dynid.estimation.model_error import ModelError, squares
 from dynid.estimation.posterior import (
     ExpectedError,
@@ -143,6 +143,7 @@ def with_earlier(stack: Stack, earlier: Identification) -> Stack:
     )
 
 
+@solvable()
 def estimate(
     stack: Stack,
     base: BaseModel,

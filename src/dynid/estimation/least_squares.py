@@ -9,6 +9,8 @@ Source: Demmel et al. 2012, "Communication-optimal parallel and sequential QR" (
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import LogTooShort
+from dynid.errors import LogTooShort, RankDeficient
 from dynid.signals.nonnegative import nonnegative_least_squares
 
 Floats = NDArray[np.float64]
@@ -35,6 +37,23 @@ LEAST_LEFT = 1.0
 #: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
 #: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
 UNSEEN, LARGEST_INFLATION = 2.0, 60.0
+
+
+@contextmanager
+def solvable() -> Iterator[None]:
+    """Turn a system that cannot be solved into a mistake of the numbers that it was made of; also a decorator.
+
+    Raises:
+        RankDeficient: they are so far apart, or so small, that double precision holds nothing of the others.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise RankDeficient(
+            f"the numbers of these logs make systems that cannot be solved ({error})",
+            why="sensors do not give numbers that are so far apart, or torques of nothing",
+            fix="look at what was recorded: dynid check LOG --robot ROBOT",
+        ) from error
 
 
 def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:

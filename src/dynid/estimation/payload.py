@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.compare import same_parameters
-from dynid.estimation.least_squares import block_diagonal, triangle
+from dynid.estimation.least_squares import block_diagonal, solvable, triangle
 from dynid.estimation.model_error import centred, rows_under
 from dynid.estimation.parameter_posterior import ParameterPosterior, parameter_posterior
 from dynid.estimation.physical_constraints import make_constraints
@@ -107,6 +107,7 @@ def _by_name(numbers: list[Any]) -> dict[str, Any]:
     return {"mass_kg": numbers[0], "com_m": numbers[1:4], "inertia_com_kg_m2": inertia}
 
 
+@solvable()
 def find_payload(loaded: Identification, unloaded: Identification) -> IdentifiedPayload:
     """Return the body that the loaded arm has in addition.
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dynid.errors import PackageMissing
+from dynid.estimation.least_squares import solvable
 from dynid.gap.beside_formula import parts_beside_formulas, same_motion
 from dynid.gap.formulas import JOINTS, OUTDONE, Wording, advice_on_formulas, find_formulas, outdone
 from dynid.gap.forward_simulation import simulate_held_out
@@ -92,6 +93,7 @@ class GapAnalysis:
     wording: Wording
 
 
+@solvable()
 def analyse_gap(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
