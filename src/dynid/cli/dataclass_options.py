@@ -21,7 +21,7 @@ class Number(click.FloatRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
         """Return the number."""
         found = super().convert(value, param, ctx)
-        if not abs(found) <= MOST or 0 < abs(found) < LEAST:
+        if not abs(found) <= MOST or (self.min == 0 and 0 < found < LEAST):
             self.fail(f"{value} is nothing that can be measured", param, ctx)
         return found
 
