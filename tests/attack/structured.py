@@ -338,7 +338,8 @@ def parquet(rng: np.random.Generator, original: bytes) -> bytes:
         )
     }
     for _ in range(rng.integers(1, 3)):
-        name = str(rng.choice(sorted(columns)))
+        # Why by number: NumPy drops zero bytes at the end of a word.
+        name = sorted(columns)[rng.integers(len(columns))]
         x = columns[name]
         choices = [
             lambda x: pa.array([str(v) for v in x]), lambda x: pa.array([[v] for v in x]), lambda x: pa.array([None] * len(x), pa.float64()),
