@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 #: A slope along the box, and a relative change of the value, that count as none.
-FLAT, SAME = 1e-6, 1e-13
+FLAT, SAME = 1e-8, 1e-13
 #: A step is shortened until it gains this share of what the slope promises, at most so many times.
 PROMISE, SHORTER = 1e-4, 30
 
@@ -24,7 +24,7 @@ def smallest_in_box(
     """Return where a function is smallest between bounds, (k,), as far as going downhill from a start finds it.
 
     Source: Bertsekas 1982 (projected steps of a quasi-Newton method), with the update of Broyden, Fletcher, Goldfarb
-    and Shanno.
+    and Shanno. Where changes of the value are lost in its rounding, the slopes tell whether a step is one downhill.
 
     Args:
         function: returns its value and its slopes, (k,).
@@ -42,10 +42,11 @@ def smallest_in_box(
             break
         way = np.zeros_like(x)
         way[free] = -np.linalg.solve(bend[np.ix_(free, free)], slope[free])
+        rounding = SAME * max(1.0, abs(value))
         for _ in range(SHORTER):
             there = np.clip(x + way, low, high)
             found, turned = function(there)
-            if found <= value + PROMISE * float(slope @ (there - x)):
+            if found <= value + PROMISE * float(slope @ (there - x)) + rounding:
                 break
             way = 0.5 * way
         else:
@@ -54,7 +55,7 @@ def smallest_in_box(
         if float(moved @ change) > 1e-12 * float(np.linalg.norm(moved) * np.linalg.norm(change)):
             along = bend @ moved
             bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
-        gain, x, value, slope = value - found, there, found, turned
-        if gain <= SAME * max(1.0, abs(value)):
+        if value - found <= rounding and np.linalg.norm(turned[free]) >= np.linalg.norm(slope[free]):
             break
+        x, value, slope = there, found, turned
     return x

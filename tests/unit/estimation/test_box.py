@@ -40,3 +40,17 @@ def test_nothing_between_the_bounds_is_smaller():
 def test_a_bent_valley_is_followed_to_its_end_or_to_the_wall(wall, expected):
     x = smallest_in_box(valley, np.array([-1.2, 1.0]), np.array([-2.0, -2.0]), np.array([wall, 2.0]), 100)
     assert x == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_end_is_found_where_the_value_is_rounded_away():
+    # Why 1e6: a value of that size resolves 1e-10, which is a place to 1e-5.
+    random = np.random.default_rng(1)
+    bounds = np.full(3, 5.0)
+    for _ in range(40):
+        A, centre = random.standard_normal((3, 3)), random.uniform(-2.0, 2.0, 3)
+        H = A @ A.T + 0.1 * np.eye(3)
+
+        def deep(x, H=H, centre=centre):
+            return 1e6 + float(0.5 * (x - centre) @ H @ (x - centre)), H @ (x - centre)
+
+        assert smallest_in_box(deep, np.zeros(3), -bounds, bounds, 100) == pytest.approx(centre, abs=1e-6)
