@@ -144,5 +144,6 @@ def swing(robot, seconds, size=0.15):
 def store(path, robot, motion, reviewed=True):
     arm = load_robot(robot)
     review = Review("a person", "2026-01-01T12:00:00", motion_hash(motion)) if reviewed else None
-    write_trajectory(path, StoredTrajectory(arm.name, arm.joint_names, motion, 1.0, {}, np.zeros((1, len(arm.joint_names))), review))
+    plan = np.zeros((1, len(arm.joint_names)))
+    write_trajectory(path, StoredTrajectory(arm.name, arm.joint_names, motion, 1.0, {}, plan, review))
     return path
