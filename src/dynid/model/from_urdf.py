@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
@@ -127,6 +128,7 @@ def import_arm(
 
     Raises:
         WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe.
+        TooLarge: it has more moving joints than the limit.
     """
     start, end = ends_of(urdf, base, tip)
     chain = urdf.chain(start, end)
@@ -165,6 +167,8 @@ def _refuse_others(urdf: Urdf, chain: Sequence[UrdfJoint], moving: Sequence[Urdf
             )
     if not moving:
         raise WrongUrdf(f"{urdf.path}: no joint moves between the ends of the chain", where=where)
+    # Why here: a robot file with more joints would be written, and be refused by the next command.
+    limits.check("joints", len(moving), urdf.path)
 
 
 def _link_poses(chain: Sequence[UrdfJoint], root: Floats) -> dict[str, Floats]:
