@@ -199,8 +199,8 @@ def _beyond_doubt(
         if undetermined(fitted):
             open_ones.append(best)
             continue
-        others = [x for x in found if x is not best and not _holds(regression, joint, x, best)]
-        others = [x for x in others if not any(x is one for one in open_ones)]
+        others = [x for x in found if not any(x is one for one in (best, *open_ones))]
+        others = [x for x in others if not _holds(regression, joint, x, best)]
         if all(_clearly(best, other) for other in others):
             return best, fitted
     return None
@@ -233,11 +233,11 @@ def _clearly(one: Explanation, other: Explanation) -> bool:
 
 def _proved(search: EffectSearch, best: Explanation, fitted: SelectedEffect, joint: int) -> bool:
     """Return whether the size of an effect beside a formula holds, and unseen rows speak for both."""
+    if fitted.z < SURE:
+        return False
     problem, whole = search.problem, _with_formula(search, best, joint)
     beside = whole[:-1]
     if any(held_out_ratio(problem, without, whole, joint)[1] >= 1 for without in (beside, search.selected)):
-        return False
-    if fitted.z < SURE:
         return False
     return max(change_of_size(problem, whole, share) for share in CUTOFFS) <= MOVED
 
