@@ -26,7 +26,7 @@ from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.posterior import physical_posterior
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.log import Log
 from dynid.model.prior import prior_base_parameters
 from dynid.signals.conditioned_log import ConditionedLog
@@ -65,8 +65,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     start = time.perf_counter()
     chosen = choose_filter(log, arm.robot)
     segments = condition(despiked(log, chosen.cutoff)[0], chosen, coulomb=arm.robot.coulomb_shape)
-    observer, names = arm.base.model.observer(arm.base.reduction.base), arm.base.reduction.base_names
-    rows = stack([ConditionedLog(segments, chosen, "log")], observer, names, arm.robot.joint_names)
+    rows = stack_logs([ConditionedLog(segments, chosen, "log")], arm.base)
     made = time.perf_counter() - start
     prior = prior_base_parameters(arm.base.model, arm.base.reduction)
     found = {"OLS 50 Hz": butterworth(arm, log)}

@@ -20,7 +20,7 @@ import heavy_arms as heavy
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate
 from dynid.estimation.least_squares import relative_error
-from dynid.estimation.stack import stack_base
+from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock, replays
 from dynid.gap.problem import kept_model, make_problem
@@ -166,7 +166,7 @@ def known_of(base, arm, seed):
 def identified(logs, base):
     """Return the model that logs give, to be kept, and these as they are compared with later ones."""
     sources = sources_of(logs, base.model)
-    return kept_model(estimate(stack_base(sources, base), base, method="wls", holdout=None)), sources
+    return kept_model(estimate(stack_logs(sources, base), base, method="wls", holdout=None)), sources
 
 
 def visible_cases(cases):

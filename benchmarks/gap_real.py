@@ -23,7 +23,7 @@ import pinocchio as pin
 
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.stack import stack_base
+from dynid.estimation.stack import stack_logs
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap
@@ -90,7 +90,7 @@ def source_of(log, model, cutoff=CUTOFF):
 
 
 def identified(sources, base):
-    stacked = stack_base(sources, base)
+    stacked = stack_logs(sources, base)
     return estimate(stacked, base, method="wls", holdout=last_share(stacked, 0.2), drop_weak=True)
 
 

@@ -7,7 +7,7 @@ import pytest
 import gap_blind
 import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_motion
-from dynid.estimation.stack import stack_base
+from dynid.estimation.stack import stack_logs
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import specs_of, stacked_with
 from dynid.gap.problem import kept_model
@@ -92,7 +92,7 @@ def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
     lacking, changed = [("position_friction", 3)], [("position_friction", 3), ("coulomb_change", 1)]
     before, now = (gap_blind.logs_of(e, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0] for e in (lacking, changed))
     earlier, new = (gap_blind.sources_of(logs, base.model) for logs in (before[::2], now[1::2]))
-    known = kept_model(estimate(stack_base(earlier, base), base, method="wls", holdout=None))
+    known = kept_model(estimate(stack_logs(earlier, base), base, method="wls", holdout=None))
     seen = analyse_gap(new, base, known, SelectionOptions(), simulate=False, earlier=earlier)
     assert seen.problem.matched == pytest.approx(1.0, rel=0.05)
     assert named(seen) == {("coulomb_change", (1,))}

@@ -10,7 +10,7 @@ from follower import follow_motion
 from dynid.errors import NotSimulated, WrongUsage
 from dynid.estimation.closed_loop import Arm, follow
 from dynid.estimation.estimators import METHODS
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.robot import Controller, Joint, Limits, Robot
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
@@ -60,8 +60,7 @@ def truth(base):
 def stacked(base, log, cutoff=10.0):
     chosen = choose_filter(log, ROBOT, cutoff)
     segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape)
-    observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
-    return stack([ConditionedLog(segments, chosen, "log")], observer, names, ROBOT.joint_names)
+    return stack_logs([ConditionedLog(segments, chosen, "log")], base)
 
 
 def error(theta, truth):

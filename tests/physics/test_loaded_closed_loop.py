@@ -10,7 +10,7 @@ from follower import follow_motion
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.model.prior import joined
 from dynid.robot import Body, Controller
@@ -47,8 +47,7 @@ def stacked(base, log):
     chosen = choose_filter(log, ROBOT, 6.0)
     rest = np.array(ROBOT.coulomb_shape.velocity)
     segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape, rest_speed=rest)
-    observer, names = base.model.observer(base.reduction.base), base.reduction.base_names
-    return stack([ConditionedLog(segments, chosen, "log")], observer, names, ROBOT.joint_names)
+    return stack_logs([ConditionedLog(segments, chosen, "log")], base)
 
 
 @pytest.fixture(scope="module")

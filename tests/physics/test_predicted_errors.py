@@ -9,7 +9,7 @@ import pytest
 from dynid import IdentifyOptions, Log, identify
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.parameter_posterior import prior_information
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.model.base_model import BaseModel
@@ -48,7 +48,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     for _ in range(DRAWS):
         sensors.measure(truth, robot.log_names, rng).save(tmp_path / "log.npz")
         sources = condition_logs([load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions())
-        stacked = stack(sources, model.observer(reduction.base), reduction.base_names, robot.joint_names)
+        stacked = stack_logs(sources, BaseModel(model, reduction))
         draws.append(weighted(*stacked.whole).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
 

@@ -15,15 +15,12 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.estimation.covariance import hac_covariance
-from dynid.estimation.effect_columns import settled
 from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, triangle, weighted, with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk
-from dynid.estimation.stack import Stack, stack_base
-from dynid.log import Log
+from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.longarrays import Growing, empty, spans
-from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
-from dynid.signals.conditioned_log import condition_logs
+from dynid.signals.conditioned_log import torques_moved_back
 
 Floats = NDArray[np.float64]
 
@@ -152,47 +149,27 @@ def delay_findings(found: Delay, applied: float) -> list[Finding]:
     return [Finding("W321", "warning", text, {"delay_s": found.seconds, "std_error_s": found.std_error})]
 
 
-def stack_with_delay(
-    logs: Sequence[Log],
-    base: BaseModel,
-    *,
-    cutoff: float | None = None,
-    delay: float | None = None,
-    measured_velocity: bool = False,
-    progress: Progress = SILENT,
-) -> tuple[Stack, Delay | None, float, tuple[Finding, ...]]:
-    """Condition and stack logs; estimate how late their torques are, and correct that when it is clear.
+def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, Delay, tuple[Finding, ...]]:
+    """Estimate how late the torques of a stack are, and move them back when that is clear.
 
     Args:
-        logs: prepared logs, in DH quantities.
-        base: model and base parameters.
-        cutoff: cut-off frequency of the filter over torques and columns [Hz]; from the band of the motion when None.
-        delay: how much later than the positions the torques are stamped [s]; None estimates it.
-        measured_velocity: use the velocities of the driver where there are any.
-        progress: told what was noticed, and how far the work is.
+        stack: the stacked logs, their torques as they were recorded.
+        progress: told what was noticed.
 
     Returns:
-        The stack, the estimated delay (None when it was given), the delay that was corrected [s], and the findings.
+        The stack, in whose logs stands by how much they were moved, the estimated delay, and the findings.
     """
-    conditioned = condition_logs(
-        logs, base.model, cutoff=cutoff, delay=delay or 0.0, measured_velocity=measured_velocity, progress=progress
-    )
-    findings = tuple(finding for log in conditioned for finding in log.findings)
-    stack = stack_base(settled(conditioned, base), base, progress)
-    if delay is not None:
-        return stack, None, delay, findings
-    cutoff = conditioned[0].filter.cutoff
+    base, logs = stack.base, stack.logs
     found, applied = estimate_delay(stack), 0.0
     for _ in range(ROUNDS if found.clear else 0):
         applied = found.seconds
-        moved = condition_logs(logs, base.model, cutoff=cutoff, delay=applied, measured_velocity=measured_velocity)
-        stack = stack_base(settled(moved, base), base)
+        stack = stack_logs(settled([torques_moved_back(log, base.model, applied) for log in logs], base), base)
         left = estimate_delay(stack)
         found = Delay(applied + left.seconds, left.std_error)
         if abs(found.seconds - applied) < FOUND:
             break
     size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
     progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
-    late = delay_findings(found, applied)
+    late = tuple(delay_findings(found, applied))
     progress.findings(late)
-    return stack, found, applied, (*findings, *late)
+    return stack, found, late

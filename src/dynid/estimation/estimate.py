@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache
 
 import numpy as np
@@ -112,33 +112,34 @@ def log_motion(log: ConditionedLog) -> Floats:
     return sampled(t, q)
 
 
-def with_earlier(stack: Stack, earlier: Identification) -> Stack:
-    """Return a stack of new logs that also holds what an earlier result was made from: recursive least squares.
+def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
+    """Return what an earlier result was made from as a stack, to which new logs are added: recursive least squares.
 
     A result keeps one factor of [W tau] per joint. Factors of old and new rows merged by one more QR are the factor of
     all rows, so the parameters equal those of a fit on all logs to rounding. Single rows of the old logs are gone:
     methods that look at them cannot be used, and the memory of the old residuals is that of the old covariance.
 
     Args:
-        stack: the new logs.
-        earlier: a result with the same base parameters.
+        earlier: the result.
+        base: model and base parameters of the new logs.
 
     Raises:
         WrongUsage: the earlier result has other base parameters, or keeps no factors.
     """
-    if earlier.names != stack.names or earlier.robot.joint_names != stack.joints:
+    if earlier.names != base.names or earlier.robot.joint_names != base.robot.joint_names:
         raise WrongUsage(
             f"{earlier.label} has other base parameters than this log's model",
             fix="identify both with the same robot file",
         )
     if not earlier.factors.size:
         raise WrongUsage(f"{earlier.label} holds no triangular factors", fix="identify the earlier log again")
-    return replace(
-        stack,
-        factors=np.concatenate([earlier.factors[None], stack.factors]),
-        counts=np.concatenate([earlier.counts[None], stack.counts]),
-        log_of_block=np.concatenate([[-1], stack.log_of_block]),
-        block=np.concatenate([[0], stack.block]),
+    return Stack(
+        base=base,
+        factors=earlier.factors[None],
+        counts=earlier.counts[None],
+        log_of_block=np.full(1, -1),
+        block=np.zeros(1, dtype=np.int64),
+        rows=(),
         earlier=Earlier(earlier.factors, earlier.noise, earlier.plain_covariance),
     )
 

@@ -1,26 +1,29 @@
 """The observation matrix of logs as triangular factors, without ever storing it whole (Paper Eq. 23).
 
 Rows are made block by block and folded into one small triangular factor per joint and block of time. Everything linear
-(ordinary and weighted least squares, hold-out) needs only those; methods that look at single rows walk over them again.
+(ordinary and weighted least squares, hold-out) needs only those; methods that look at single rows walk over them again,
+evaluated from the conditioned logs that a stack carries. Stacks are added, and each may come from another process.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.least_squares import Fit, merge, weighted
-from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, rows_of
+from dynid.estimation.observation_rows import ObservationRows, fold, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.longarrays import Growing, release
 from dynid.model.base_model import BaseModel
+from dynid.model.reference import model_torques
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
-from dynid.signals.conditioned_log import ConditionedLog
+from dynid.signals.conditioned_log import ConditionedLog, with_effects, without_command
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,6 +32,66 @@ Mask = NDArray[np.bool_]
 #: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
 #: are many, of which memory holds a block [bytes].
 KEPT_BYTES = 1 << 31
+#: Fits until columns that scale with the model have settled; each changes them by the effect's share of the torque.
+ROUNDS = 3
+
+
+class LogRows:
+    """The rows of one conditioned log: evaluated when they are walked over, and kept where they are few enough.
+
+    Args:
+        log: the conditioned log.
+        base: model and base parameters.
+        keep: whether the rows are kept after the first walk; their numbers go into a file where they are many.
+    """
+
+    def __init__(self, log: ConditionedLog, base: BaseModel, *, keep: bool = True) -> None:
+        self.log, self.base = log, base
+        self._keep = keep and self.bytes <= KEPT_BYTES
+        self._kept: list[ObservationRows] | None = None
+
+    @property
+    def bytes(self) -> int:
+        """Size of all rows."""
+        samples = sum(len(segment) for segment in self.log.segments)
+        return 8 * (samples // self.log.filter.second_step) * len(self.base.observer.rows)
+
+    def __iter__(self) -> Iterator[ObservationRows]:
+        """Walk over the rows in order of time; may be done many times."""
+        for rows in self._evaluated() if self._kept is None else self._kept:
+            yield replace(rows)  # Why a copy: it makes W and Z anew, so that they do not stay in memory.
+            release()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the rows that are kept: another process evaluates them again, to the same numbers."""
+        return {**vars(self), "_kept": None}
+
+    def _evaluated(self) -> Iterator[ObservationRows]:
+        numbers, facts = Growing(0), list[ObservationRows]()
+        for rows in rows_of(self.log, self.base.observer):
+            if self._keep:
+                for x in (rows.entries, rows.command, rows.tau):
+                    if x is not None:
+                        numbers.append(x.ravel())
+                nothing, none = np.zeros((len(rows.entries), 0)), np.zeros((0, rows.tau.shape[1]))
+                command = None if rows.command is None else nothing
+                facts.append(replace(rows, entries=nothing, command=command, tau=none))
+            yield rows
+        if self._keep:
+            self._kept = _with_numbers(facts, numbers.whole())
+
+
+def _with_numbers(facts: list[ObservationRows], numbers: Floats) -> list[ObservationRows]:
+    """Return rows with their numbers, which follow each other in one array."""
+    found, start = [], 0
+    for rows in facts:
+        shape, parts = (len(rows.joints), len(rows.t)), []
+        for each in (shape, *(() if rows.command is None else (shape,)), (len(rows.t), rows.tau.shape[1])):
+            parts.append(numbers[start : start + each[0] * each[1]].reshape(each))
+            start += each[0] * each[1]
+        command = None if rows.command is None else parts[1]
+        found.append(replace(rows, entries=parts[0], command=command, tau=parts[-1]))
+    return found
 
 
 @dataclass(frozen=True)
@@ -48,42 +111,61 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Stack:
-    """The observation matrix of one or several logs as triangular factors.
+    """The observation matrix of one or several logs as triangular factors; ``+`` puts the logs of two together.
+
+    It can be sent to another process: the conditioned logs go with it, and rows are evaluated again where it arrives.
 
     Attributes:
-        names: base parameters, (p,).
-        joints: joint names, (n,).
-        observer: evaluator of the base columns.
+        base: model and base parameters whose columns the rows have.
         factors: factor of [W tau] for each block of time and joint, (B, n, p + 1, p + 1).
         counts: number of rows in each, (B, n).
         log_of_block: number of the log of each block, (B,); -1 for an earlier result.
         block: number of each block within its log, (B,).
-        logs: the conditioned logs, for methods that look at single rows.
-        kept: the single rows of each log, when they are few enough to be kept.
-        earlier: the result that was updated, None otherwise; its rows are the first block.
+        rows: the single rows of each log.
+        earlier: the result that is updated, None otherwise; its rows are the first block.
     """
 
-    names: tuple[str, ...]
-    joints: tuple[str, ...]
-    observer: Observer = field(repr=False, compare=False)
+    base: BaseModel = field(repr=False, compare=False)
     factors: Floats
     counts: Ints
     log_of_block: Ints
     block: Ints
-    logs: tuple[ConditionedLog, ...] = field(repr=False, compare=False)
-    kept: tuple[tuple[ObservationRows, ...], ...] | None = field(default=None, repr=False, compare=False)
+    rows: tuple[LogRows, ...] = field(repr=False, compare=False)
     earlier: Earlier | None = field(default=None, repr=False, compare=False)
+
+    def __add__(self, other: Stack) -> Stack:
+        """Return the stack of the logs of both."""
+        return added([self, other])
 
     def __iter__(self) -> Iterator[ObservationRows]:
         """Walk over the single rows in order of time; may be done many times."""
-        for number in range(len(self.logs)):
+        for number in range(len(self.rows)):
             yield from self.rows_of_log(number)
 
     def rows_of_log(self, number: int) -> Iterator[ObservationRows]:
-        """Yield the single rows of one log again; long logs are evaluated anew rather than stored."""
+        """Yield the single rows of one log."""
         chosen = set(self.block[self.log_of_block == number].tolist())
-        every = rows_of(self.logs[number], self.observer) if self.kept is None else self.kept[number]
-        return _walk(rows for rows in every if rows.block in chosen)
+        return (rows for rows in self.rows[number] if rows.block in chosen)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters, (p,)."""
+        return self.base.names
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, (n,)."""
+        return self.base.robot.joint_names
+
+    @property
+    def observer(self) -> Observer:
+        """Evaluator of the base columns."""
+        return self.base.observer
+
+    @property
+    def logs(self) -> tuple[ConditionedLog, ...]:
+        """The conditioned logs."""
+        return tuple(each.log for each in self.rows)
 
     @property
     def blocks(self) -> int:
@@ -129,71 +211,38 @@ class Stack:
 
     def with_logs(self, logs: Sequence[ConditionedLog]) -> Stack:
         """Return the stack with another commanded motion in its logs; its factors do not depend on that."""
-        if self.kept is None:
-            return replace(self, logs=tuple(logs))
-        kept = KeptRows(len(logs))
-        for number, log in enumerate(logs):
-            for rows in rows_of(log, self.observer):
-                kept.append(number, rows)
-        return replace(self, logs=tuple(logs), kept=kept.whole())
+        return replace(self, rows=tuple(LogRows(log, self.base) for log in logs))
 
 
-class KeptRows:
-    """Rows that are kept, log by log; their numbers go into a file where they are many.
-
-    Args:
-        logs: number of logs.
-    """
-
-    def __init__(self, logs: int) -> None:
-        self._rows: list[list[ObservationRows]] = [[] for _ in range(logs)]
-        self._numbers = Growing(0)
-
-    def append(self, number: int, rows: ObservationRows) -> None:
-        """Keep rows of a log."""
-        for numbers in (rows.entries, rows.command, rows.tau):
-            if numbers is not None:
-                self._numbers.append(numbers.ravel())
-        # Why not slices: they would keep all the numbers in memory.
-        nothing, none = np.zeros((len(rows.entries), 0)), np.zeros((0, rows.tau.shape[1]))
-        command = None if rows.command is None else nothing
-        self._rows[number].append(replace(rows, entries=nothing, command=command, tau=none))
-
-    def whole(self) -> tuple[tuple[ObservationRows, ...], ...]:
-        """Return all rows."""
-        numbers, start = self._numbers.whole(), 0
-        found: list[list[ObservationRows]] = []
-        for log in self._rows:
-            found.append([])
-            for rows in log:
-                shape, parts = (len(rows.joints), len(rows.t)), []
-                shapes = [shape, *([] if rows.command is None else [shape]), (len(rows.t), rows.tau.shape[1])]
-                for each in shapes:
-                    size = each[0] * each[1]
-                    parts.append(numbers[start : start + size].reshape(each))
-                    start += size
-                command = None if rows.command is None else parts[1]
-                found[-1].append(replace(rows, entries=parts[0], command=command, tau=parts[-1]))
-        return tuple(map(tuple, found))
+def added(stacks: Sequence[Stack]) -> Stack:
+    """Return the stack of the logs of several, in their order; all have the same base parameters and cut-off."""
+    first, *others = stacks
+    if not others:
+        return first
+    shifts = np.cumsum([0, *(len(each.rows) for each in stacks[:-1])])
+    rows = tuple(one for each in stacks for one in each.rows)
+    if not all(each.commanded for each in stacks):
+        # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
+        rows = tuple(LogRows(without_command(one.log), one.base) if _commanded(one.log) else one for one in rows)
+    if sum(one.bytes for one in rows) > KEPT_BYTES:
+        rows = tuple(LogRows(one.log, one.base, keep=False) for one in rows)
+    places = [np.where(s.log_of_block < 0, -1, s.log_of_block + k) for s, k in zip(stacks, shifts, strict=True)]
+    return Stack(
+        base=first.base,
+        factors=np.concatenate([each.factors for each in stacks]),
+        counts=np.concatenate([each.counts for each in stacks]),
+        log_of_block=np.concatenate(places),
+        block=np.concatenate([each.block for each in stacks]),
+        rows=rows,
+        earlier=next((each.earlier for each in stacks if each.earlier is not None), None),
+    )
 
 
-def kept_rows(log: ConditionedLog, observer: Observer) -> RowWalk:
-    """Return the rows of one log, evaluated once and walked over as often as wanted."""
-    kept = KeptRows(1)
-    for rows in rows_of(log, observer):
-        kept.append(0, rows)
-    (found,) = kept.whole()
-    return RowWalk(lambda: _walk(found))
+def _commanded(log: ConditionedLog) -> bool:
+    return any(segment.command is not None for segment in log.segments)
 
 
-def _walk(kept: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
-    """Yield kept rows, and give back the memory of each block after it."""
-    for rows in kept:
-        yield rows.fresh()
-        release()
-
-
-def stack_base(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:
+def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:
     """Fold conditioned logs into triangular factors of a model's base columns.
 
     Args:
@@ -201,62 +250,64 @@ def stack_base(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progre
         base: model and base parameters.
         progress: told how far the work is.
     """
-    reduction = base.reduction
-    observer = base.model.observer(reduction.base)
     progress.stage("stack")
-    found = stack(logs, observer, reduction.base_names, base.robot.joint_names, progress)
+    found = added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)])
     rows = f"{found.samples} samples x {len(found.joints)} joints"
     progress.stage("stacked", f"{rows} -> W {int(found.counts.sum())} x {len(found.names)}")
     return found
 
 
-def stack(
-    logs: Sequence[ConditionedLog],
-    observer: Observer,
-    names: tuple[str, ...],
-    joints: tuple[str, ...],
-    progress: Progress = SILENT,
-) -> Stack:
-    """Fold conditioned logs into triangular factors.
+def _of_log(log: ConditionedLog, base: BaseModel, progress: Progress, place: tuple[int, int]) -> Stack:
+    n, size = base.robot.n, len(base.names) + 1
+    factors: list[Floats] = []
+    counts: list[Ints] = []
+    blocks: list[int] = []
+    expected, done = sum(len(s) for s in log.segments), 0
+    found = LogRows(log, base)
+    for rows in found:
+        if rows.block not in blocks[-1:]:
+            factors.append(np.zeros((n, size, size)))
+            counts.append(np.zeros(n, dtype=np.int64))
+            blocks.append(rows.block)
+        for j in range(n):
+            counts[-1][j] += fold(factors[-1][j], rows, j)
+        done += len(rows.t) * log.filter.second_step
+        progress.advance(place[0] + min(1.0, done / expected), place[1], log.name)
+    return Stack(
+        base=base,
+        factors=np.array(factors).reshape(-1, n, size, size),
+        counts=np.array(counts, dtype=np.int64).reshape(-1, n),
+        log_of_block=np.zeros(len(blocks), dtype=np.int64),
+        block=np.array(blocks, dtype=np.int64),
+        rows=(found,),
+    )
+
+
+# ---------------------------------------------------------------- effects that scale with what is identified
+def settled(logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | None = None) -> list[ConditionedLog]:
+    """Return logs whose columns that scale with the model fit the parameters that are identified from them.
+
+    Such columns, of load-dependent friction for example, are made with the last estimate, and the fit is repeated; the
+    result is then its own reference.
 
     Args:
         logs: conditioned logs.
-        observer: evaluator of the base columns.
-        names: names of the base parameters.
-        joints: joint names.
-        progress: told how far the work is.
+        base: model and base parameters.
+        first: base parameters to begin with, (p,), each in its unit; those of a first fit when None.
     """
-    n, size = len(joints), len(names) + 1
-    factors: list[Floats] = []
-    counts: list[Ints] = []
-    places: list[tuple[int, int]] = []
-    expected_rows = sum(len(s) // log.filter.second_step for log in logs for s in log.segments)
-    keep = 8 * expected_rows * len(observer.rows) <= KEPT_BYTES
-    kept = KeptRows(len(logs))
-    for number, log in enumerate(logs):
-        expected = sum(len(s) for s in log.segments)
-        done = 0
-        for rows in rows_of(log, observer):
-            if keep:
-                kept.append(number, rows)
-            if (number, rows.block) not in places[-1:]:
-                factors.append(np.zeros((n, size, size)))
-                counts.append(np.zeros(n, dtype=np.int64))
-                places.append((number, rows.block))
-            for j in range(n):
-                counts[-1][j] += fold(factors[-1][j], rows, j)
-            done += len(rows.t) * log.filter.second_step
-            progress.advance(number + min(1.0, done / expected), len(logs), log.name)
-    shape = (len(factors), n, size, size)
-    log_of_block, block = np.array(places, dtype=np.int64).reshape(-1, 2).T
-    return Stack(
-        names=names,
-        joints=joints,
-        observer=observer,
-        factors=np.array(factors).reshape(shape),
-        counts=np.array(counts, dtype=np.int64).reshape(shape[:2]),
-        log_of_block=log_of_block,
-        block=block,
-        logs=tuple(logs),
-        kept=kept.whole() if keep else None,
-    )
+    found = list(logs)
+    for _ in range(ROUNDS if scale_with_model(base) else 0):
+        theta = stack_logs(found, base).first_fit.theta if first is None else first
+        found, first = scaled(found, base, theta), None
+    return found
+
+
+def scale_with_model(base: BaseModel) -> bool:
+    """Return whether columns of the model's effects depend on the parameters that are identified."""
+    return any(each.effect.needs_model for each in base.model.added)
+
+
+def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> list[ConditionedLog]:
+    """Return logs whose model-based columns scale with given base parameters, (p,), each in its unit."""
+    reference = model_torques(base.model, base.reduction, theta)
+    return [with_effects(log, base.model, reference) for log in logs]

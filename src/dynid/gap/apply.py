@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.estimation.effect_columns import settled
-from dynid.estimation.stack import Stack, stack_base
+from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.files.artifact import write_text
 from dynid.files.robotfile import text_of
 from dynid.gap.record import GapEffect
@@ -77,7 +76,7 @@ def stacked_with(
     late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
     first = model_torques(base.model, base.reduction, theta)
     made = settled([with_effects(s, added.model, first) for s in late], added)
-    return added, stack_base([*(_before(s, base, added) for s in earlier), *made], added)
+    return added, stack_logs([*(_before(s, base, added) for s in earlier), *made], added)
 
 
 def _before(log: ConditionedLog, base: BaseModel, added: BaseModel) -> ConditionedLog:

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from dynid.estimation.effect_columns import fitted, scale_with_model, settled
 from dynid.estimation.result import Identification
+from dynid.estimation.stack import scale_with_model, settled, stack_logs
 from dynid.gap.change import with_always_missing
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
@@ -353,7 +353,7 @@ def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
         return np.zeros(base.reduction.rank)
-    return fitted(settled([with_effects(s, base.model) for s in logs], base), base)
+    return stack_logs(settled([with_effects(s, base.model) for s in logs], base), base).first_fit.theta
 
 
 def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:

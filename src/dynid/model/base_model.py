@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from dynid.model.kinematics import geometry
 from dynid.model.reduce import Reduction
-from dynid.model.regressor import Model
+from dynid.model.regressor import Model, Observer
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
 from dynid.table import Table
 
@@ -30,6 +31,15 @@ class BaseModel:
 
     model: Model
     reduction: Reduction
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without what was derived from the two, which cannot be."""
+        return BaseModel, (self.model, self.reduction)
+
+    @cached_property
+    def observer(self) -> Observer:
+        """Evaluator of the base columns."""
+        return self.model.observer(self.reduction.base)
 
     @property
     def robot(self) -> Robot:

@@ -39,6 +39,10 @@ class Model:
     robot: Robot
     rigid: Program
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without what was derived from the two, which cannot be."""
+        return Model, (self.robot, self.rigid)
+
     @cached_property
     def extra(self) -> tuple[Column, ...]:
         """Friction columns and those of coupled motors."""

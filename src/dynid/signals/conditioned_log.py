@@ -139,7 +139,7 @@ def condition_logs(
         progress.findings(each.findings)
     if any(segment.command is None for log in found for segment in log.segments):
         # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
-        found = [replace(log, segments=[_without_command(s) for s in log.segments]) for log in found]
+        found = [without_command(log) for log in found]
     how = "from the motion's band" if cutoff is None else "as given"
     chosen = found[0].filter
     progress.stage(
@@ -150,9 +150,14 @@ def condition_logs(
     return found
 
 
-def _without_command(segment: Segment) -> Segment:
-    none = np.zeros((len(segment), 0))
-    return replace(segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none)
+def without_command(log: ConditionedLog) -> ConditionedLog:
+    """Return a log without its commanded motion."""
+
+    def bare(segment: Segment) -> Segment:
+        none = np.zeros((len(segment), 0))
+        return replace(segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none)
+
+    return replace(log, segments=[bare(segment) for segment in log.segments])
 
 
 def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:
@@ -186,6 +191,24 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
         parts += len(kept)
         release()
     return found, parts
+
+
+def torques_moved_back(log: ConditionedLog, model: Model, delay: float) -> ConditionedLog:
+    """Return a conditioned log whose measured torque at t is that at t + delay; the ends are not usable any more.
+
+    Args:
+        log: the conditioned log, its torques as they were recorded.
+        model: the model that it was conditioned for.
+        delay: by how much the torques are late [s].
+    """
+
+    def moved(segment: Segment) -> Segment:
+        # Why: what the links with prior values take was subtracted at the time of the positions.
+        known = known_torque(model, segment.q, segment.qd, segment.qdd)
+        back = segment_without_delay(replace(segment, tau=segment.tau + known), delay)
+        return replace(back, tau=back.tau - known)
+
+    return replace(log, segments=[moved(segment) for segment in log.segments], delay=delay)
 
 
 def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:

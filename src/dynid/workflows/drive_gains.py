@@ -56,7 +56,7 @@ def find_drive_gains(
     import numpy as np
 
     from dynid.estimation.drive_gains import find_gains, known_load
-    from dynid.estimation.stack import stack_base
+    from dynid.estimation.stack import stack_logs
 
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
@@ -69,10 +69,10 @@ def find_drive_gains(
     plain = as_list(logs)
     checked = [checked_log(log, robot, options) for log in (*plain, *([loaded] if loaded is not None else ()))]
     conditioned = condition_logs(checked, base.model, options, progress)
-    stack = stack_base(conditioned[: len(plain)], base, progress)
+    stack = stack_logs(conditioned[: len(plain)], base, progress)
     load = None
     if loaded is not None:
-        load = known_load(base, stack_base(conditioned[len(plain) :], base, progress), load_mass)
+        load = known_load(base, stack_logs(conditioned[len(plain) :], base, progress), load_mass)
     return find_gains(stack, known, load, robot.torque.scale_error)
 
 

@@ -166,7 +166,7 @@ def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
     from dynid.workflows.logs import LogOptions, checked_log
     from dynid.workflows.parameters import stack_logs
 
-    stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)[0]
+    stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)
     factors, rows = stack.whole
     found = weighted(factors, rows).noise
     p = base.reduction.rank

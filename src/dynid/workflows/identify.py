@@ -14,7 +14,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
-from dynid.workflows.parameters import Observations, observe, stack_logs
+from dynid.workflows.parameters import Observations, observe, observed, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def updated(
     Raises:
         WrongUsage: the estimator needs the earlier rows, or the earlier result holds this log already.
     """
-    from dynid.estimation.estimate import UPDATABLE, with_earlier
+    from dynid.estimation.estimate import UPDATABLE, stack_of_result
 
     if options.method not in ("auto", *UPDATABLE):
         raise WrongUsage(
@@ -195,14 +195,14 @@ def updated(
             fix="give a log that it does not hold yet",
         )
     both = {key: [*earlier.header.get(key, []), *header[key]] for key in ("log_sha256", "logs")}
-    return with_earlier(stack, earlier), {**header, **both}
+    return stack_of_result(earlier, stack.base) + stack, {**header, **both}
 
 
 def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
-    from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import HoldOut, last_motion, last_share
-    from dynid.estimation.stack import stack_base
+    from dynid.estimation.stack import scaled
+    from dynid.estimation.stack import stack_logs as folded
 
     kept, base = options.holdout, seen.base
     if kept is None:
@@ -214,7 +214,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     assert isinstance(kept, Log), "a held-out log is read before it gets here"
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
-    test = stack_base(scaled(conditioned, base, stack.first_fit.theta), base, progress)
+    test = folded(scaled(conditioned, base, stack.first_fit.theta), base, progress)
     return HoldOut(stack, test, str(kept.source or "log"))
 
 
@@ -316,7 +316,8 @@ def sensitivity(
     rows: list[dict[str, Any]] = []
     for name, cutoff, delay in _variants(result):
         try:
-            stack = stack_logs(checked, base, replace(options, cutoff=cutoff, delay=delay))[0]
+            again = replace(options, cutoff=cutoff, delay=delay)
+            stack = observed(stack_logs(checked, base, again), again).stack
             feasible, error = result.in_force == "physical", result.model_error is not None
             other = estimate(
                 stack, base, method=result.method, holdout=last_share(stack, 0.2), drop_weak=True, feasible=feasible,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals.repeats import without_copies
 from dynid.threads import one_thread
-from dynid.workflows.logs import LogOptions, as_list, checked_log
+from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, read_log
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
@@ -143,39 +143,87 @@ def observe(
     Raises:
         DynidError: the first serious fault of a log.
     """
-    base = base or base_model(robot, progress=progress)
     from dynid.signals.motion import check_amount
 
+    base = base or base_model(robot, progress=progress)
     several = as_list(logs)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
-    stack, delay, applied, findings = stack_logs(checked, base, options, progress)
     progress.findings((*few, *copies))
-    return Observations(
-        base=base,
-        stack=stack,
-        logs=tuple(str(log.source or "") for log in checked),
-        log_sha256=tuple(log.sha256 for log in checked),
-        delay=delay,
-        applied_delay=applied,
-        findings=(*findings, *few, *copies),
-    )
+    return observed(stack_logs(checked, base, options, progress), options, (*few, *copies), progress)
 
 
-def stack_logs(
-    logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
-) -> tuple[Stack, Delay | None, float, tuple[Finding, ...]]:
-    """Stack checked logs; return the stack, the estimated delay, what of it was corrected [s], and findings."""
-    from dynid.estimation.delay import stack_with_delay
+def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, *, name: str = "log 1") -> Stack:
+    """Return one log as a stack: read, checked, filtered and folded. It can be mapped over logs in any process.
 
-    return stack_with_delay(
-        logs,
-        base,
+    Args:
+        log: a recording, or where it is; one that was checked is not checked again.
+        base: model and base parameters.
+        options: how it is read, checked and filtered. Stacks are added under one cut-off: ``shared_cutoff``.
+        name: what it is called where it has no file.
+
+    Raises:
+        DynidError: the first serious fault of the log.
+    """
+    from dynid.estimation import stack
+    from dynid.signals.conditioned_log import condition_log
+
+    read = log if isinstance(log, Log) else read_log(log, base.robot, options)
+    conditioned = condition_log(
+        checked_log(read, base.robot, options, alone=False),
+        base.model,
         cutoff=options.cutoff,
-        delay=options.delay,
+        delay=options.delay or 0.0,
         measured_velocity=options.velocity == "measured",
-        progress=progress,
+    )
+    return stack.stack_logs([replace(conditioned, name=conditioned.name or name)], base)
+
+
+def shared_cutoff(logs: Sequence[Log], robot: Robot, options: LogOptions) -> float:
+    """Return the cut-off that serves several checked logs [Hz]: what was asked for, or what their motion asks for."""
+    from dynid.signals.cutoff import choose_cutoff
+
+    return choose_cutoff(logs, robot) if options.cutoff is None else options.cutoff
+
+
+def stack_logs(logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT) -> Stack:
+    """Stack checked logs, their torques as late as they were recorded unless the options give their delay."""
+    from dynid.estimation import stack
+
+    return stack.stack_logs(condition_logs(logs, base.model, options, progress), base, progress)
+
+
+def observed(
+    stack: Stack, options: LogOptions, findings: Sequence[Finding] = (), progress: Progress = SILENT
+) -> Observations:
+    """Return logs that were stacked, wherever that was, with the delay of their torques corrected when it is clear.
+
+    Args:
+        stack: the sum of the logs' stacks.
+        options: those that they were made with.
+        findings: what was noticed in all logs together.
+        progress: told what is noticed.
+    """
+    from dynid.estimation.delay import on_time
+    from dynid.estimation.stack import scale_with_model, settled
+    from dynid.estimation.stack import stack_logs as folded
+
+    noticed = tuple(finding for log in stack.logs for finding in log.findings)
+    if scale_with_model(stack.base):
+        stack = folded(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
+    found: Delay | None = None
+    late: tuple[Finding, ...] = ()
+    if options.delay is None:
+        stack, found, late = on_time(stack, progress)
+    return Observations(
+        base=stack.base,
+        stack=stack,
+        logs=tuple(log.path for log in stack.logs),
+        log_sha256=tuple(log.sha256 for log in stack.logs),
+        delay=found,
+        applied_delay=stack.logs[0].delay,
+        findings=(*noticed, *late, *findings),
     )
 
 
@@ -189,8 +237,8 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
     """
     from dynid.estimation import observation_files
     from dynid.estimation.delay import Delay
-    from dynid.estimation.effect_columns import settled
-    from dynid.estimation.stack import stack_base
+    from dynid.estimation.stack import settled
+    from dynid.estimation.stack import stack_logs as folded
     from dynid.files.artifact import reading
 
     stored_key(path, base.robot)
@@ -205,7 +253,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         delay = None if error is None else Delay(float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
     progress.stage("log", f"from {path}: {', '.join(logs)}")
-    stack = stack_base(settled(conditioned, base), base, progress)
+    stack = folded(settled(conditioned, base), base, progress)
     return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 

@@ -174,14 +174,12 @@ def identify_in_pieces(
 
     def stacked(folded: Folded) -> Stack:
         return Stack(
-            names=base.reduction.base_names,
-            joints=base.robot.joint_names,
-            observer=base.model.observer(base.reduction.base),
+            base=base,
             factors=folded.factors[None],
             counts=folded.counts[None],
             log_of_block=np.full(1, -1),
             block=np.zeros(1, dtype=np.int64),
-            logs=(),
+            rows=(),
             earlier=Earlier(folded.factors, fit.noise, covariance),
         )
 
@@ -272,11 +270,10 @@ def look(arm: Arm, path: Path, alone: bool) -> Looked:
 
 def fold(arm: Arm, stretch: Stretch) -> Folded:
     """Return the triangular factors of a stretch."""
-    from dynid.estimation.stack import stack
+    from dynid.estimation.stack import stack_logs
 
     base = model_of(arm)
-    observer = base.model.observer(base.reduction.base)
-    found = stack([conditioned(arm, stretch)], observer, base.reduction.base_names, base.robot.joint_names)
+    found = stack_logs([conditioned(arm, stretch)], base)
     factors, counts = found.whole
     return Folded(factors, counts, found.samples)
 
@@ -331,7 +328,7 @@ def model_of(arm: Arm) -> BaseModel:
         WorkerDiffers: this worker has another dynid.
         WrongUsage: the robot has effects that scale with what is identified.
     """
-    from dynid.estimation.effect_columns import scale_with_model
+    from dynid.estimation.stack import scale_with_model
     from dynid.workflows.model import base_model
     from dynid.workflows.robots import load_robot
 

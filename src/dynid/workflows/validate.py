@@ -267,9 +267,8 @@ def validate(
         DynidError: the first serious fault of the log.
     """
     from dynid.estimation import prediction
-    from dynid.estimation.effect_columns import scaled
     from dynid.estimation.estimate import log_motion
-    from dynid.estimation.stack import kept_rows
+    from dynid.estimation.stack import LogRows, scaled
     from dynid.signals.same_motion import same_motion
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
@@ -284,7 +283,7 @@ def validate(
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     observer = base.model.observer(base.reduction.base)
-    rows = kept_rows(replayed, observer)
+    rows = LogRows(replayed, base)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, theta, error, observer)
     again = any(same_motion(fitted, log_motion(replayed)) for fitted in result.motions)

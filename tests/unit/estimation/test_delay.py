@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from test_stack import motion, truth
 
-from dynid.estimation.delay import estimate_delay, stack_with_delay
+import dynid
+from dynid.estimation.delay import estimate_delay, on_time
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -25,8 +26,7 @@ def base():
 
 def stacked(base, log):
     chosen = choose_filter(log, base.robot)
-    source, observer = ConditionedLog(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
-    return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
+    return stack_logs([ConditionedLog(condition(log, chosen), chosen, "log")], base)
 
 
 def late(base, delay, seconds=30.0):
@@ -49,21 +49,21 @@ def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
 
 
 def test_logs_whose_torques_are_late_are_stacked_on_time_without_reading_them_again(base):
-    log, on_time = late(base, 0.012), late(base, 0.0)
-    rows, found, applied, findings = stack_with_delay([log], base)
+    log, prompt = late(base, 0.012), late(base, 0.0)
+    rows, found, findings = on_time(stacked(base, log))
+    applied = rows.logs[0].delay
     assert applied == pytest.approx(0.012, abs=1e-3)
     assert found.seconds == pytest.approx(applied, abs=1e-3)
     assert [finding.code for finding in findings] == ["W321"]
-    assert rows.logs[0].delay == applied
-    clean = stack_with_delay([on_time], base, delay=0.0)[0]
+    clean = stacked(base, prompt)
     left, best = (relative_error(each.whole[0], weighted(*each.whole).theta) for each in (rows, clean))
     assert left < 1.2 * best
 
 
 def test_a_delay_that_is_given_is_not_estimated(base):
-    rows, found, applied, findings = stack_with_delay([late(base, 0.012)], base, delay=0.005)
-    assert (found, applied, findings) == (None, 0.005, ())
-    assert rows.logs[0].delay == 0.005
+    found = dynid.observe(base.robot, late(base, 0.012), dynid.LogOptions(delay=0.005), base=base)
+    assert (found.delay, found.applied_delay) == (None, 0.005)
+    assert found.stack.logs[0].delay == 0.005
 
 
 def test_torques_on_time_are_not_moved(base):

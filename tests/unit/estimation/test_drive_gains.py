@@ -7,7 +7,7 @@ import pytest
 from loaded_arm import LOAD, recorded
 
 from dynid.estimation.drive_gains import find_gains, known_load
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
@@ -27,8 +27,7 @@ def currents(base, seed, load=None):
     log = recorded(seed, load)[1]
     log = replace(log, tau=log.tau / GAINS, tau_unit="A")
     chosen = choose_filter(log, base.robot, 6.0)
-    source, observer = ConditionedLog(condition(log, chosen), chosen, "log"), base.model.observer(base.reduction.base)
-    return stack([source], observer, base.reduction.base_names, base.robot.joint_names)
+    return stack_logs([ConditionedLog(condition(log, chosen), chosen, "log")], base)
 
 
 @pytest.fixture(scope="module")

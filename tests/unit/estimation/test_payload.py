@@ -9,7 +9,7 @@ from loaded_arm import LOAD, recorded
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.physical_constraints import is_consistent
-from dynid.estimation.stack import stack
+from dynid.estimation.stack import stack_logs
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
@@ -25,12 +25,8 @@ def base():
 
 def identified(base, log, method="wls"):
     chosen = choose_filter(log, base.robot, 6.0)
-    source, observer = (
-        ConditionedLog(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log"),
-        base.model.observer(base.reduction.base),
-    )
-    stacked = stack([source], observer, base.reduction.base_names, base.robot.joint_names)
-    return estimate(stacked, base, method=method, holdout=None, drop_weak=True)
+    source = ConditionedLog(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log")
+    return estimate(stack_logs([source], base), base, method=method, holdout=None, drop_weak=True)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 import twolink
 from dynid.estimation.estimate import estimate
-from dynid.estimation.stack import stack_base
+from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.gap.problem import kept_model, make_problem
 from dynid.log import Log
@@ -91,4 +91,4 @@ def old(twolinks):
 @pytest.fixture(scope="session")
 def kept(twolinks, old):
     """The model that was identified from the earlier logs."""
-    return kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    return kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))

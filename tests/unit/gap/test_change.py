@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.estimation.estimate import estimate
-from dynid.estimation.stack import stack_base
+from dynid.estimation.stack import stack_logs
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.change import change_test
 from dynid.gap.problem import kept_model, make_problem, nuisance_columns
@@ -44,7 +44,7 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
     """A spring that the model lacks, in old and new logs alike."""
     spring = lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])  # noqa: E731
     old = twolinks.logs(spring, plans=(1, 2))
-    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
     new = twolinks.logs(spring, plans=(5, 6), first=20)
     seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
     assert seen.verdict.named == ()
@@ -62,7 +62,7 @@ def test_what_a_model_lacks_on_another_motion_is_no_change(twolinks, on_joint, l
     """Torques ten times the noise and more that no column says, in old and new logs alike, which move elsewhere."""
     there = lambda t, q, qd, qdd: on_joint(1, lacking(q, qd))  # noqa: E731
     old = twolinks.logs(there, plans=before, repeats=repeats)
-    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
     problem = make_problem(twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old)
     assert compared(problem).joints == ()
 
@@ -86,7 +86,7 @@ def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint,
         )
 
     old = twolinks.logs(rings(0.0), plans=(1, 2))
-    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
     problem = make_problem(twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old)
     assert compared(problem).joints == joints
 
@@ -148,7 +148,7 @@ def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
 def test_noise_of_a_comparison_does_not_know_held_out_rows(twolinks, on_joint):
     """Whatever is recorded in them, what rows count for must not depend on the rows that are the proof."""
     old = twolinks.logs(plans=(1, 2), repeats=1, seconds=10.0)
-    kept = kept_model(estimate(stack_base(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
     late = lambda t, q, qd, qdd: on_joint(0, 3.0 * np.sin(2.0 * t) * (t % 20.0 > 7.0))  # noqa: E731
     one, other = (
         make_problem(
