@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.diagnose import diagnosis as mapping
+from dynid.diagnose.edits import with_edits
+from dynid.diagnose.fit import Judge, thin_motion
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.signals import mapping
-from dynid.signals.columns import to_dh
-from dynid.signals.edits import with_edits
-from dynid.signals.mapping_fit import Judge, thin_motion
+from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from dynid.signals.ranges import check_ranges
 from dynid.signals.values import unwrapped
 from mapping_logs import simulated
@@ -55,6 +55,11 @@ def loaded(name, source):
     robot = load_robot(name)
     log = read_log(source, robot=robot)
     return robot, log if log.names else replace(log, names=robot.log_names)
+
+
+def driver_columns(log, robot):
+    """Return the driver's columns in SI units, which a file with a mistake need not make sense of, and their names."""
+    return in_si(robot_columns(log, robot), robot), [log.names[k] for k in matching_columns(log, robot)[0]]
 
 
 MEMORY = {}
@@ -95,11 +100,11 @@ def one(task):
     name, shown, source, every, pairs, seed = task
     MEMORY.clear()
     robot, log = loaded(name, source)
-    raw, names = mapping.driver_columns(log, robot)
+    raw, names = driver_columns(log, robot)
     motion = thin_motion(raw, robot)
     robot = with_edits(robot, [mapping.Edit("sign", (0.0,))] * 2)
     start = time.process_time()
-    alarm = mapping.diagnose(raw, robot, names).wrong
+    alarm = mapping.find_mistake(raw, robot, names).wrong
     seconds, answers = time.process_time() - start, []
     mapping.Judge = Remembered
     try:
@@ -108,7 +113,7 @@ def one(task):
         for edits in mistakes(judge, names, every, pairs, seed):
             wrong = with_edits(robot, edits)
             in_order = [names[robot.log_names.index(each)] for each in wrong.log_names]
-            raw_wrong, _ = mapping.driver_columns(log, wrong)
+            raw_wrong, _ = driver_columns(log, wrong)
             answers.append((edits, *verdict(judge, robot, wrong, raw_wrong, in_order, right, edits)))
     finally:
         mapping.Judge = Judge
@@ -117,7 +122,7 @@ def one(task):
 
 def verdict(judge, robot, wrong, raw, names, right, edits):
     """Return a word of VERDICTS for a mistake, and what was named."""
-    found = mapping.diagnose(raw, wrong, names)
+    found = mapping.find_mistake(raw, wrong, names)
     noise = np.hypot(mapping.noise_of(robot, right.floor), mapping.usual_error(robot, right.left))
 
     def hidden(file):

@@ -8,6 +8,7 @@ import yaml
 
 import gap_blind
 import heavy_arms as heavy
+from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import on_one_clock
@@ -18,7 +19,6 @@ from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Body, Prior
-from dynid.signals.gravity import check_gravity
 
 
 def suspected(tmp_path, seed, with_counterbalance):

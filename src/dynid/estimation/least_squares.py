@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort, RankDeficient
-from dynid.signals.nonnegative import nonnegative_least_squares
+from dynid.estimation.nonnegative import nonnegative_least_squares
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -25,13 +25,13 @@ from dynid.errors import (
     TopicSilent,
     TorqueScale,
 )
+from dynid.model.rough_weight import expected_torque
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record.monitor import StopRules
 from dynid.record.playing import APPROACH_SHARE, PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
-from dynid.signals.gravity import expected_torque
 
 Floats = NDArray[np.float64]
 

@@ -12,14 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.drivers.registry import driver_of
-from dynid.errors import Finding, GravityRemoved
+from dynid.errors import Finding
 from dynid.log import Log
 from dynid.longarrays import spans
 from dynid.robot import Robot
 from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot_columns, to_dh
 from dynid.signals.cutoff import check_position_noise
-from dynid.signals.gravity import check_gravity, check_zero
-from dynid.signals.mapping import check_mapping
 from dynid.signals.motion import check_amount
 from dynid.signals.pieces import changed
 from dynid.signals.ranges import check_ranges
@@ -38,14 +36,12 @@ from dynid.signals.values import (
     check_finite,
     check_repeats,
     check_torque_scale,
+    check_zero,
     clipped_samples,
     measurable,
     unwrapped,
 )
 from dynid.signals.velocity import check_order, check_slopes, slopes
-
-#: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
-LEAST_GAIN = 4.0
 
 
 def prepare(
@@ -55,7 +51,6 @@ def prepare(
     exclude: Sequence[tuple[float, float]] = (),
     sort_time: bool = False,
     identify: bool = True,
-    anyway: bool = False,
     alone: bool = True,
 ) -> Log:
     """Return the log in DH quantities of the robot, checked.
@@ -66,14 +61,13 @@ def prepare(
         robot: the arm, with its driver map.
         exclude: intervals to leave out, first and last time in the log's own clock [s].
         sort_time: whether samples are put in the order of their stamps.
-        identify: whether the log must also move enough to identify from (E313, E401), and agree with the robot file
-            (E324).
-        anyway: whether a robot file that disagrees with the log is used all the same (W329).
+        identify: whether the log must also move enough to identify from (E313, E401).
         alone: whether the amount of motion is judged here; of several logs their sum is.
 
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
-        is known to distort is moved to ``extra["qd_reported"]``.
+        is known to distort is moved to ``extra["qd_reported"]``; ``extra["driver_columns"]`` has the names of the
+        columns before the driver's map was applied, () where they had none.
 
     Raises:
         DynidError: the first serious fault, by code E303 to E401 of the catalogue.
@@ -83,12 +77,13 @@ def prepare(
         log = robot_columns(log, robot)
         few = check_amount([log], robot) if identify and alone else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
-    named = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
+    named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
+    in_dh = log.dh
     log = _usable_velocity(robot_columns(log, robot), robot)
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
-    log = columns = without_stale(changed(log, lambda part: in_si(part, robot)), robot)
+    log = without_stale(changed(log, lambda part: in_si(part, robot)), robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped_samples(log, robot)
     log = with_even_clock(unwrapped(changed(log, lambda part: to_dh(part, robot)), robot))
@@ -98,21 +93,14 @@ def prepare(
     check_torque_scale(log, robot)
     check_rate(log, robot)
     findings += check_repeats(log, robot) + check_position_noise(log, robot)
-    mapped: tuple[Finding, ...] | None = None
-    try:
-        check_gravity(log, robot)
-    except GravityRemoved:
-        # Why: torques that seem not to change with the weight may only be mapped wrongly.
-        mapped = check_mapping(columns, robot, named, anyway=anyway, least_gain=LEAST_GAIN)
-        if not mapped:
-            raise
     findings += check_zero(log, robot)
-    if identify:
-        if alone:
-            findings += check_amount([log], robot)
-        findings += check_mapping(columns, robot, named, anyway=anyway) if mapped is None else mapped
+    if identify and alone:
+        findings += check_amount([log], robot)
     clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
-    log = replace(log, checked=True, extra={**log.extra, "clipped": clipped})
+    extra = {**log.extra, "clipped": clipped}
+    if not in_dh:
+        extra["driver_columns"] = named
+    log = replace(log, checked=True, extra=extra)
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 
 

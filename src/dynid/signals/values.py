@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, NotFinite, PositionInDegrees, TorqueScale, WrongMessageType
 from dynid.log import Log
 from dynid.longarrays import empty, spans
+from dynid.model.rough_weight import expected_torque
 from dynid.robot import Joint, Robot
 from dynid.signals.columns import in_amperes, to_dh, units
-from dynid.signals.motion import STILL_SPAN, any_moves, per_joint, runs, speeds
+from dynid.signals.motion import STILL_SPAN, any_moves, per_joint, rest_slices, runs, speeds
 from dynid.signals.pieces import changed, extremes
 from dynid.signals.stamps import same_rows, with_findings
 
@@ -43,6 +44,10 @@ SPEED_SAMPLES = 100_000
 TOGETHER = 0.2
 MOST_INTERVALS = 4
 _MARGIN = 0.001
+#: A joint carries no weight when its expected torque is below this share of the largest of any joint.
+UNLOADED = 0.02
+#: Torque sensors of healthy arms are zero within 1 % of the rating; three times that is worth zeroing.
+ZERO_SHARE = 0.03
 
 
 def measurable(values: Floats) -> Flags:
@@ -328,3 +333,32 @@ def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     fresh = log.rate * (1 - share)
     text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
     return (Finding("W314", "warning", text, {"share": share}),)
+
+
+def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return findings W316 for joints that read a torque at rest although they carry no weight there.
+
+    Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
+    """
+    poses = rest_slices(log, robot)
+    if robot.torque.source not in ("joint_sensor", "gravity_free") or log.tau_unit == "A" or not poses:
+        return ()
+    q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
+    load = np.abs(expected_torque(q, robot))
+    if robot.torque.source == "gravity_free":
+        load = np.zeros_like(load)
+    findings = []
+    for j, joint in enumerate(robot.joints):
+        rows = load[:, j] <= UNLOADED * max(load.max(), 1e-9)
+        rating = joint.limits.torque
+        if rating is None or not rows.any():
+            continue
+        mean = float(np.mean(tau[rows, j]))
+        if abs(mean) > ZERO_SHARE * rating:
+            unit = joint.torque_unit.replace(" ", "")
+            text = (
+                f"{joint.name} reads {mean:+.2g} {unit} with the arm at rest and gravity balanced: "
+                "zero the sensors before recording"
+            )
+            findings.append(Finding("W316", "warning", text, {"joint": joint.name, "mean": mean}))
+    return tuple(findings)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, JointNamesDiffer, VelocityInconsistent
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.signals.assignment import assignment
 from dynid.signals.columns import units
 from dynid.signals.motion import MOVING_SPEED, per_joint, speeds
 from dynid.signals.pieces import extremes
@@ -64,7 +63,9 @@ def check_order(log: Log, robot: Robot) -> None:
     likeness = np.abs(_correlation(log, joints))
     if np.all(np.diag(likeness) >= WRONG_COLUMN):
         return
-    best = np.array(assignment(-likeness))
+    from scipy.optimize import linear_sum_assignment
+
+    best = linear_sum_assignment(-likeness)[1]
     for i in np.flatnonzero(best != np.arange(k)):
         labelled, swapped = float(likeness[i, i]), float(likeness[i, best[i]])
         if swapped > RIGHT_COLUMN and labelled < WRONG_COLUMN:

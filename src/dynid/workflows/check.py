@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from dynid.robot import Robot
 from dynid.text import visible
 from dynid.threads import one_thread
 from dynid.units import joint_unit
+from dynid.workflows.diagnosis import diagnose_logs
 from dynid.workflows.logs import LogOptions, checked_log, read_log
 from dynid.workflows.robots import load_robot
 
@@ -202,6 +203,7 @@ def check_log(path: Path, robot: Robot | None, options: LogOptions) -> Checked:
         return inspected(path, options)
     raw = read_log(path, robot, options)
     log = checked_log(raw, robot, options)
+    log = replace(log, findings=(*log.findings, *diagnose_logs([log], robot, anyway=options.anyway)))
     summary, columns = describe(log, robot), describe(raw, robot)
     matched = f"taken in the order of the robot file: {', '.join(robot.log_names)}"
     if columns.matched:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.threads import one_thread
+from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.gap_options import GapOptions, selection_options
 from dynid.workflows.gap_result import VERDICTS, Gap, with_methods
 from dynid.workflows.logs import as_list, checked_log, condition_logs, load_log
@@ -97,7 +98,10 @@ class _Search:
 
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
-        return [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
+        found = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
+        for log in found:
+            check_weight(log, self.base.robot)
+        return found
 
     def ask(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from dynid.options import option, share
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.threads import one_thread
+from dynid.workflows.diagnosis import identified
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
@@ -123,16 +125,22 @@ def identify(
     base, stack, header = replace(seen.base, model=replace(seen.base.model, robot=robot)), seen.stack, seen.header()
     if update is not None:
         stack, header = updated(stack, header, update, options)
-    found = estimate(
-        stack,
+    found = identified(
+        partial(
+            estimate,
+            stack,
+            base,
+            method=options.method,
+            holdout=held_out(seen, stack, options, progress),
+            # Why: where the bodies are known, what the log leaves open has an answer.
+            drop_weak=options.drop_weak or options.feasible is True or options.given,
+            feasible=options.feasible,
+            residual_model=options.residual_model,
+            size=None if like is None or like.model_error is None else like.model_error.size,
+        ),
         base,
-        method=options.method,
-        holdout=held_out(seen, stack, options, progress),
-        # Why: where the bodies are known, what the log leaves open has an answer.
-        drop_weak=options.drop_weak or options.feasible is True or options.given,
-        feasible=options.feasible,
-        residual_model=options.residual_model,
-        size=None if like is None or like.model_error is None else like.model_error.size,
+        seen,
+        options,
     )
     progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
     progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")

@@ -109,7 +109,6 @@ def checked_log(
             exclude=options.exclude,
             sort_time=options.sort_time,
             identify=identify,
-            anyway=options.anyway,
             alone=alone,
         )
     if options.velocity == "measured" and log.qd is None:

@@ -34,6 +34,7 @@ class Observations:
         delay: the estimated delay of the torques, None when nobody asked.
         applied_delay: what was corrected [s].
         findings: what was noticed in the logs.
+        checked: the checked logs, for questions about the robot file; () when read from a file.
     """
 
     base: BaseModel
@@ -43,6 +44,7 @@ class Observations:
     delay: Delay | None
     applied_delay: float
     findings: tuple[Finding, ...]
+    checked: tuple[Log, ...] = ()
 
     @property
     def cutoff(self) -> float:
@@ -151,7 +153,8 @@ def observe(
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     progress.findings((*few, *copies))
-    return observed(stack_logs(checked, base, options, progress), options, (*few, *copies), progress)
+    seen = observed(stack_logs(checked, base, options, progress), options, (*few, *copies), progress)
+    return replace(seen, checked=tuple(given))
 
 
 def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, *, name: str = "log 1") -> Stack:

@@ -12,6 +12,7 @@ from dynid.options import option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
 from dynid.threads import one_thread
+from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 from dynid.workflows.results import base_model_of
@@ -280,6 +281,7 @@ def validate(
         delay=result.delay if options.delay is None else options.delay,
     )
     checked = checked_log(log, base.robot, options, identify=False)
+    check_weight(checked, base.robot)
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     observer = base.model.observer(base.reduction.base)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dynid.diagnose.diagnosis import find_mistake
 from dynid.errors import TooLarge, WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
@@ -18,7 +19,6 @@ from dynid.model.prior import prior_parameters
 from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Body
-from dynid.signals.mapping import diagnose
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
 ARMS = {
@@ -175,7 +175,7 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     states = zip(q, qd, qdd, strict=True)
     tau = np.array([pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c) for a, b, c in states])
     tau += 0.1 * np.tanh(qd / 0.01) + 0.02 * rng.standard_normal(tau.shape)
-    found = diagnose(Log(t, q, tau), robot)
+    found = find_mistake(Log(t, q, tau), robot)
     assert found is not None
     assert not found.wrong
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.signals.mapping_fit import ALIKE, MODELLED, USUAL, Columns
+from dynid.diagnose.fit import ALIKE, MODELLED, USUAL, Columns
 
 
 def test_bodies_that_joints_share_leave_what_stacked_rows_leave():

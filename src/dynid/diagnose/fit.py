@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation.nonnegative import nonnegative_least_squares
 from dynid.log import Log
 from dynid.longarrays import median
 from dynid.model.kinematics import link_frames
@@ -22,7 +23,6 @@ from dynid.model.numeric_regressor import body_regressor
 from dynid.model.prior import prior_bodies, second_moments
 from dynid.robot import Body, Joint, Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
-from dynid.signals.nonnegative import nonnegative_least_squares
 from dynid.signals.ranges import OUTSIDE, beyond
 from dynid.units import POSITION
 
@@ -126,7 +126,7 @@ class Columns:
 
 
 def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
-    """Smooth, differentiate and thin a log in SI units; None where it hardly moves."""
+    """Smooth, differentiate and thin a log in SI units, with known gains applied; None where it hardly moves."""
     if len(log) < 50:
         return None
     first = max(0, (len(log) - MOST_SAMPLES) // 2)
@@ -168,9 +168,8 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     independent = len(rows) / width
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     unknown = log.tau_unit == "A" and (robot.torque.gain is None or any(g is None for g in robot.torque.gain))
-    gain = np.array(robot.torque.gain, dtype=float) if log.tau_unit == "A" and not unknown else np.ones(log.n)
     motion = np.stack([position[rows], velocity[rows], x2[rows]])
-    return ThinMotion(motion, smoothed[:count][rows] * gain, unknown, independent)
+    return ThinMotion(motion, smoothed[:count][rows], unknown, independent)
 
 
 @dataclass(frozen=True)

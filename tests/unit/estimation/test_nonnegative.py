@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import lsq_linear, nnls
 
 from dynid.estimation.least_squares import nonnegative
-from dynid.signals.nonnegative import nonnegative_least_squares
+from dynid.estimation.nonnegative import nonnegative_least_squares
 
 
 @pytest.mark.parametrize("kind", ["any", "positive", "repeated", "nearly dependent", "zero columns"])

@@ -5,22 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid.diagnose.diagnosis import FIRST, diagnose, find_mistake
+from dynid.diagnose.edits import Edit, edited, pasted, said, with_edits
+from dynid.diagnose.fit import SAMPLES, Judge
 from dynid.errors import WrongMapping
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
-from dynid.signals.edits import Edit, edited, pasted, said, with_edits
-from dynid.signals.mapping import FIRST, diagnose, driver_columns
-from dynid.signals.mapping_fit import SAMPLES, Judge
+from dynid.signals.columns import in_si, robot_columns
 from dynid.signals.stamps import take_samples
 from makelogs import lwr, lwr_log, shared_data
 
 
-def columns(robot):
-    raw, names = driver_columns(lwr_log(), robot)
-    return raw, robot, names
+def columns(log, robot):
+    """The driver's columns in SI units, which a robot file with a mistake need not make sense of."""
+    return in_si(robot_columns(log, robot), robot)
+
+
+def looked_at(robot, log=None):
+    return find_mistake(columns(log or lwr_log(), robot), robot)
 
 
 @pytest.mark.parametrize("name", ["scara", "kuka_lwr4plus", "staubli_tx40"])
@@ -33,16 +38,16 @@ def test_the_numeric_regressor_is_the_derived_one(name):
 
 
 def test_a_right_file_is_not_questioned():
-    assert not diagnose(*columns(lwr())).wrong
+    assert not looked_at(lwr()).wrong
 
 
 def test_a_third_of_the_samples_settles_a_right_file_and_no_other(monkeypatch):
     asked, fit = [], Judge.possible
     monkeypatch.setattr(Judge, "possible", lambda self, robot: asked.append(len(self.motion.tau)) or fit(self, robot))
-    assert not diagnose(*columns(lwr())).wrong
+    assert not looked_at(lwr()).wrong
     assert len(asked) == 1
     assert FIRST <= asked[0] < SAMPLES / 2
-    assert diagnose(*columns(edited(lwr(), Edit("torque", (3.0,))))).wrong
+    assert looked_at(edited(lwr(), Edit("torque", (3.0,)))).wrong
     assert asked[-1] >= SAMPLES
 
 
@@ -61,30 +66,30 @@ def test_a_third_of_the_samples_settles_a_right_file_and_no_other(monkeypatch):
 )
 def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
     wrong = edited(lwr(), mistake)
-    found = diagnose(*columns(wrong))
+    found = looked_at(wrong)
     assert found is not None
     assert found.wrong
     assert mistake.kind in {edit.kind for each in (found.best[0], *found.same) for edit in each.edits}
-    assert not diagnose(*columns(with_edits(wrong, found.best[0].edits))).wrong
+    assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
 
 
 def test_two_mistakes_are_named_together():
     wrong = with_edits(lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))])
-    found = diagnose(*columns(wrong))
+    found = looked_at(wrong)
     assert {edit.kind for edit in found.best[0].edits} == {"sign", "order"}
-    assert not diagnose(*columns(with_edits(wrong, found.best[0].edits))).wrong
+    assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
 
 
 def test_edits_that_make_the_same_torques_are_listed_as_such():
     """Joint 3 turned by 180 degrees reverses what joint 2 does to the links behind it, as a is 0 at both."""
-    found = diagnose(*columns(edited(lwr(), Edit("sign", (1.0,)))))
+    found = looked_at(edited(lwr(), Edit("sign", (1.0,))))
     named = {said(each.edits, lwr()) for each in (found.best[0], *found.same)}
     assert named == {"lwr_1_joint reversed", "lwr_2_joint offset by +180 deg"}
 
 
 def test_an_offset_about_the_direction_of_gravity_changes_nothing_and_is_not_named():
     for joint in (0, 6):
-        found = diagnose(*columns(edited(lwr(), Edit("offset", (float(joint), 1.0)))))
+        found = looked_at(edited(lwr(), Edit("offset", (float(joint), 1.0))))
         assert not found.wrong
 
 
@@ -94,22 +99,31 @@ def test_reversed_torques_come_right_with_torque_sign():
     np.testing.assert_array_equal(prepare(replace(log, tau=-log.tau), wrong).tau, prepare(log, lwr()).tau)
 
 
-def test_check_stops_with_the_edit_and_goes_on_when_asked():
+def test_it_stops_with_the_edit_and_goes_on_when_asked():
     wrong = edited(lwr(), Edit("sign", (1.0,)))
+    log = prepare(lwr_log(), wrong)
     with pytest.raises(WrongMapping) as caught:
-        prepare(lwr_log(), wrong)
+        diagnose(log, wrong)
     assert "lwr_1_joint reversed" in caught.value.what
     assert pasted([Edit("sign", (1.0,))], wrong) in caught.value.fix
-    log = prepare(lwr_log(), wrong, anyway=True)
-    assert "W329" in [finding.code for finding in log.findings]
+    assert [finding.code for finding in diagnose(log, wrong, anyway=True)] == ["W329"]
+    assert diagnose(prepare(lwr_log(), lwr()), lwr()) == ()
 
 
 def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_asked():
     wrong = edited(lwr(), Edit("gravity", (9.81, 0.0, 0.0)))
+    log = prepare(lwr_log(), wrong)
     with pytest.raises(WrongMapping):
-        prepare(lwr_log(), wrong)
-    log = prepare(lwr_log(), wrong, anyway=True)
-    assert [finding.code for finding in log.findings].count("W329") == 1
+        diagnose(log, wrong)
+    assert [finding.code for finding in diagnose(log, wrong, anyway=True)] == ["W329"]
+
+
+def test_a_log_in_dh_quantities_accuses_no_map_of_the_driver():
+    """Signs, offsets and order were applied before it was written; convention and gravity may still be wrong."""
+    log = replace(prepare(lwr_log(), lwr()), checked=False, extra={})
+    assert diagnose(prepare(log, edited(lwr(), Edit("sign", (1.0,)))), edited(lwr(), Edit("sign", (1.0,)))) == ()
+    with pytest.raises(WrongMapping, match="the other DH convention"):
+        diagnose(prepare(log, edited(lwr(), Edit("convention"))), edited(lwr(), Edit("convention")))
 
 
 def test_a_pause_cuts_the_recording_and_is_listed():
@@ -125,9 +139,8 @@ def test_a_pause_cuts_the_recording_and_is_listed():
 def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, first, seconds):
     """What passes sideways through the wrist's sensors looks like another wrist, by 0.2 N m."""
     log = read_log(shared_data(f"kuka_lwr4plus/{run}.bag"), robot=lwr())
-    raw, names = driver_columns(log, lwr())
-    some = np.flatnonzero((raw.t > first) & (raw.t < first + seconds))
-    assert not diagnose(take_samples(raw, some), lwr(), names).wrong
+    some = np.flatnonzero((log.t > first) & (log.t < first + seconds))
+    assert not looked_at(lwr(), take_samples(log, some)).wrong
 
 
 @pytest.mark.data
@@ -135,7 +148,6 @@ def test_edits_that_a_log_cannot_tell_apart_are_named_together():
     """A reversed position of an upright first joint makes nearly the same torques as its reversed torque."""
     robot = load_robot("ur10")
     log = read_log(shared_data("ur10_salerno/exc.npz"), robot=robot)
-    raw, names = driver_columns(log, robot)
-    found = diagnose(raw, edited(robot, Edit("position", (0.0,))), names)
+    found = looked_at(edited(robot, Edit("position", (0.0,))), log)
     kinds = {each.edits[0].kind for each in (found.best[0], *found.same, *found.tied) if len(each.edits) == 1}
     assert {"position", "torque"} <= kinds

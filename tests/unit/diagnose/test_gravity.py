@@ -9,13 +9,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dynid.diagnose.diagnosis import diagnose
+from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
+from dynid.model.rough_weight import expected_torque
 from dynid.robot import Body, Joint, Prior, Robot, TorqueSource
 from dynid.signals.checks import prepare
-from dynid.signals.gravity import check_gravity, check_zero, expected_torque
+from dynid.signals.values import check_zero
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
@@ -58,9 +61,10 @@ def test_the_expected_torque_of_known_bodies_is_pinocchios(convention):
 def test_torques_of_a_moving_arm_without_its_weight_are_refused():
     broken = replace(lwr_log(), tau=NOISE)
     with pytest.raises(GravityRemoved, match="gravity was already removed") as caught:
-        prepare(broken, lwr())
+        diagnose(prepare(broken, lwr()), lwr())
     assert "msrJntTrq" in caught.value.fix
-    prepare(broken, replace(lwr(), torque=TorqueSource("gravity_free")), identify=False)
+    free = replace(lwr(), torque=TorqueSource("gravity_free"))
+    check_gravity(prepare(broken, free), free)
 
 
 def poses(robot, hold=1.0, rate=100.0, count=8, seed=0):
@@ -116,7 +120,7 @@ def test_a_zeroed_sensor_and_a_log_without_rest_give_no_warning():
 def test_a_real_recording_with_its_weight_taken_out_is_refused():
     log = read_log(shared_data("kuka_lwr4plus/run1.bag"), robot=lwr())
     with pytest.raises(GravityRemoved):
-        prepare(replace(log, tau=0.02 * log.tau + NOISE[:1].repeat(len(log), axis=0)), lwr())
+        diagnose(prepare(replace(log, tau=0.02 * log.tau + NOISE[:1].repeat(len(log), axis=0)), lwr()), lwr())
 
 
 @pytest.mark.parametrize("name", ["kuka_lwr4plus", "kinova_gen2", "ur10", "franka_panda", "staubli_tx40"])

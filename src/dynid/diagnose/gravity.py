@@ -1,20 +1,14 @@
-"""Checks of the torque against gravity: has the driver removed it, and is the sensor zeroed?
-
-The expectation is rough on purpose: point masses half-way between the DH frames. It only has to know which joint
-carries weight in which pose.
-"""
+"""Are the torques those of an arm that carries its own weight, or did the driver take gravity out of them?"""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.registry import driver_of
-from dynid.errors import Finding, GravityRemoved
+from dynid.errors import GravityRemoved
 from dynid.log import Log
-from dynid.model.kinematics import link_frames
+from dynid.model.rough_weight import carried, expected_torque
 from dynid.robot import Robot
 from dynid.signals.motion import MOVING_SPEED, any_moves, per_joint, rest_slices
 
@@ -38,60 +32,6 @@ DISTINCT = 0.2
 SMOOTHING = 0.15
 #: Samples from the middle of a log that moves all the time: a minute at 500 Hz says it as well as an hour.
 MOST_SAMPLES = 30_000
-#: Mass of a link about which nothing is known [kg].
-UNKNOWN_MASS = 1.0
-#: A joint carries no weight when its expected torque is below this share of the largest of any joint.
-UNLOADED = 0.02
-#: Torque sensors of healthy arms are zero within 1 % of the rating; three times that is worth zeroing.
-ZERO_SHARE = 0.03
-
-
-def expected_torque(q: Floats, robot: Robot) -> Floats:
-    """Return roughly the torques that hold the arm against gravity, (N, n) [N m or N].
-
-    Args:
-        q: joint positions, (N, n) [rad or m].
-        robot: the arm.
-    """
-    return _carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
-
-
-def _carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], some: slice = slice(None)) -> Floats:
-    """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3).
-
-    Only those at some of the samples are worked out.
-    """
-    frames = link_frames(robot, q)
-    masses, offsets = _masses(robot)
-    before = np.concatenate([np.zeros((len(q), 1, 3)), frames.p[:, :-1]], axis=1)
-    points = 0.5 * (before + frames.p)
-    for k, offset in enumerate(offsets):
-        if offset is not None:
-            points[:, k] = frames.p[:, k] + frames.R[:, k] @ offset
-    pushed, points = accelerations(points)[some], points[some]
-    axes, places = frames.axis[some], frames.point[some]
-    torque = np.zeros(points.shape[:2])
-    for i, joint in enumerate(robot.joints):
-        for k in range(i, robot.n):
-            axis, lever = axes[:, i], points[:, k] - places[:, i]
-            velocity = np.cross(axis, lever) if joint.revolute else axis
-            torque[:, i] += masses[k] * np.sum(velocity * pushed[:, k], axis=1)
-    return torque
-
-
-def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:
-    """Return a mass for each link, and its centre in the link frame where the robot file gives it."""
-    if robot.prior is not None and robot.prior.links:
-        return [body.mass for body in robot.prior.links], [np.array(body.com) for body in robot.prior.links]
-    cylinders = robot.prior.cylinders if robot.prior is not None else None
-    total = UNKNOWN_MASS * robot.n
-    lengths = np.array([np.hypot(joint.a, joint.d) for joint in robot.joints])
-    if cylinders is not None and cylinders.mass is not None:
-        total = cylinders.mass
-    elif cylinders is not None and cylinders.density is not None:
-        total = cylinders.density * np.pi * cylinders.radius**2 * float(lengths.sum())
-    share = (lengths + 0.1 * lengths.sum()) / np.sum(lengths + 0.1 * lengths.sum()) if lengths.any() else lengths
-    return list(total * share), [None] * robot.n
 
 
 def check_gravity(log: Log, robot: Robot) -> None:
@@ -146,7 +86,7 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     v, a = slope(q), slope(slope(q))
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
-    inertia = _carried(q, robot, lambda points: slope(slope(points)), some)
+    inertia = carried(q, robot, lambda points: slope(slope(points)), some)
     friction = np.tanh(v / per_joint(MOVING_SPEED, robot))
     return q[some], tau[some], [v[some], friction[some], a[some], inertia]
 
@@ -159,32 +99,3 @@ def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:
     if np.linalg.norm(own) < DISTINCT * np.linalg.norm(load - load.mean()):
         return -1.0
     return abs(float(own @ tau / (own @ own)))
-
-
-def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return findings W316 for joints that read a torque at rest although they carry no weight there.
-
-    Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
-    """
-    poses = rest_slices(log, robot)
-    if robot.torque.source not in ("joint_sensor", "gravity_free") or log.tau_unit == "A" or not poses:
-        return ()
-    q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
-    load = np.abs(expected_torque(q, robot))
-    if robot.torque.source == "gravity_free":
-        load = np.zeros_like(load)
-    findings = []
-    for j, joint in enumerate(robot.joints):
-        rows = load[:, j] <= UNLOADED * max(load.max(), 1e-9)
-        rating = joint.limits.torque
-        if rating is None or not rows.any():
-            continue
-        mean = float(np.mean(tau[rows, j]))
-        if abs(mean) > ZERO_SHARE * rating:
-            unit = joint.torque_unit.replace(" ", "")
-            text = (
-                f"{joint.name} reads {mean:+.2g} {unit} with the arm at rest and gravity balanced: "
-                "zero the sensors before recording"
-            )
-            findings.append(Finding("W316", "warning", text, {"joint": joint.name, "mean": mean}))
-    return tuple(findings)

@@ -9,25 +9,27 @@ or as none, whatever the arm does: those are named together, or not at all.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, WrongMapping
+from dynid.diagnose.assignment import assignment
+from dynid.diagnose.edits import OF_ALL, Edit, pasted, said, with_edits
+from dynid.diagnose.fit import SAMPLES, Judge, thin_motion
+from dynid.diagnose.gravity import check_gravity
+from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.longarrays import median
+from dynid.model.rough_weight import expected_torque
 from dynid.robot import Robot
-from dynid.signals.assignment import assignment
-from dynid.signals.columns import in_si, matching_columns, robot_columns
-from dynid.signals.edits import OF_ALL, Edit, pasted, said, with_edits
-from dynid.signals.gravity import expected_torque
-from dynid.signals.mapping_fit import SAMPLES, Judge, thin_motion
 
 Floats = NDArray[np.float64]
 
+#: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
+LEAST_GAIN = 4.0
 #: What each edit has to lower the mean logarithm of the joints' residuals by.
 CLEAR = 0.1
 #: Free numbers of a joint: a short log explains itself with many robot files.
@@ -231,13 +233,14 @@ class _Search:
             self.fit(edits)
 
 
-def diagnose(log: Log, robot: Robot, names: Sequence[str] = ()) -> Diagnosis | None:
+def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: bool = True) -> Diagnosis | None:
     """Return what a log says about a robot file; None where it hardly moves.
 
     Args:
         log: the robot's columns in SI units, with increasing time and finite numbers.
         robot: the arm.
         names: names of the columns in the log, in chain order; () where it names none.
+        mapped: whether signs, offsets and order of the columns have a say: not where the log was in DH quantities.
     """
     motion = thin_motion(log, robot)
     if motion is None:
@@ -245,10 +248,10 @@ def diagnose(log: Log, robot: Robot, names: Sequence[str] = ()) -> Diagnosis | N
     names = names or robot.log_names
     # Why: most robot files are right, and a third of the samples shows it.
     if len(motion.tau) >= SAMPLES:
-        first = _Search(Judge(robot, motion.thinned(FIRST), not log.dh), names)
+        first = _Search(Judge(robot, motion.thinned(FIRST), mapped), names)
         if first.unrivalled(SURELY):
             return Diagnosis(first.given, (first.given,), (), (), False)
-    search = _Search(Judge(robot, motion, not log.dh), names)
+    search = _Search(Judge(robot, motion, mapped), names)
     if search.unrivalled():
         return Diagnosis(search.given, (search.given,), (), (), False)
     search.widen([()])
@@ -391,28 +394,48 @@ def _place(edit: Edit) -> tuple[str, tuple[float, ...]]:
     return edit.kind, edit.value
 
 
-def driver_columns(log: Log, robot: Robot) -> tuple[Log, list[str]]:
-    """Return a log as ``diagnose`` takes it, and the names of its columns in chain order."""
-    names = [log.names[k] for k in matching_columns(log, robot)[0]] if log.names else []
-    return in_si(robot_columns(log, robot), robot), names
+def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
+    """Return a checked log as ``find_mistake`` takes it, before the driver's map, and the names of its columns."""
+    names = log.extra.get("driver_columns")
+    if names is None or robot.driver is None:
+        return log, names or ()
+    map_, matrix = robot.driver.map, None if robot.coupling is None else np.array(robot.coupling.matrix)
+    q, tau = (log.q - np.array(map_.offset)) * np.array(map_.sign), log.tau * map_.sign * map_.torque_signs
+    if matrix is not None:
+        q, tau = q @ matrix.T, tau @ np.linalg.inv(matrix)
+    return replace(log, q=q, tau=tau, qd=None), names
 
 
-def check_mapping(
-    log: Log, robot: Robot, names: Sequence[str], *, anyway: bool = False, least_gain: float = 1.0
-) -> tuple[Finding, ...]:
-    """Raise when another mapping of the columns, or another table, would explain a log far better than the robot file.
+def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, ...]:
+    """Ask whether the torques of a log have their weight, and whether another robot file explains them far better.
 
     Args:
-        log: the robot's columns in SI units, not yet in DH quantities, checked but for this.
-        robot: the arm.
-        names: names of the columns in the log, in chain order; () where it names none.
-        anyway: whether to go on with finding W329.
-        least_gain: by what factor the unexplained share has to shrink.
+        log: a checked log.
+        robot: the arm that it was checked for.
+        anyway: whether to go on with finding W329 where another robot file does.
+
+    Returns:
+        Finding W329, or none.
 
     Raises:
-        WrongMapping: names the likeliest mistake, with the edit.
+        GravityRemoved: the torques do not change with the weight of the arm.
+        WrongMapping: names the likeliest mistake, with the edit that repairs the robot file.
     """
-    found = diagnose(log, robot, names)
+    try:
+        check_gravity(log, robot)
+    except GravityRemoved:
+        # Why: torques that seem not to change with the weight may only be mapped wrongly.
+        found = _explained(log, robot, anyway=anyway, least_gain=LEAST_GAIN)
+        if not found:
+            raise
+        return found
+    return _explained(log, robot, anyway=anyway)
+
+
+def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0) -> tuple[Finding, ...]:
+    """Raise, or return W329, where another robot file leaves a share unexplained that is smaller by ``least_gain``."""
+    columns, names = driver_columns(log, robot)
+    found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     if found is None or not found.wrong or found.given.unexplained < least_gain * found.best[0].unexplained:
         return ()
     best = found.best[0]
