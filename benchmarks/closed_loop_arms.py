@@ -19,8 +19,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
-from dynid.model.parameters import BODY_PARAMETERS
-from dynid.model.prior import body_of
+from dynid.model.parameters import BODY_PARAMETERS, body_of
 from dynid.model.reduce import reduce
 from dynid.robot import Body, Controller, Joint, Limits, Prior, Robot
 

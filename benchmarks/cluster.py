@@ -36,7 +36,7 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "tests")]
 import twolink  # noqa: E402
 from dynid.log import Log  # noqa: E402
 from dynid.model import build_model  # noqa: E402
-from dynid.model.prior import prior_vector  # noqa: E402
+from dynid.model.parameters import prior_vector  # noqa: E402
 from dynid.workflows.cluster import Task, opened  # noqa: E402
 from dynid.workflows.robots import load_robot  # noqa: E402
 

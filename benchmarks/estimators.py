@@ -28,7 +28,7 @@ from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.stack import stack_logs
 from dynid.log import Log
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition
 from dynid.signals.filters import despiked

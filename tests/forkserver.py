@@ -120,7 +120,7 @@ def derive(*names: str) -> None:
     """Derive the models of arms that many tests take; commands then store them as if they had derived them."""
     from dynid.files.robotfile import load_robot
     from dynid.model import regressor
-    from dynid.model.store import key_of
+    from dynid.model.base_model import key_of
 
     build = regressor.build_model
     rigid = {key_of(robot): build(robot).rigid for robot in map(load_robot, names)}

@@ -27,7 +27,7 @@ from dynid.files.contents import Contents
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.gap import record
 from dynid.gap.record import read_record
-from dynid.model import store
+from dynid.model import base_model as store
 from dynid.model.base_model import BaseModel
 from dynid.npz import read_npz
 from dynid.reports.evidence import _spectrum, gather, relative_percent

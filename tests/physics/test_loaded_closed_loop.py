@@ -12,7 +12,7 @@ from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
-from dynid.model.prior import joined
+from dynid.model.parameters import joined
 from dynid.robot import Body, Controller
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.conditioning import choose_filter, condition

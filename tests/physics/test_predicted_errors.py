@@ -13,7 +13,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.sim.plant import Sensors, read_plant

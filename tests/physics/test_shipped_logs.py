@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
 from dynid.files.robotfile import load_robot
-from dynid.model.prior import prior_bodies
+from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import build_model
 from dynid.sim.plant import read_plant
 

@@ -15,7 +15,7 @@ from dynid.estimation import result
 from dynid.estimation.observation_rows import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.robot import Body
 from dynid.workflows.gap import find_gap
 from dynid.workflows.gap_options import GapOptions

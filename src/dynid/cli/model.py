@@ -62,7 +62,7 @@ def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
 
 def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> DerivedModel:
     """Return the stored model when it is this robot's, otherwise derive and store it."""
-    from dynid.model.store import key_of, paths
+    from dynid.model.base_model import key_of, paths
     from dynid.workflows.model import derive_model, stored_differences
 
     terminal, folder = common.terminal, common.folder(robot.slug)

@@ -20,7 +20,7 @@ from dynid.log import Log
 from dynid.longarrays import median
 from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
-from dynid.model.prior import prior_bodies, second_moments
+from dynid.model.parameters import prior_bodies, second_moments
 from dynid.robot import Body, Joint, Robot
 from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
 from dynid.signals.ranges import OUTSIDE, beyond

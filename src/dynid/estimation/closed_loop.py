@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import NotSimulated
 from dynid.estimation.stack import Stack
-from dynid.model.mass_matrix import Torque, mass_matrices
+from dynid.model.regressor import Torque, mass_matrices
 from dynid.robot import Controller
 from dynid.signals.conditioning import Segment, resampled
 from dynid.signals.filters import decimate, lowpass_kernel

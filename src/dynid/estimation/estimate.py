@@ -32,7 +32,7 @@ from dynid.estimation.result import Identification, JointQuality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 from dynid.robot import Controller
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.same_motion import motion_numbers, sampled

@@ -12,8 +12,7 @@ from dynid.estimation.least_squares import Fit
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
-from dynid.model.mass_matrix import random_poses, sign_alarm
-from dynid.model.regressor import Observer
+from dynid.model.regressor import Observer, random_poses, sign_alarm
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dynid.estimation.body_prior import COUNTED, curvature
 from dynid.estimation.least_squares import merge, symmetric_root
 from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of, require_possible_prior
 from dynid.estimation.posterior import exciting_states
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 
 if TYPE_CHECKING:
     from dynid.estimation.model_error import ModelError

@@ -25,8 +25,7 @@ from dynid.estimation.physical_parameters import fit_pooled
 from dynid.estimation.posterior import ROBUST
 from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
-from dynid.model.parameters import BODY_PARAMETERS, body_columns, numbered
-from dynid.model.prior import body_of
+from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
 from dynid.robot import Body
 
 Floats = NDArray[np.float64]

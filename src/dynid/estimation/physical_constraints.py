@@ -16,8 +16,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.parameters import Parameter, body_columns, columns_of
-from dynid.model.prior import inertia_of
+from dynid.model.parameters import Parameter, body_columns, columns_of, inertia_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -27,7 +27,7 @@ from dynid.estimation.physical_constraints import (
     smallest_eigenvalues,
 )
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import link_cylinders, prior_vector
+from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders, prior_vector
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -106,7 +106,8 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
         return rounded(found)
-    cylinders = np.array([shape.body(1.0 / shape.volume).parameters() for shape in link_cylinders(base.robot)])
+    radius = cylinders_of(base.robot).radius
+    cylinders = np.array([cylinder_body(ends, radius, 1.0).parameters() for ends in link_cylinders(base.robot)])
     links = [found.parameters[k].number - 1 for k in found.bodies[:, 0]]
     return widened(found, pseudo_inertia(cylinders[links]))
 

@@ -23,15 +23,18 @@ from dynid.files.artifact import Artifact, read_artifact, read_header, reading, 
 from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.limits import LIMITS
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import (
+    REDUCTION_ARRAYS,
+    REDUCTION_FACTS,
+    BaseModel,
+    Reduction,
+    reduction_facts,
+    reduction_from,
+)
 from dynid.model.effects.interface import ArmMotion
-from dynid.model.parameters import body_columns
-from dynid.model.prior import body_of
+from dynid.model.parameters import body_columns, body_of
 from dynid.model.program import Program
-from dynid.model.reduce import Reduction
-from dynid.model.reference import model_torques
-from dynid.model.regressor import Model, build_model, parameter_names
-from dynid.model.store import REDUCTION_ARRAYS, REDUCTION_FACTS, reduction_facts, reduction_from
+from dynid.model.regressor import Model, build_model, model_torques, parameter_names
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table

@@ -20,8 +20,7 @@ from dynid.estimation.observation_rows import ObservationRows, fold, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
 from dynid.longarrays import Growing, release
 from dynid.model.base_model import BaseModel
-from dynid.model.reference import model_torques
-from dynid.model.regressor import Observer
+from dynid.model.regressor import Observer, model_torques
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog, with_effects, without_command
 

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from dynid.errors import WrongUsage
 from dynid.exporters import formula_code, residual_code
 from dynid.exporters.interface import IdentifiedArm
-from dynid.model.kernels import FOLD
 from dynid.model.kinematics import geometry
 from dynid.model.parameters import Parameter
-from dynid.model.program import ADD, MUL, NEG, SUB, Program
+from dynid.model.program import ADD, FOLD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
 from dynid.text import code, identifier
 
@@ -127,7 +126,7 @@ class _Writer:
         inertial = self._program(model.rigid.restricted(model.link_columns[base[rigid]]))
         friction: list[str] = []
         for col in np.flatnonzero(~rigid & (base < model.plain_size)):
-            parameter = model.extra[base[col] - links].parameter
+            parameter = model.parameters[base[col]]
             target = inertial if parameter.kind == "Imc" else friction
             target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
         return inertial, friction, self._formulas(arm)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import base_pose, fixed_poses
-from dynid.model.prior import moved
+from dynid.model.parameters import moved
 from dynid.robot import Body, Robot, rotation_rpy
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid.estimation.physical_constraints import smallest_eigenvalues
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import body_of, prior_bodies
+from dynid.model.parameters import body_of, prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,7 @@ from dynid.exporters import formula_code
 from dynid.exporters.code import Language, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.model.effects.interface import ArmMotion
-from dynid.model.reference import model_torques
+from dynid.model.regressor import model_torques
 from dynid.scratch import scratch_folder
 from dynid.text import identifier
 

@@ -14,7 +14,7 @@ from dynid.exporters.frames import joint_poses, moving_bodies, numbers, world_gr
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
 from dynid.model.kinematics import fixed_poses
-from dynid.model.prior import Cylinder, link_cylinders
+from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Body, Joint
 from dynid.text import xml, xml_comment
 
@@ -37,7 +37,7 @@ def text(arm: IdentifiedArm) -> str:
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **_place(poses[i])})
         _inertial(parent, body)
         _joint(parent, joint, armature=full.rotor_inertia[i], damping=float(fv[i]), frictionloss=float(fc[i]))
-        _shape(parent, shapes[i], fixed_poses(joint, robot.convention)[1])
+        _shape(parent, shapes[i], cylinders_of(robot).radius, fixed_poses(joint, robot.convention)[1])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -116,11 +116,11 @@ def _joint(parent: ET.Element, joint: Joint, **drive: float) -> None:
     ET.SubElement(parent, "joint", facts | {key: repr(max(0.0, value)) for key, value in drive.items()})
 
 
-def _shape(parent: ET.Element, cylinder: Cylinder, to_dh: Floats) -> None:
+def _shape(parent: ET.Element, ends: Floats, radius: float, to_dh: Floats) -> None:
     """Add a cylinder for the eye; it has no mass and touches nothing."""
-    ends = [to_dh[:3, :3] @ np.array(end) + to_dh[:3, 3] for end in (cylinder.start, cylinder.end)]
+    placed = [to_dh[:3, :3] @ end + to_dh[:3, 3] for end in ends]
     look = {"mass": "0", "contype": "0", "conaffinity": "0", "group": "1", "rgba": "0.6 0.65 0.7 1"}
-    shape = {"type": "cylinder", "size": repr(cylinder.radius), "fromto": numbers(ends)}
+    shape = {"type": "cylinder", "size": repr(radius), "fromto": numbers(placed)}
     ET.SubElement(parent, "geom", shape | look)
 
 

@@ -21,7 +21,7 @@ from dynid.exporters.frames import numbers
 from dynid.exporters.full_model import smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
-from dynid.model.prior import body_of, moved
+from dynid.model.parameters import body_of, moved
 from dynid.robot import Body, JointMap, Prior, Robot
 from dynid.text import xml_comment
 

@@ -49,7 +49,7 @@ from dynid.gap.verdict import (
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
-from dynid.model.reference import model_torques
+from dynid.model.regressor import model_torques
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.sim.replay import Replay

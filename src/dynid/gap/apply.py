@@ -18,8 +18,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
-from dynid.model.reference import model_torques
-from dynid.model.regressor import Model
+from dynid.model.regressor import Model, model_torques
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 from dynid.signals.delay import segment_without_delay

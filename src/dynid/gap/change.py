@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from dynid.estimation.error_columns import GROUPS, shapes_of
 from dynid.estimation.model_error import LARGEST
 from dynid.gap.segments import Mask, SegmentRows
-from dynid.model.effects.interface import Floats, sign_of
+from dynid.model.effects.friction import sign_of
+from dynid.model.effects.interface import Floats
 
 Ints = NDArray[np.int64]
 

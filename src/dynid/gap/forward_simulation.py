@@ -17,7 +17,7 @@ from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
-from dynid.model.reference import model_torques
+from dynid.model.regressor import model_torques
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
 from dynid.sim.replay import Replay, replay

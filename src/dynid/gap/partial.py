@@ -23,7 +23,7 @@ from dynid.gap.significance import candidates_at, score_candidate, significance_
 from dynid.gap.stepwise_selection import SelectionOptions, contains, wanted_effects
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_regression
 from dynid.model.effects.interface import Floats
-from dynid.model.reference import model_torques
+from dynid.model.regressor import model_torques
 
 #: Standard errors from zero, and visible size over the noise, that a partial name has at least. The limits of this file
 #: were tried on the published friction of one slide and on stand-ins for things that are in no catalogue.

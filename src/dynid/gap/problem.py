@@ -17,8 +17,9 @@ from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, pri
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import WhitenedRegression, few, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.interface import Floats, sign_of
-from dynid.model.reference import model_torques
+from dynid.model.effects.friction import sign_of
+from dynid.model.effects.interface import Floats
+from dynid.model.regressor import model_torques
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 #: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.

@@ -10,8 +10,10 @@ from __future__ import annotations
 from functools import reduce
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dynid.model.kinematics import Step, symbolic_step
-from dynid.model.program import ADD, MUL, NEG, SUB, Builder, Program
+from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
@@ -206,6 +208,33 @@ def _moved(R: Matrix, f: Vector, n: Vector, r: Vector | None, rec: Recorder) -> 
     """Express a wrench in the previous frame; with r, also about the previous frame's origin."""
     f, n = rec.vector(rotate(R, f)), rec.vector(rotate(R, n))
     return f, (rec.vector(add(n, rec.vector(cross(r, f)))) if r is not None else n)
+
+
+class Builder:
+    """Collects operations and finds equal ones (value numbering), so that nothing is computed twice."""
+
+    def __init__(self, inputs: tuple[str, ...], constants: tuple[int, ...]) -> None:
+        self.inputs, self.constants = inputs, constants
+        self._ops: list[tuple[int, int, int]] = []
+        self._known: dict[tuple[int, int, int], int] = {}
+
+    def slot(self, op: int, lhs: int, rhs: int) -> int:
+        """Return the slot of an operation, a new one only when it is not there yet."""
+        if op in (ADD, MUL) and lhs > rhs:
+            lhs, rhs = rhs, lhs
+        key = (op, lhs, rhs)
+        if key not in self._known:
+            self._known[key] = len(self.inputs) + len(self.constants) + len(self._ops)
+            self._ops.append(key)
+        return self._known[key]
+
+    def build(self, entries: list[tuple[int, int, int]], shape: tuple[int, int]) -> Program:
+        """Return the program whose entries are (row, column, slot), without operations that no entry needs."""
+        ops = np.array(self._ops, dtype=np.int32).reshape(-1, 3)
+        out = np.array(entries, dtype=np.int32).reshape(-1, 3)
+        op, lhs, rhs, rows, cols, outputs = (np.ascontiguousarray(column) for column in (*ops.T, *out.T))
+        program = Program(self.inputs, self.constants, op, lhs, rhs, rows, cols, outputs, shape)
+        return program.restricted(np.arange(shape[1]))
 
 
 def _compile(rec: Recorder, entries: dict[tuple[int, int], Expr], shape: tuple[int, int]) -> Program:

@@ -1,22 +1,36 @@
 """Base parameters without thresholds: exact rank, classes and relations over a prime field (Paper Eq. 13).
 
 Reads a Model, gives an ExactReduction: the leftmost independent columns in textbook order, and every other column as an
-exact combination of them, with a formula in the DH symbols for each coefficient; as text, JSON and LaTeX.
+exact combination of them, with a formula in the DH symbols for each coefficient.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.field_regressor import FieldRegressor
+from dynid.errors import ReductionsDisagree
+from dynid.model import tuning
 from dynid.model.formula import ONE, Formula, joined, latex_symbol
-from dynid.model.prime_field import Residues
+from dynid.model.kinematics import geometry as geometry_of
+from dynid.model.parameters import Parameter
+from dynid.model.prime_field import (
+    PRIME,
+    Residues,
+    circle_point,
+    decimal_fraction,
+    echelon,
+    product,
+    rational_circle,
+    residue,
+    run_program,
+)
 from dynid.model.regressor import Model
 from dynid.model.symbolic_relations import name_coefficients
 
@@ -106,7 +120,7 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
         Rank, classes and relations with a formula for each coefficient where one was found.
 
     Raises:
-        ReductionsDisagree: when the relations do not hold at fresh random states.
+        ReductionsDisagree: when the relations do not hold at further random states.
 
     Source: Paper Eq. 13 and section II-B; docs/explanation/base-parameters.md.
     """
@@ -145,6 +159,135 @@ def _numbers(
                 if (row, j) not in formulas:
                     numbers[row, j] = solved[row, k]
     return numbers
+
+
+# ---------------------------------------------------------------- the regressor in the prime field
+class FieldRegressor:
+    """The regressor's columns in the prime field: random joint states, several values of the geometry.
+
+    Args:
+        model: the model.
+        still: whether the joint states are at rest: gravity and offsets only.
+        seed: of the random states and geometries.
+    """
+
+    def __init__(self, model: Model, *, still: bool = False, seed: int = 0) -> None:
+        self.model, self.moving = model, not still
+        self._rng = np.random.default_rng(seed)
+        self._program = model.rigid.restricted(model.link_columns)
+        values = geometry_of(model.robot)
+        self.symbols = tuple(name for name in model.rigid.inputs if name in values)
+        self._angles = {
+            f"{kind}a{i}": joint.twist for i, joint in enumerate(model.robot.joints, 1) for kind in "cs"
+        } | {f"{kind}{i}": joint.theta_offset for i, joint in enumerate(model.robot.joints, 1) for kind in "cs"}
+        self.values = {name: values[name] for name in self.symbols}
+
+    def actual(self) -> dict[str, Residues]:
+        """Return the arm's own geometry."""
+        return {name: self._own(name) for name in self.symbols}
+
+    def free(self, count: int, turned: bool) -> dict[str, Residues]:
+        """Return ``count`` random geometries with the arm's gravity; twists are random too when ``turned``."""
+        drawn: dict[str, Residues] = {}
+        for name in self.symbols:
+            if name.startswith("g") or (name in self._angles and not turned):
+                drawn[name] = self._own(name)
+            elif name in self._angles:
+                partner = name[1:]
+                if "c" + partner not in drawn:
+                    drawn["c" + partner], drawn["s" + partner] = rational_circle(self.random(count))
+            else:
+                drawn[name] = self.random(count)
+        return drawn
+
+    def columns(
+        self, geometry: dict[str, Residues], chosen: NDArray[np.intp] | None = None, *, samples: int
+    ) -> Residues:
+        """Return columns of the regressor stacked over new random states.
+
+        Args:
+            geometry: values of the geometric symbols, (1,) or (G,).
+            chosen: rigid-body columns (all columns with the friction ones when None).
+            samples: number of joint states.
+
+        Returns:
+            Stacked columns, (G, samples * n, c).
+        """
+        program = self._program if chosen is None else self._program.restricted(chosen)
+        n = self.model.robot.n
+        q, qd, qdd = (self.random((samples, n)) for _ in range(3))
+        qd, qdd = qd * self.moving, qdd * self.moving
+        P = run_program(program, self._inputs(geometry, q, qd, qdd))
+        count = max((len(value) for value in geometry.values()), default=1)
+        P = np.broadcast_to(P, (count, samples, *P.shape[2:]))
+        if chosen is None and self.model.friction:
+            friction = self._friction(qd, qdd)
+            P = np.concatenate([P, np.broadcast_to(friction, (count, *friction.shape))], axis=-1)
+        return P.reshape(count, samples * n, -1)
+
+    def relations(self, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
+        """Find the relations among all columns, checked on further states.
+
+        Args:
+            geometry: values of the geometric symbols, (G,) each.
+
+        Returns:
+            The leftmost independent columns, the same in every geometry, and K, (G, p, c).
+
+        Raises:
+            ReductionsDisagree: the relations do not hold at further random states.
+            ZeroDivisionError: a column is dependent in some of the geometries only.
+        """
+        columns = self.columns(geometry, samples=tuning.FIELD_STATES + tuning.FIELD_CHECKS)
+        used = tuning.FIELD_STATES * self.model.robot.n
+        base, K = echelon(columns[:, :used])
+        for A, k in zip(columns[:, used:], K, strict=True):
+            if np.any(product(A[:, base], k) != A):
+                raise ReductionsDisagree("relations found at 24 random states do not hold at 4 further ones")
+        return base, K
+
+    def _inputs(self, geometry: dict[str, Residues], q: Residues, qd: Residues, qdd: Residues) -> dict[str, Residues]:
+        """Return the program's inputs: geometry (G, 1) and motion (1, samples)."""
+        inputs: dict[str, Residues] = {name: value[:, None] for name, value in geometry.items()}
+        for j, joint in enumerate(self.model.robot.joints):
+            inputs |= {f"q{j + 1}": q[None, :, j], f"qd{j + 1}": qd[None, :, j], f"qdd{j + 1}": qdd[None, :, j]}
+            if joint.revolute:
+                inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random((1, len(q))))
+        return inputs
+
+    def _friction(self, qd: Residues, qdd: Residues) -> Residues:
+        """Return the friction columns; a sign, which is no polynomial of the state, takes part as random numbers."""
+        block = np.zeros((*qd.shape, len(self.model.friction)), dtype=np.uint64)
+        for k, parameter in enumerate(self.model.friction):
+            share = self._share(parameter)
+            rows = np.flatnonzero(share)
+            if parameter.kind == "fo":
+                block[:, rows, k] = 1
+            elif parameter.kind in ("fc", "fcc"):
+                block[:, rows, k] = self.random((len(qd), len(rows))) if self.moving else 0
+            else:
+                signal = product(qdd if parameter.kind == "Imc" else qd, share)
+                block[:, :, k] = product(signal[:, None], share[None])
+        return block
+
+    def _share(self, parameter: Parameter) -> Residues:
+        """Return what a motor puts on each joint, (n,): exactly the quotients that ``Parameter.share`` rounds."""
+        robot, own = self.model.robot, parameter.number - 1
+        row = [Fraction(int(j == own)) for j in range(robot.n)]
+        if parameter.share and robot.coupling:
+            row = [decimal_fraction(x) for x in robot.coupling.matrix[own]]
+        return np.array([residue(x / row[own] if row[own] else x) for x in row], dtype=np.uint64)
+
+    def random(self, shape: int | tuple[int, ...]) -> Residues:
+        """Return random elements of the field."""
+        return self._rng.integers(1, PRIME, shape, dtype=np.uint64)
+
+    def _own(self, name: str) -> Residues:
+        if name in self._angles:
+            number = circle_point(self._angles[name])[name[0] == "s"]
+        else:
+            number = residue(self.values[name])
+        return np.array([number], dtype=np.uint64)
 
 
 # ---------------------------------------------------------------- text, JSON and LaTeX

@@ -17,18 +17,13 @@ from dynid import limits
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
+from dynid.model import tuning
 from dynid.model.kinematics import link_frames
-from dynid.model.prior import body_of, inertia_of, moved, second_moments
+from dynid.model.parameters import body_of, inertia_of, moved, second_moments
 from dynid.robot import Body, Joint, Prior, Robot, roll_pitch_yaw
 
 Floats = NDArray[np.float64]
 
-#: Axes whose directions differ by less count as parallel; angles below 1e-4 rad were made exact before.
-PARALLEL = 1e-7
-#: Lengths below this are zero [m].
-ZERO_LENGTH = 1e-9
-#: Forward kinematics must agree with the URDF's to this [m and rad].
-SAME_POSE = 1e-9
 _GRAVITY = 9.81
 
 
@@ -149,9 +144,9 @@ def import_arm(
     robot = replace(robot, prior=Prior(links=bodies)) if any(body.mass for body in bodies) else robot
     tip_pose = np.linalg.inv(frame0 @ link_frames(robot, np.zeros(robot.n)).poses[-1]) @ poses[end]
     own, written = (_largest_miss(source, robot, start, end, frame0, tip_pose) for source in (urdf, raw))
-    if own > SAME_POSE:
+    if own > tuning.SAME_POSE:
         raise WrongUrdf(f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}", where=str(urdf.path))
-    if written > SAME_POSE:
+    if written > tuning.SAME_POSE:
         text = f"the URDF's angles are rounded, the DH table's are exact: that moves the tip by {written:.1e} m or rad"
         findings.append(Finding("W202", "warning", text, {"largest": written}))
     return Imported(robot, start, end, tip_pose, written, tuple(findings))
@@ -213,12 +208,12 @@ def _common_normal(origin: Floats, z: Floats, point: Floats, other: Floats, x: F
     """Return the feet on both axes and the direction of the normal, turned to the side of x."""
     normal = np.cross(z, other)
     size = float(np.linalg.norm(normal))
-    if size < PARALLEL:
+    if size < tuning.PARALLEL_AXES_RAD:
         foot = origin
         next_foot = point + other * (other @ (foot - point))
         between = next_foot - foot
         between = between - z * (z @ between)
-        if np.linalg.norm(between) < ZERO_LENGTH:
+        if np.linalg.norm(between) < tuning.ZERO_LENGTH_M:
             return foot, foot, x
         normal = between / np.linalg.norm(between)
     else:
@@ -226,7 +221,7 @@ def _common_normal(origin: Floats, z: Floats, point: Floats, other: Floats, x: F
         gap = point - origin
         foot = origin + z * (np.cross(gap, other) @ np.cross(z, other)) / size**2
         next_foot = point + other * (np.cross(gap, z) @ np.cross(z, other)) / size**2
-    return foot, next_foot, -normal if normal @ x < -ZERO_LENGTH else normal
+    return foot, next_foot, -normal if normal @ x < -tuning.ZERO_LENGTH_M else normal
 
 
 def _across(direction: Floats, z: Floats) -> Floats | None:
@@ -251,7 +246,7 @@ def _angle(a: Floats, b: Floats, axis: Floats) -> float:
 
 
 def _clean(length: float) -> float:
-    return 0.0 if abs(length) < ZERO_LENGTH else round(float(length), 12)
+    return 0.0 if abs(length) < tuning.ZERO_LENGTH_M else round(float(length), 12)
 
 
 def _joint(joint: UrdfJoint, rows: Sequence[tuple[float, float, float, float]], i: int, convention: str) -> Joint:
@@ -302,10 +297,6 @@ def _bodies(
     return tuple(bodies), findings
 
 
-#: Least second moment of a body along an axis, as a share of the largest: a plate is not infinitely thin.
-THINNEST = 1e-3
-
-
 def possible_body(body: Body) -> Body:
     """Return a body with the same mass and centre whose inertia a body can have: itself where it can.
 
@@ -314,7 +305,7 @@ def possible_body(body: Body) -> Body:
     values, axes = np.linalg.eigh(second_moments(body.tensor))
     if values[0] > 0.0 or values[-1] <= 0.0:
         return body
-    moments = axes * np.maximum(values, THINNEST * values[-1]) @ axes.T
+    moments = axes * np.maximum(values, tuning.THINNEST_BODY_SHARE * values[-1]) @ axes.T
     return Body.of(body.mass, np.array(body.com), inertia_of(moments))
 
 

@@ -1,14 +1,27 @@
-"""What each column of the regressor stands for: kind, link or joint, unit. Whoever looks for columns asks here."""
+"""What each column of the regressor stands for, and what is known of it before measuring: the prior.
+
+The prior is one rigid body per link, explicit or from uniform cylinders (Paper Eq. 9), in the DH frames; its parameters
+have the order of Table 5.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.robot import LINK_PARAMETERS, Robot
+from dynid.model import tuning
+from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Robot
+
+if TYPE_CHECKING:
+    from dynid.model.base_model import Reduction
+    from dynid.model.regressor import Model
+
+Floats = NDArray[np.float64]
 
 #: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
 BODY_PARAMETERS = LINK_PARAMETERS[:10]
@@ -24,12 +37,14 @@ class Parameter:
         number: number of the link, joint or motor, 1-based; of the first joint that an added effect acts on.
         unit: its unit.
         name: unique name, such as ``Ixx3``.
+        share: what a motor that drives several joints puts on each of them, (n,); () for one that drives its own.
     """
 
     kind: str
     number: int
     unit: str
     name: str
+    share: tuple[float, ...] = ()
 
     @property
     def of_body(self) -> bool:
@@ -64,3 +79,128 @@ def body_columns(parameters: Iterable[Parameter]) -> dict[int, NDArray[np.intp]]
         if parameter.of_body:
             found.setdefault(parameter.number, {})[parameter.kind] = k
     return {link: np.array([of[kind] for kind in BODY_PARAMETERS], dtype=np.intp) for link, of in sorted(found.items())}
+
+
+# ---------------------------------------------------------------- the prior
+#: What a robot file without a prior stands for.
+DEFAULT_CYLINDERS = Cylinders(radius=tuning.DEFAULT_LINK_RADIUS_M, density=tuning.DEFAULT_LINK_DENSITY)
+
+
+def cylinders_of(robot: Robot) -> Cylinders:
+    """Return radius and density of the uniform cylinders that stand for the links."""
+    return robot.prior.cylinders if robot.prior and robot.prior.cylinders else DEFAULT_CYLINDERS
+
+
+def link_cylinders(robot: Robot) -> Floats:
+    """Return the centres of both end faces of one cylinder a link, in its DH frame, (n, 2, 3) [m].
+
+    It lies along the DH offset, from the point of the link's own joint axis where the previous link ends to the point
+    of the next axis that is fixed in this link; the travel of a sliding joint belongs to neither. A link without an
+    offset has a housing about the joint axis, two radii long.
+    """
+    radius, ends = cylinders_of(robot).radius, np.zeros((robot.n, 2, 3))
+    for i, joint in enumerate(robot.joints):
+        slide = joint.d if joint.revolute else 0.0
+        axis = np.array([0.0, 0.0, 1.0])
+        if robot.convention == "standard":
+            axis[1:] = math.sin(joint.twist), math.cos(joint.twist)
+            ends[i, 0] = -slide * axis - [joint.a, 0, 0]
+        else:
+            ends[i, 0] = -slide * axis
+            ends[i, 1, 0] = robot.joints[i + 1].a if i + 1 < robot.n else 0.0
+        if np.linalg.norm(ends[i, 1] - ends[i, 0]) < 1e-9:
+            ends[i] = ends[i, 1] - radius * axis, ends[i, 1] + radius * axis
+    return ends
+
+
+def cylinder_body(ends: Floats, radius: float, mass: float) -> Body:
+    """Return a uniform cylinder of that mass [kg] between the centres of its end faces, (2, 3) [m]."""
+    axis = ends[1] - ends[0]
+    length = float(np.linalg.norm(axis))
+    across = mass * (3 * radius**2 + length**2) / 12
+    along = mass * radius**2 / 2
+    tensor = across * np.eye(3) + (along - across) * np.outer(axis, axis) / length**2
+    return Body.of(mass, ends.mean(axis=0), tensor)
+
+
+def prior_bodies(robot: Robot) -> tuple[Body, ...]:
+    """Return the prior body of each link, n of them, in the DH frames; the last one carries the tool.
+
+    A robot file without a prior stands for ``DEFAULT_CYLINDERS``; ask ``robot.prior`` where that matters.
+    Source: Paper Eq. 9.
+    """
+    if robot.prior and robot.prior.links:
+        bodies = robot.prior.links
+    else:
+        spec, ends = cylinders_of(robot), link_cylinders(robot)
+        volumes = math.pi * spec.radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        masses = volumes * (spec.density or 0.0) if spec.mass is None else volumes * spec.mass / volumes.sum()
+        bodies = tuple(cylinder_body(each, spec.radius, float(m)) for each, m in zip(ends, masses, strict=True))
+    return bodies if robot.tool is None else (*bodies[:-1], joined(bodies[-1], robot.tool))
+
+
+def prior_parameters(robot: Robot) -> Floats:
+    """Return the first ten parameters of Table 5 of each link's prior body, (10 n,) [kg, kg m, kg m^2]."""
+    return np.concatenate([body.parameters() for body in prior_bodies(robot)])
+
+
+def prior_vector(model: Model) -> Floats:
+    """Return the prior gamma of all parameters of a model in the order of its columns, (c,), in their units.
+
+    Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
+    """
+    bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
+    return np.array(
+        [
+            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)] if parameter.of_body else 0.0
+            for parameter in model.parameters
+        ]
+    )
+
+
+def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float = np.nan) -> Floats:
+    """Return the prior of the base parameters, K gamma, (p,), in their units.
+
+    Args:
+        model: the model.
+        reduction: its base parameters.
+        unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
+            alone; in a combination a rotor inertia counts as zero.
+    """
+    table = [model.parameters[k] for k in reduction.base]
+    combined = np.count_nonzero(reduction.K, axis=1) > 1
+    known = [p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)]
+    return np.where(known, reduction.K @ prior_vector(model), unknown)
+
+
+def joined(first: Body, second: Body) -> Body:
+    """Return two bodies that are fixed to the same frame as one."""
+    return body_of(first.parameters() + second.parameters())
+
+
+def body_of(parameters: Floats) -> Body:
+    """Return the body with these ten parameters of Table 5, (10,)."""
+    m = float(parameters[0])
+    c = parameters[1:4] / m if m else np.zeros(3)
+    about_origin = np.zeros((3, 3))
+    about_origin[np.triu_indices(3)] = parameters[4:]
+    return Body.of(m, c, about_origin - m * (c @ c * np.eye(3) - np.outer(c, c)))
+
+
+def second_moments(inertia: Floats) -> Floats:
+    """Return tr(I) / 2 - I: the second moments of a distribution of mass with inertia I, (..., 3, 3) [kg m^2].
+
+    A body that can exist has none that is negative.
+    """
+    return np.asarray(np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2 * np.eye(3) - inertia)
+
+
+def inertia_of(moments: Floats) -> Floats:
+    """Return tr(S) - S: the inertia of a distribution of mass with second moments S, (..., 3, 3) [kg m^2]."""
+    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
+
+
+def moved(body: Body, pose: Floats) -> Body:
+    """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
+    R = pose[:3, :3]
+    return Body.of(body.mass, R @ np.array(body.com) + pose[:3, 3], R @ body.tensor @ R.T)

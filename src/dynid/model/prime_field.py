@@ -8,7 +8,6 @@ Source: Schwartz-Zippel lemma.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -27,21 +26,6 @@ ROOTS[6] = ROOTS[2] * ROOTS[3] % PRIME
 _STEP = math.pi / 12
 #: An angle this close to a multiple of 15 degrees is one: this undoes rounding only, the robot file snaps coarsely.
 _ROUNDING_RAD = 1e-9
-
-
-@dataclass(frozen=True)
-class FieldState:
-    """Joint states in the prime field.
-
-    Attributes:
-        q: positions, (B, n); they stand for sliding joints only, a turning joint has independent cosine and sine.
-        qd: velocities, (B, n).
-        qdd: accelerations, (B, n).
-    """
-
-    q: Residues
-    qd: Residues
-    qdd: Residues
 
 
 def decimal_fraction(value: float) -> Fraction:

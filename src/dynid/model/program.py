@@ -1,20 +1,50 @@
-"""The regressor as a straight-line program: plain integer arrays, no code in files.
+"""The regressor as a straight-line program: plain integer arrays, no code in files, and its evaluation on many samples.
 
 Slots are numbered: first the inputs, then the integer constants, then one slot an operation. An operation reads two
 earlier slots. Each non-zero entry of the regressor names its row, its column and the slot that holds it.
+
+For evaluation a program is bound to a robot's geometry, constants are folded, registers are reused as soon as their
+value is dead, and the list of array operations is run on blocks of samples that stay in the processor's cache: with
+NumPy, or by an interpreter in C that is compiled once on a machine that has a compiler. Both give the same bits.
 """
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import os
+import platform
 import re
+import shutil
+import stat
+import subprocess
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model import tuning
+from dynid.model.kinematics import geometry
+from dynid.robot import Robot
+from dynid.scratch import scratch_folder
+from dynid.xdg import cache_folder
+
 Ints = NDArray[np.int32]
+Floats = NDArray[np.float64]
 
 ADD, SUB, MUL, NEG = range(4)
+#: The operations on plain numbers.
+FOLD: dict[int, Callable[[float, float], float]] = {
+    ADD: lambda a, b: a + b,
+    SUB: lambda a, b: a - b,
+    MUL: lambda a, b: a * b,
+    NEG: lambda a, _: -a,
+}
+UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}
 #: Names of inputs; nothing else may become a variable when a program is written as code.
 _INPUT = re.compile(r"(?:c|s|q|qd|qdd|a|d|ca|sa)[1-9][0-9]{0,3}|g[xyz]")
 
@@ -112,28 +142,270 @@ def _within(values: Ints, limit: int | NDArray[np.intp]) -> bool:
     return bool(np.all((values >= 0) & (values < limit)))
 
 
-class Builder:
-    """Collects operations and finds equal ones (value numbering), so that nothing is computed twice."""
+# ---------------------------------------------------------------- evaluation
+#: Operation, slots of both operands, slot of the result.
+Step = tuple[int, int, int, int]
+#: (q, qd, qdd) of at most ``tuning.BLOCK_SAMPLES`` samples -> entries (E, B), which the next call overwrites.
+Evaluator = Callable[[Floats, Floats, Floats], Floats]
 
-    def __init__(self, inputs: tuple[str, ...], constants: tuple[int, ...]) -> None:
-        self.inputs, self.constants = inputs, constants
-        self._ops: list[tuple[int, int, int]] = []
-        self._known: dict[tuple[int, int, int], int] = {}
 
-    def slot(self, op: int, lhs: int, rhs: int) -> int:
-        """Return the slot of an operation, a new one only when it is not there yet."""
-        if op in (ADD, MUL) and lhs > rhs:
-            lhs, rhs = rhs, lhs
-        key = (op, lhs, rhs)
-        if key not in self._known:
-            self._known[key] = len(self.inputs) + len(self.constants) + len(self._ops)
-            self._ops.append(key)
-        return self._known[key]
+def bound(program: Program, robot: Robot) -> tuple[list[float | None], list[tuple[int, str]], list[Step]]:
+    """Return a program with a robot's geometry put in and everything computed that does not move.
 
-    def build(self, entries: list[tuple[int, int, int]], shape: tuple[int, int]) -> Program:
-        """Return the program whose entries are (row, column, slot), without operations that no entry needs."""
-        ops = np.array(self._ops, dtype=np.int32).reshape(-1, 3)
-        out = np.array(entries, dtype=np.int32).reshape(-1, 3)
-        op, lhs, rhs, rows, cols, outputs = (np.ascontiguousarray(column) for column in (*ops.T, *out.T))
-        program = Program(self.inputs, self.constants, op, lhs, rhs, rows, cols, outputs, shape)
-        return program.restricted(np.arange(shape[1]))
+    Returns:
+        The number of each slot, None where it moves; slot and name of each input that moves; the steps that are left.
+    """
+    fixed = geometry(robot)
+    value = [*(fixed.get(name) for name in program.inputs), *(float(constant) for constant in program.constants)]
+    moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
+    steps: list[Step] = []
+    for op, lhs, rhs in np.stack([program.op, program.lhs, program.rhs], axis=1).tolist():
+        a, b = value[lhs], 0.0 if op == NEG else value[rhs]
+        if a is None or b is None:
+            steps.append((op, lhs, rhs, len(value)))
+        value.append(None if a is None or b is None else FOLD[op](a, b))
+    return value, moving, steps
+
+
+def moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return one input that varies with the motion."""
+    kind, joint = input_of(name)
+    if kind in ("c", "s"):
+        angle = q[:, joint] + robot.joints[joint].theta_offset
+        return np.cos(angle) if kind == "c" else np.sin(angle)
+    return (q if kind == "q" else qd if kind == "qd" else qdd)[:, joint]
+
+
+def input_of(name: str) -> tuple[str, int]:
+    """Return kind and joint (0-based) of an input that varies with the motion."""
+    kind = name.rstrip("0123456789")
+    return kind, int(name[len(kind) :]) - 1
+
+
+def evaluator(program: Program, robot: Robot) -> Evaluator:
+    """Return a function that evaluates the entries of a program's matrix for one robot.
+
+    The rows that operations work on are registers, then the entries themselves, then constants: an entry is the row
+    that its slot is computed in, and is copied only where a slot serves twice, is an input or does not move.
+    """
+    value, moving, steps = bound(program, robot)
+    wanted = program.outputs.tolist()
+    computed = [(slot, e) for e, slot in enumerate(wanted) if slot >= program.first and value[slot] is None]
+    entry = dict(reversed(computed))
+    copied = [slot for e, slot in enumerate(wanted) if entry.get(slot) != e]
+    register, size = _registers(steps, [slot for slot, _ in moving], entry, copied)
+    edge, constants = size + len(wanted), dict[float, int]()
+
+    def row(slot: int) -> int:
+        number = value[slot]
+        if number is not None:
+            return edge + constants.setdefault(number, len(constants))
+        return size + entry[slot] if slot in entry else register[slot]
+
+    calls = [(op, row(lhs), row(lhs if op == NEG else rhs), row(out)) for op, lhs, rhs, out in steps]
+    outputs = [row(slot) for slot in wanted]
+    registers, entries = np.empty((size, tuning.BLOCK_SAMPLES)), np.empty((len(wanted), tuning.BLOCK_SAMPLES))
+    rows: list[Any] = [*registers, *entries, *constants]
+    in_numpy = [_array_operation(call, rows) for call in calls]
+    copies = [(entries[e], rows[k]) for e, k in enumerate(outputs) if k != size + e]
+    loads = [(registers[register[slot]], name) for slot, name in moving]
+    in_c: list[Callable[[ctypes.CDLL, int], None]] = []
+
+    def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        count = len(q)
+        library = interpreter(count)
+        for target, name in loads:
+            target[:count] = moving_input(name, robot, q, qd, qdd)
+            target[count:] = 0.0
+        if library is not None:
+            if not in_c:
+                in_c.append(_call_in_c(calls, outputs, edge, list(constants), registers, len(loads), entries))
+            in_c[0](library, count)
+            return entries[:, :count]
+        for ufunc, a, b, out in in_numpy:
+            ufunc(a, b, out)
+        for target, source in copies:
+            target[:] = source
+        return entries[:, :count]
+
+    return run
+
+
+def _array_operation(call: Step, rows: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+    op, a, b, out = call
+    return (np.multiply, rows[a], -1.0, rows[out]) if op == NEG else (UFUNC[op], rows[a], rows[b], rows[out])
+
+
+def _registers(
+    steps: Sequence[Step], inputs: Sequence[int], entry: dict[int, int], copied: Sequence[int]
+) -> tuple[dict[int, int], int]:
+    """Return the register of each slot that is no entry, and how many there are; dead ones are reused."""
+    last = {slot: k for k, (op, lhs, rhs, _) in enumerate(steps) for slot in ((lhs,) if op == NEG else (lhs, rhs))}
+    last |= dict.fromkeys(copied, len(steps))
+    register = {slot: r for r, slot in enumerate(inputs)}
+    free: list[int] = []
+    size = len(register)
+    for k, (op, lhs, rhs, out) in enumerate(steps):
+        read = {lhs} if op == NEG else {lhs, rhs}
+        free += [register[slot] for slot in read if last[slot] == k and slot in register]
+        if out not in entry:
+            if not free:
+                free.append(size)
+                size += 1
+            register[out] = free.pop()
+    return register, size
+
+
+# ---------------------------------------------------------------- the interpreter in C
+#: Samples that it evaluates together; N of the source.
+_TOGETHER = 64
+#: All that is ever compiled; programs reach it as numbers.
+_SOURCE = r"""
+#include <string.h>
+#define N 64
+#if defined(__GNUC__) && !defined(__clang__)
+#define EACH _Pragma("GCC ivdep") for (int i = 0; i < N; i++)
+#else
+#define EACH for (int i = 0; i < N; i++)
+#endif
+#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
+__attribute__((target_clones("avx512f", "avx2", "default")))
+#endif
+void dynid_run(const int *calls, long many, double *pool, const double *inputs, long loads, long stride,
+               const int *outputs, long entries, double *out, long count)
+{
+    for (long start = 0; start < count; start += N) {
+        const long size = (count - start < N ? count - start : N) * (long)sizeof(double);
+        for (long k = 0; k < loads; k++) memcpy(pool + k * N, inputs + k * stride + start, size);
+        for (long k = 0; k < many; k++) {
+            const int *call = calls + 4 * k;
+            const double *a = pool + (long)call[1] * N, *b = pool + (long)call[2] * N;
+            /* Rows are the same or apart: nothing depends on another place of a row. */
+            double *x = pool + (long)call[3] * N;
+            switch (call[0]) {
+            case 0: EACH x[i] = a[i] + b[i]; break;
+            case 1: EACH x[i] = a[i] - b[i]; break;
+            case 2: EACH x[i] = a[i] * b[i]; break;
+            default: EACH x[i] = a[i] * -1.0;
+            }
+        }
+        for (long k = 0; k < entries; k++) memcpy(out + k * stride + start, pool + (long)outputs[k] * N, size);
+    }
+}
+"""
+#: Optimised for the machine only where the processor is asked at run time; no operation is contracted.
+_FLAGS = ("-O3", "-ffp-contract=off", "-fPIC", "-shared")
+
+
+@dataclass
+class _Interpreter:
+    """What this process knows about the interpreter in C.
+
+    Attributes:
+        evaluated: samples that NumPy has evaluated.
+        looked: whether a compiled interpreter was looked for.
+        tried: whether one was compiled, or cannot be.
+        library: the interpreter.
+    """
+
+    evaluated: int = 0
+    looked: bool = False
+    tried: bool = False
+    library: ctypes.CDLL | None = None
+
+
+_interpreter = _Interpreter()
+
+
+def _call_in_c(
+    calls: Sequence[Step],
+    outputs: Sequence[int],
+    edge: int,
+    constants: Sequence[float],
+    inputs: Floats,
+    loads: int,
+    entries: Floats,
+) -> Callable[[ctypes.CDLL, int], None]:
+    """Return a function that evaluates so many samples of the inputs into the entries."""
+    table, last = np.array(calls, dtype=np.int32).reshape(-1, 4), np.array(outputs, dtype=np.int32)
+    pool = np.zeros((edge + len(constants), _TOGETHER))
+    pool[edge:] = np.reshape(constants, (-1, 1))
+    if not (np.all((table[:, 1:] >= 0) & (table[:, 1:] < len(pool))) and np.all(last < len(pool))):
+        raise ValueError("a program reads or writes beyond its rows")
+
+    def call(library: ctypes.CDLL, count: int) -> None:
+        at = [array.ctypes.data for array in (table, pool, inputs, last, entries)]
+        stride = inputs.shape[1]
+        library.dynid_run(at[0], len(table), at[1], at[2], loads, stride, at[3], len(last), at[4], count)
+
+    return call
+
+
+def interpreter(samples: int) -> ctypes.CDLL | None:
+    """Return the compiled interpreter where there is one, and compile it when so many samples make it worth while.
+
+    Args:
+        samples: that are evaluated next.
+    """
+    if _interpreter.library is None and not _interpreter.tried:
+        _interpreter.evaluated += samples
+        if not _interpreter.looked:
+            _interpreter.looked, _interpreter.library = True, kept()
+        elif _interpreter.evaluated > tuning.SAMPLES_WORTH_COMPILING:
+            _interpreter.tried, _interpreter.library = True, _compiled()
+    return _interpreter.library
+
+
+def place() -> Path:
+    """Return where the compiled interpreter of this machine is kept."""
+    facts = "\n".join((_SOURCE, *_FLAGS, platform.machine(), platform.system(), platform.libc_ver()[0]))
+    return cache_folder() / "kernels" / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.so"
+
+
+def compiler() -> str | None:
+    """Return the C compiler of this machine, None where there is none."""
+    found = shutil.which("cc") if os.name == "posix" else None
+    # Why: where the path of programs names the current folder, a cc that came with somebody's logs would run.
+    return found if found is not None and Path(found).is_absolute() else None
+
+
+def kept() -> ctypes.CDLL | None:
+    """Return the compiled interpreter of this machine, None where none is kept."""
+    return _loaded(place())
+
+
+def _loaded(path: Path) -> ctypes.CDLL | None:
+    """Return a compiled interpreter that this user has made, and nobody else can change."""
+    try:
+        for each in (path.parent, path):
+            info = each.lstat()
+            if info.st_uid != os.getuid() or info.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or each.is_symlink():
+                return None
+        library = ctypes.CDLL(str(path))
+        pointer, whole = ctypes.c_void_p, ctypes.c_long
+        library.dynid_run.argtypes = [
+            pointer, whole, pointer, pointer, whole, whole, pointer, whole, pointer, whole,
+        ]  # fmt: skip
+        library.dynid_run.restype = None
+    except (OSError, AttributeError):
+        return None
+    return library
+
+
+def _compiled() -> ctypes.CDLL | None:
+    """Compile the interpreter into the cache, whole or not at all."""
+    path, program = place(), compiler()
+    if program is None:
+        return None
+    with suppress(OSError, subprocess.SubprocessError):
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with scratch_folder(path.parent) as folder:
+            made = folder / path.name
+            words, patience = [program, *_FLAGS, "-o", str(made), "-x", "c", "-"], tuning.COMPILER_TIMEOUT_S
+            # Why: a compiler that is stopped leaves its temporary files behind.
+            given = {**os.environ, "TMPDIR": str(folder)}
+            subprocess.run(words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=patience, env=given)
+            made.chmod(0o700)
+            made.replace(path)
+        return _loaded(path)
+    return None

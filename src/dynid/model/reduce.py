@@ -7,7 +7,7 @@ log excites is another. Columns are normalised first; without that slow motions 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import ReductionsDisagree
+from dynid.model import tuning
+from dynid.model.base_model import Reduction
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
@@ -24,65 +26,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-#: A column whose norm is below this share of the largest one is rounding noise.
-ZERO_COLUMN = 1e-10
-#: A normalised column left with less than this after projection on the ones before it depends on them. On random
-#: states the kept singular values end at about 0.2 and the dropped ones begin at 5e-15, so anything between serves.
-DEPENDENT = 1e-9
-#: Coefficients of a relation below this share of the largest one are rounding noise.
-ZERO_COEFFICIENT = 1e-9
 #: Parameters named in the message before it is cut.
 _SHOWN = 8
-#: Standard deviation of the random speeds and accelerations [rad/s, rad/s^2]: no column is small then.
-SPREAD = 2.0
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """The base parameters of a model: theta = K gamma and tau = P[:, base] theta.
-
-    Attributes:
-        names: names of all c columns.
-        base: indices of the p representatives: the leftmost independent columns in the order of Table 5.
-        K: how the base parameters combine all parameters, (p, c); the identity at ``base``.
-        alone: names of parameters identifiable alone (X_i).
-        none: names of parameters that no motion shows (X_ni).
-        combined: names of parameters identifiable only in linear combinations (X_1 and X_2).
-        singular_values: of the stacked, normalised regressor, (c,).
-        gap: smallest kept over largest dropped singular value; infinity when nothing was dropped.
-        method: ``"svd"``, or ``"exact"`` when the exact method has confirmed it.
-        formulas: each base parameter in the symbols of the DH table, (p,); () when only singular values were used.
-    """
-
-    names: tuple[str, ...]
-    base: Ints
-    K: Floats
-    alone: tuple[str, ...]
-    none: tuple[str, ...]
-    combined: tuple[str, ...]
-    singular_values: Floats
-    gap: float
-    method: str
-    formulas: tuple[str, ...] = ()
-
-    @property
-    def rank(self) -> int:
-        """Number of base parameters."""
-        return len(self.base)
-
-    @property
-    def base_names(self) -> tuple[str, ...]:
-        """Names of the base parameters; a combination is called after its representative with an R: ``Ixx2R``."""
-        single = set(self.alone)
-        return tuple(self.names[k] if self.names[k] in single else f"{self.names[k]}R" for k in self.base)
-
-    def terms(self, row: int) -> dict[str, float]:
-        """Return the parameters in one base parameter with their coefficients."""
-        return {self.names[k]: float(self.K[row, k]) for k in np.flatnonzero(self.K[row])}
-
-    def class_of(self, name: str) -> str:
-        """Return the class of a parameter: alone, combined or none."""
-        return "alone" if name in self.alone else "none" if name in self.none else "combined"
 
 
 def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
@@ -90,11 +35,11 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
     rng = np.random.default_rng(seed)
     reach = np.array([np.pi if joint.revolute else 1.0 for joint in robot.joints])
     q = rng.uniform(-reach, reach, (count, robot.n))
-    qd, qdd = rng.normal(0.0, SPREAD, (2, count, robot.n))
+    qd, qdd = rng.normal(0.0, tuning.RANDOM_STATE_SPREAD, (2, count, robot.n))
     return q, qd, qdd
 
 
-def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = tuning.DEPENDENT_COLUMN) -> Reduction:
     """Find the base parameters of a model by singular values on random states, and those of added effects.
 
     Args and source: as ``reduce_plain``.
@@ -102,7 +47,9 @@ def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float 
     return with_added(reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance), model)
 
 
-def reduce_plain(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+def reduce_plain(
+    model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = tuning.DEPENDENT_COLUMN
+) -> Reduction:
     """Find the base parameters of a model by singular values on random states, without those of added effects.
 
     Args:
@@ -121,7 +68,7 @@ def reduce_plain(model: Model, *, samples: int = 200, seed: int = 0, tolerance: 
     limits.check("matrix", samples * model.robot.n * size, "random states")
     W = model.regressor(*random_states(model.robot, samples, seed)).reshape(-1, size)
     norms = np.linalg.norm(W, axis=0)
-    present = norms > ZERO_COLUMN * norms.max()
+    present = norms > tuning.ROUNDING_SHARE * norms.max()
     scale = np.where(present, norms, 1.0)
     W = np.where(present, W / scale, 0.0)
     values, Vt = np.linalg.svd(W, full_matrices=False)[1:]
@@ -129,7 +76,7 @@ def reduce_plain(model: Model, *, samples: int = 200, seed: int = 0, tolerance: 
     gap = float(values[rank - 1] / values[rank]) if rank < size and values[rank] > 0 else np.inf
     base, K = _regroup(W, present, tolerance)
     K = K * scale / scale[base][:, None]
-    K[np.abs(K) < ZERO_COEFFICIENT * np.abs(K).max(axis=1, keepdims=True)] = 0.0
+    K[np.abs(K) < tuning.ROUNDING_SHARE * np.abs(K).max(axis=1, keepdims=True)] = 0.0
     mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
     names = model.parameter_names
     pick = [(names[k], bool(present[k]), bool(mixed[k])) for k in range(size)]
@@ -188,7 +135,9 @@ def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[I
 
 
 # ---------------------------------------------------------------- two methods, one answer
-def base_parameters(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = DEPENDENT) -> Reduction:
+def base_parameters(
+    model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = tuning.DEPENDENT_COLUMN
+) -> Reduction:
     """Find the base parameters of a model by both methods, and those of added effects.
 
     Args:

@@ -2,27 +2,33 @@
 
 Columns are the 11 parameters of every identified link in the order of Table 5, then the friction columns, then those of
 effects that were added to the robot file. The last ones depend on the order of the samples and are made by
-``Model.added_entries``.
+``Model.added_entries``. With values of the parameters the model is a source of torques (``ModelTorques``), whose mass
+matrix tells whether an arm can have them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model import tuning
 from dynid.model.dynamics import derive
 from dynid.model.effects.catalogue import Added, added_effects
-from dynid.model.effects.interface import ArmMotion, Column, State
-from dynid.model.effects.joint_columns import coupled_motor_columns, joint_columns
-from dynid.model.kernels import Kernel
-from dynid.model.parameters import Parameter, columns_of, link_parameters
-from dynid.model.program import Program
+from dynid.model.effects.friction import friction_entries, friction_parameters, friction_rows
+from dynid.model.effects.interface import ArmMotion
+from dynid.model.kinematics import LinkFrames, link_frames
+from dynid.model.parameters import Parameter, columns_of, link_parameters, prior_vector
+from dynid.model.program import Program, evaluator
 from dynid.robot import Robot
 from dynid.units import ampere_unit
+
+if TYPE_CHECKING:
+    from dynid.model.base_model import Reduction
 
 Floats = NDArray[np.float64]
 
@@ -44,9 +50,9 @@ class Model:
         return Model, (self.robot, self.rigid)
 
     @cached_property
-    def extra(self) -> tuple[Column, ...]:
-        """Friction columns and those of coupled motors."""
-        return (*joint_columns(self.robot), *coupled_motor_columns(self.robot))
+    def friction(self) -> tuple[Parameter, ...]:
+        """Friction of the robot file, and what coupled motors add."""
+        return friction_parameters(self.robot)
 
     @cached_property
     def added(self) -> tuple[Added, ...]:
@@ -69,7 +75,7 @@ class Model:
         """What each column stands for, (c)."""
         links = link_parameters(self.robot)
         added = (column.parameter for effect in self.added for column in effect.columns)
-        return (*(links[k] for k in self.link_columns), *(column.parameter for column in self.extra), *added)
+        return (*(links[k] for k in self.link_columns), *self.friction, *added)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -95,7 +101,7 @@ class Model:
     @property
     def plain_size(self) -> int:
         """Number of columns without those of added effects: what one sample is enough for."""
-        return len(self.link_columns) + len(self.extra)
+        return len(self.link_columns) + len(self.friction)
 
     def observer(self, columns: NDArray[np.intp] | None = None) -> Observer:
         """Return an evaluator of the given columns (all when None), in that order."""
@@ -123,37 +129,33 @@ class Model:
 class Observer:
     """Evaluates chosen columns of a model on samples, entry by entry or dense.
 
+    Args:
+        model: the model.
+        columns: indices of the columns, in the order wanted.
+
     Attributes:
-        rows: joint of each non-zero entry, (E,).
-        cols: column of each entry among the chosen ones, (E,).
+        rows: joint of each non-zero entry of P, (E,); entries of added effects come last.
+        cols: column of each entry, among the chosen ones, (E,).
         shape: joints and chosen columns.
         added_entries: which entries of ``Model.added_entries`` follow those of ``blocks``.
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
-        links = model.link_columns
+        links, robot = model.link_columns, model.robot
         rigid, plain = columns < len(links), columns < model.plain_size
-        self._kernel = Kernel(model.rigid.restricted(links[columns[rigid]]), model.robot)
-        self._extra = [model.extra[k - len(links)] for k in columns[plain & ~rigid]]
-        place = np.flatnonzero(rigid)
-        extra = [(column.rows, k) for column, k in zip(self._extra, np.flatnonzero(plain & ~rigid), strict=True)]
-        entries, added = self._added_entries(model, columns)
-        rows = [self._kernel.rows, *(np.array(rows) for rows, _ in extra), added[0]]
-        cols = [place[self._kernel.cols], *(np.full(len(rows), k) for rows, k in extra), added[1]]
-        self.rows = np.concatenate(rows).astype(np.intp)
-        self.cols = np.concatenate(cols).astype(np.intp)
-        self.shape = (model.robot.n, len(columns))
-        self.added_entries = entries
-
-    @staticmethod
-    def _added_entries(model: Model, columns: NDArray[np.intp]) -> tuple[NDArray[np.intp], tuple[Floats, Floats]]:
-        """Return which entries of ``Model.added_entries`` are wanted, with their rows and columns."""
-        layout = [column.rows for effect in model.added for column in effect.columns]
-        edges = np.cumsum([0, *(len(rows) for rows in layout)])
+        program = model.rigid.restricted(links[columns[rigid]])
+        self._robot, self._rigid = robot, evaluator(program, robot)
+        self._friction = [model.friction[k - len(links)] for k in columns[plain & ~rigid]]
+        joints = [friction_rows(parameter) for parameter in self._friction]
+        places = [np.full(len(at), k) for k, at in zip(np.flatnonzero(plain & ~rigid), joints, strict=True)]
+        added = [rows for effect in model.added for rows in (column.rows for column in effect.columns)]
+        edges = np.cumsum([0, *map(len, added)])
         wanted = [(k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size]
-        entries = np.concatenate([[], *(np.arange(edges[c], edges[c + 1]) for _, c in wanted)]).astype(np.intp)
-        rows = np.concatenate([[], *(np.array(layout[c]) for _, c in wanted)])
-        return entries, (rows, np.concatenate([[], *(np.full(len(layout[c]), k) for k, c in wanted)]))
+        self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for _, c in wanted])
+        self.rows = _joined([program.rows, *joints, *(added[c] for _, c in wanted)])
+        self.cols = _joined([np.flatnonzero(rigid)[program.cols], *places, *([k] * len(added[c]) for k, c in wanted)])
+        self.shape = (robot.n, len(columns))
+        self._plain = len(self.rows) - len(self.added_entries)
 
     def blocks(
         self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
@@ -166,47 +168,41 @@ class Observer:
             qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
             coulomb_sign: signs of the velocities where a log carries them, (N, n); those of ``qd`` when None.
         """
-        for part, entries in self._kernel.blocks(q, qd, qdd):
-            extra = self._extra_entries(
-                q[part], qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
-            )
-            yield part, np.vstack([entries, *extra]) if extra else entries
+        for start in range(0, len(q), tuning.BLOCK_SAMPLES):
+            part = slice(start, min(start + tuning.BLOCK_SAMPLES, len(q)))
+            rigid = self._rigid(q[part], qd[part], qdd[part])
+            friction = self._friction_entries(qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part])
+            yield part, np.vstack([rigid, *friction]) if friction else rigid
 
     def entries(self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None) -> Floats:
         """Return the entries that ``blocks`` yields, in one array, (E, N)."""
-        found = np.empty((len(self.rows) - len(self.added_entries), len(q)))
-        for part, entries in self._kernel.blocks(q, qd, qdd):
-            extra = self._extra_entries(
-                q[part], qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
-            )
-            found[: len(entries), part] = entries
-            for row, entry in zip(found[len(entries) :], extra, strict=True):
-                row[part] = entry
+        found = np.empty((self._plain, len(q)))
+        for part, entries in self.blocks(q, qd, qdd, coulomb_sign):
+            found[:, part] = entries
         return found
 
-    def _extra_entries(self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None) -> list[Floats]:
-        """Return the entries of friction and coupled motors, E arrays (N,)."""
-        state, found = State(q, qd, qdd), list[Floats]()
-        for column in self._extra:
-            if coulomb_sign is not None and column.parameter.kind == "fc":
-                found.append(coulomb_sign[:, column.rows[0]])
+    def _friction_entries(self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None) -> list[Floats]:
+        found = list[Floats]()
+        for parameter in self._friction:
+            if coulomb_sign is not None and parameter.kind == "fc":
+                found.append(coulomb_sign[:, parameter.number - 1])
             else:
-                found += column.evaluate(state)
+                found += friction_entries(parameter, self._robot, qd, qdd)
         return found
 
     def coulomb_sign(self, qd: Floats) -> Floats:
         """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""
         found = np.zeros_like(qd)
-        for column in self._extra:
-            if column.parameter.kind == "fc":
-                found[:, column.rows[0]] = column.evaluate(State(qd, qd, qd))[0]
+        for parameter in self._friction:
+            if parameter.kind == "fc":
+                found[:, parameter.number - 1] = friction_entries(parameter, self._robot, qd, qd)[0]
         return found
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns as one array, those of added effects zero, (N, n, p)."""
         full = np.zeros((len(q), *self.shape))
         for part, entries in self.blocks(q, qd, qdd):
-            full[part, self.rows[: len(entries)], self.cols[: len(entries)]] = entries.T
+            full[part, self.rows[: self._plain], self.cols[: self._plain]] = entries.T
         return full
 
     def torque(self, theta: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -221,13 +217,16 @@ class Observer:
         Returns:
             tau, (N, n) [N m or N].
         """
-        count = len(self.rows) - len(self.added_entries)
-        spread = np.zeros((self.shape[0], count))
-        spread[self.rows[:count], np.arange(count)] = theta[self.cols[:count]]
+        spread = np.zeros((self.shape[0], self._plain))
+        spread[self.rows[: self._plain], np.arange(self._plain)] = theta[self.cols[: self._plain]]
         tau = np.empty((len(q), self.shape[0]))
         for part, entries in self.blocks(q, qd, qdd):
             tau[part] = (spread @ entries).T
         return tau
+
+
+def _joined(parts: Sequence[Sequence[int] | NDArray[Any]]) -> NDArray[np.intp]:
+    return np.concatenate([np.asarray(part, dtype=np.intp) for part in (*parts, [])])
 
 
 def build_model(robot: Robot) -> Model:
@@ -239,3 +238,165 @@ def parameter_names(robot: Robot) -> tuple[str, ...]:
     """Return the names of all columns of an arm's model, (c), without deriving it."""
     none = np.zeros(0, dtype=np.int32)
     return Model(robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))).parameter_names
+
+
+# ---------------------------------------------------------------- the model with numbers
+class ModelTorques:
+    """Torques of a model with given parameters; satisfies ``ReferenceTorques``.
+
+    Args:
+        model: the model.
+        values: of all its columns, in their units; those of effects are left out, (c,).
+    """
+
+    def __init__(self, model: Model, values: Floats) -> None:
+        self._model, self._values = model, values
+        self._rigid = np.flatnonzero(values[: len(model.link_columns)])
+        self._total = np.flatnonzero(values[: model.plain_size])
+
+    # Why later: many are made whose torques nobody asks for.
+    @cached_property
+    def _rigid_observer(self) -> Observer:
+        return self._model.observer(self._rigid)
+
+    @cached_property
+    def _total_observer(self) -> Observer:
+        return self._model.observer(self._total)
+
+    def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return rigid-body torques, (N, n) [N m or N]."""
+        return self._rigid_observer.torque(self._values[self._rigid], q, qd, qdd)
+
+    def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return rigid-body and friction torques, (N, n) [N m or N]."""
+        return self._total_observer.torque(self._values[self._total], q, qd, qdd)
+
+    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
+        """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
+        robot, values = self._model.robot, np.zeros(11 * self._model.robot.n)
+        values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
+        links = values.reshape(robot.n, 11)
+        size = float(np.linalg.norm(robot.gravity))
+        return holding_torque(robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
+
+    def tip_force(self, q: Floats, axis: int) -> Floats:
+        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
+        # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
+        robot = self._model.robot
+        mass = np.eye(robot.n)[-1]
+        return holding_torque(robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
+
+    def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
+        last = 11 * (self._model.robot.n - 1)
+        chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
+        return np.ascontiguousarray(self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1))
+
+
+def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
+    """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
+    values = np.zeros(model.size)
+    values[reduction.base] = theta
+    return ModelTorques(model, values)
+
+
+def prior_torques(model: Model) -> ModelTorques:
+    """Return the torques of the prior, without friction."""
+    return ModelTorques(model, prior_vector(model))
+
+
+def holding_torque(robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats) -> Floats:
+    """Return the torques that hold the links under a gravity, (N, n) [N m or N].
+
+    The regressor's program leaves out components of gravity that are zero, so a tilted base or a force on the tool is
+    computed here from the frames.
+
+    Args:
+        robot: the arm.
+        where: its poses over a motion of N samples.
+        mass: of each link, (n,) [kg].
+        moment: first moment of each link in its DH frame, (n, 3) [kg m].
+        gravity: in frame 0, (3,) [m/s^2].
+    """
+    centres = mass[:, None] * where.p + np.einsum("mkij,kj->mki", where.R, moment)
+    # What a joint carries is everything from its own link outwards.
+    carried, weight = np.cumsum(centres[:, ::-1], axis=1)[:, ::-1], np.cumsum(mass[::-1])[::-1]
+    tau = np.empty(where.p.shape[:2])
+    for j, joint in enumerate(robot.joints):
+        if joint.revolute:
+            lever = carried[:, j] - weight[j] * where.point[:, j]
+            tau[:, j] = -np.einsum("mi,mi->m", where.axis[:, j], np.cross(lever, gravity))
+        else:
+            tau[:, j] = -weight[j] * where.axis[:, j] @ gravity
+    return tau
+
+
+# ---------------------------------------------------------------- mass matrix
+#: Inverse dynamics (q, qd, qdd) -> tau, all (N, n); linear in qdd.
+Torque = Callable[[Floats, Floats, Floats], Floats]
+
+
+def mass_matrices(torque: Torque, q: Floats) -> Floats:
+    """Return the mass matrix of each pose, column by column: tau(q, 0, e_j) - tau(q, 0, 0).
+
+    Args:
+        torque: inverse dynamics.
+        q: poses, (N, n) [rad or m].
+
+    Returns:
+        (N, n, n), not made symmetric.
+    """
+    still = np.zeros_like(q)
+    gravity = torque(q, still, still)
+    columns = [torque(q, still, np.broadcast_to(unit, q.shape).copy()) - gravity for unit in np.eye(q.shape[1])]
+    return np.stack(columns, axis=2)
+
+
+def random_poses(robot: Robot, poses: int = 1000, seed: int = 0) -> Floats:
+    """Return poses within the limits, one turn where there are none, (poses, n) [rad or m]."""
+    bounds = [joint.limits.position or ((-np.pi, np.pi) if joint.revolute else (-0.5, 0.5)) for joint in robot.joints]
+    low, high = np.array(bounds).T
+    return np.random.default_rng(seed).uniform(low, high, (poses, robot.n))
+
+
+@dataclass(frozen=True)
+class SignAlarm:
+    """What the mass matrix looks like over random poses: the alarm for a wrong sign in the driver's map.
+
+    Such a sign can hide in a small residual, but its parameters belong to an arm that accelerates against a push.
+
+    Attributes:
+        share: share of the poses in which the matrix is not positive definite.
+        pose: the worst pose, (n,).
+        push: the joint accelerations that it would answer with a push against them, (n,), unit length.
+    """
+
+    share: float
+    pose: Floats
+    push: Floats
+
+    @property
+    def raised(self) -> bool:
+        """Whether the parameters belong to no arm, in at least one pose."""
+        return self.share > 0.0
+
+
+def sign_alarm(torque: Torque, q: Floats) -> SignAlarm:
+    """Test the mass matrix of identified parameters for positive definiteness.
+
+    Args:
+        torque: inverse dynamics of the identified parameters.
+        q: poses to test, (N, n) [rad or m]; 1000 random ones take milliseconds.
+
+    Returns:
+        The worst pose and what happens there.
+    """
+    M = mass_matrices(torque, q)
+    # Rows and columns are divided by the root of the largest inertia that each joint shows: metres beside radians.
+    largest = np.abs(np.diagonal(M, axis1=1, axis2=2)).max(axis=0)
+    size = np.sqrt(np.maximum(largest, np.finfo(float).tiny))
+    scaled = M / np.outer(size, size)
+    value, vector = np.linalg.eigh(0.5 * (scaled + scaled.swapaxes(1, 2)))
+    worst = int(np.argmin(value[:, 0]))
+    push = vector[worst, :, 0] / size
+    return SignAlarm(float(np.mean(value[:, 0] <= 0.0)), q[worst], push / np.linalg.norm(push))

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects.interface import Column, State
-from dynid.model.kernels import FOLD, moving_input
-from dynid.model.kinematics import geometry
-from dynid.model.program import ADD, MUL, NEG, SUB, Program
+from dynid.model.effects.friction import add_friction_gradient, friction_entries, friction_rows
+from dynid.model.program import MUL, NEG, SUB, UFUNC, Program, Step, bound, input_of, moving_input
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
-
-_UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}
+#: Gradients by q, qd and qdd, each (N, n).
+Gradient = tuple[Floats, Floats, Floats]
 
 
 class Tape:
@@ -34,21 +32,11 @@ class Tape:
 
     def __init__(self, program: Program, robot: Robot, samples: int) -> None:
         self._robot = robot
-        fixed = geometry(robot)
-        value: list[Any] = [fixed.get(name) for name in program.inputs] + [float(c) for c in program.constants]
-        moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
-        steps = []
-        listed = np.stack([program.op, program.lhs, program.rhs], axis=1).tolist()
-        for k, (op, lhs, rhs) in enumerate(listed):
-            a, b = value[lhs], 0.0 if op == NEG else value[rhs]
-            folded = a is not None and b is not None
-            value.append(FOLD[op](a, b) if folded else None)
-            if not folded:
-                steps.append((op, lhs, rhs, program.first + k))
+        value, moving, steps = bound(program, robot)
         self._rows = {slot: row for row, slot in enumerate([s for s, _ in moving] + [step[3] for step in steps])}
         self._values, self._slopes = np.zeros((2, len(self._rows), samples))
         self._spare = np.empty(samples)
-        self._value = value
+        self._value: list[Any] = value
         self._loads = [(self._values[self._rows[slot]], name) for slot, name in moving]
         self._inputs = [(self._slopes[self._rows[slot]], name) for slot, name in moving]
         self._outputs = [(e, slot) for e, slot in enumerate(program.outputs.tolist())]
@@ -59,15 +47,15 @@ class Tape:
     def _at(self, slot: int) -> Any:  # noqa: ANN401 - a number or a row
         return self._values[self._rows[slot]] if self._value[slot] is None else self._value[slot]
 
-    def _forward_calls(self, steps: list[tuple[int, int, int, int]]) -> list[tuple[Any, Any, Any, Any]]:
+    def _forward_calls(self, steps: list[Step]) -> list[tuple[Any, Any, Any, Any]]:
         calls = []
         for op, lhs, rhs, out in steps:
             target = self._values[self._rows[out]]
             negated = (np.multiply, self._at(lhs), -1.0, target)
-            calls.append(negated if op == NEG else (_UFUNC[op], self._at(lhs), self._at(rhs), target))
+            calls.append(negated if op == NEG else (UFUNC[op], self._at(lhs), self._at(rhs), target))
         return calls
 
-    def _backward_calls(self, steps: list[tuple[int, int, int, int]]) -> list[tuple[Any, Any, Any, Any]]:
+    def _backward_calls(self, steps: list[Step]) -> list[tuple[Any, Any, Any, Any]]:
         """List the array operations of the reverse sweep; a first contribution is written, others added."""
         seen = {slot for _, slot in self._outputs}
         calls: list[tuple[Any, Any, Any, Any]] = []
@@ -103,7 +91,7 @@ class Tape:
             self._entries[e] = self._at(slot)
         return self._entries
 
-    def add_gradient(self, weights: Floats, gradient: State) -> None:
+    def add_gradient(self, weights: Floats, gradient: Gradient) -> None:
         """Add the gradient of sum(weights * entries) at the last run to ``gradient``; weights are (E, samples)."""
         self._slopes.fill(0.0)
         for e, slot in self._outputs:
@@ -111,18 +99,14 @@ class Tape:
                 self._slopes[self._rows[slot]] += weights[e]
         for ufunc, a, b, out in self._backward:
             ufunc(a, b, out)
+        by_q, by_qd, by_qdd = gradient
         for slope, name in self._inputs:
-            kind = name.rstrip("0123456789")
-            j = int(name[len(kind) :]) - 1
-            if kind == "qd":
-                gradient.qd[:, j] += slope
-            elif kind == "qdd":
-                gradient.qdd[:, j] += slope
-            elif kind == "q":
-                gradient.q[:, j] += slope
-            else:
+            kind, j = input_of(name)
+            if kind in ("c", "s"):
                 angle = self._q[:, j] + self._robot.joints[j].theta_offset
-                gradient.q[:, j] += slope * (-np.sin(angle) if kind == "c" else np.cos(angle))
+                by_q[:, j] += slope * (-np.sin(angle) if kind == "c" else np.cos(angle))
+            else:
+                (by_q if kind == "q" else by_qd if kind == "qd" else by_qdd)[:, j] += slope
 
 
 class RegressorGradient:
@@ -144,47 +128,31 @@ class RegressorGradient:
         rigid = columns < len(links)
         program = model.rigid.restricted(links[columns[rigid]])
         self._tape = Tape(program, model.robot, samples)
-        self._extra = [model.extra[k - len(links)] for k in columns[~rigid]]
+        self._robot = model.robot
+        self._friction = [model.friction[k - len(links)] for k in columns[~rigid]]
         place, other = np.flatnonzero(rigid), np.flatnonzero(~rigid)
-        rows = [program.rows, *(np.array(column.rows) for column in self._extra)]
-        cols = [place[program.cols], *(np.full(len(c.rows), k) for c, k in zip(self._extra, other, strict=True))]
+        joints = [friction_rows(parameter) for parameter in self._friction]
+        rows = [program.rows, *(np.array(at) for at in joints)]
+        cols = [place[program.cols], *(np.full(len(at), k) for k, at in zip(other, joints, strict=True))]
         self.rows, self.cols = np.concatenate(rows).astype(np.intp), np.concatenate(cols).astype(np.intp)
         self.shape = (model.robot.n, len(columns))
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``gradient``."""
-        self._state = State(q, qd, qdd)
-        parts = [self._tape.run(q, qd, qdd), *(np.array(column.evaluate(self._state)) for column in self._extra)]
+        self._qd = qd
+        friction = [np.array(friction_entries(parameter, self._robot, qd, qdd)) for parameter in self._friction]
         full = np.zeros((len(q), *self.shape))
-        full[:, self.rows, self.cols] = np.concatenate(parts).T
+        full[:, self.rows, self.cols] = np.concatenate([self._tape.run(q, qd, qdd), *friction]).T
         return full
 
-    def gradient(self, weights: Floats) -> State:
+    def gradient(self, weights: Floats) -> Gradient:
         """Return the gradient of sum(weights * P) by q, qd and qdd at the last samples; weights are (N, n, p)."""
-        gradient = State(*(np.zeros_like(self._state.q) for _ in range(3)))
+        by_q, by_qd, by_qdd = (np.zeros_like(self._qd) for _ in range(3))
         entries = np.ascontiguousarray(weights[:, self.rows, self.cols].T)
-        start = len(entries) - sum(len(column.rows) for column in self._extra)
-        self._tape.add_gradient(entries[:start], gradient)
-        for column in self._extra:
-            stop = start + len(column.rows)
-            (column.add_gradient or differences(column))(self._state, list(entries[start:stop]), gradient)
+        start = len(entries) - sum(len(friction_rows(parameter)) for parameter in self._friction)
+        self._tape.add_gradient(entries[:start], (by_q, by_qd, by_qdd))
+        for parameter in self._friction:
+            stop = start + len(friction_rows(parameter))
+            add_friction_gradient(parameter, self._robot, self._qd, list(entries[start:stop]), by_qd, by_qdd)
             start = stop
-        return gradient
-
-
-def differences(column: Column, step: float = 1e-6) -> Any:  # noqa: ANN401
-    """Return an ``add_gradient`` by central differences for a column that has none."""
-
-    def add_gradient(state: State, weights: list[Floats], gradient: State) -> None:
-        for name in ("q", "qd", "qdd"):
-            for j in range(state.q.shape[1]):
-                sides = []
-                for sign in (1.0, -1.0):
-                    parts = {part: getattr(state, part) for part in ("q", "qd", "qdd")}
-                    parts[name] = parts[name].copy()
-                    parts[name][:, j] += sign * step
-                    sides.append(column.evaluate(State(**parts)))
-                for weight, up, down in zip(weights, *sides, strict=True):
-                    getattr(gradient, name)[:, j] += weight * (up - down) / (2 * step)
-
-    return add_gradient
+        return by_q, by_qd, by_qdd

@@ -12,15 +12,19 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations_with_replacement
 from itertools import product as pairings
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.field_regressor import FieldRegressor
+from dynid.model import tuning
 from dynid.model.formula import ONE, Formula
 from dynid.model.prime_field import PRIME, ROOTS, Residues, echelon, inverse, product, residue
 from dynid.model.regrouping import regrouping
 from dynid.robot import Joint
+
+if TYPE_CHECKING:
+    from dynid.model.exact import FieldRegressor
 
 Formulas = dict[tuple[int, int], Formula]
 
@@ -29,12 +33,6 @@ _FACTORS = sorted(
     {Fraction(s * a, b) for s in (1, -1) for a in (1, 2, 3, 4, 8) for b in (1, 2, 3, 4)},
     key=lambda f: (f.denominator, abs(f), f < 0),
 )
-#: Random states of a neighbourhood of two or three links: its 33 columns need no more rows.
-_SAMPLES = 12
-#: Number of neighbouring links that a relation is looked for in.
-_REACH = 2
-#: Largest number of monomials that a coefficient is fitted with, and the geometries beyond it that check the fit.
-_TABLE, _CHECKS = 130, 4
 
 
 @dataclass(frozen=True)
@@ -131,7 +129,7 @@ class _Naming:
         if passed is not None:
             self._substitute(j, passed)
             return
-        for first in range(last, max(last - _REACH, 0), -1):
+        for first in range(last, max(last - tuning.NEIGHBOURING_LINKS, 0), -1):
             local = self._local(j, first, last)
             if local is not None and self._substitute(j, local):
                 return
@@ -214,7 +212,7 @@ class _Naming:
             geometry = self._regressor.free(needed_geometries(tables), self._turned)
             columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
-                pivots, K = echelon(self._regressor.columns(geometry, columns, samples=_SAMPLES))
+                pivots, K = echelon(self._regressor.columns(geometry, columns, samples=tuning.NEIGHBOURHOOD_STATES))
             except ZeroDivisionError:
                 self._windows[key] = None
             else:
@@ -279,7 +277,7 @@ class FormulaFitter:
 
 def needed_geometries(tables: dict[int, list[Formula]]) -> int:
     """Return at how many geometries a coefficient must be known to be fitted with these tables."""
-    return max(map(len, tables.values())) + _CHECKS
+    return max(map(len, tables.values())) + tuning.FIT_CHECKS
 
 
 def lengths_up_to_two(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...]]:
@@ -311,7 +309,7 @@ def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, 
         {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
         for a, b, c in pairings(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
     ]
-    return [Formula.monomial(1, p) for p in powers][:_TABLE]
+    return [Formula.monomial(1, p) for p in powers][: tuning.MOST_MONOMIALS]
 
 
 def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid import children
 from dynid.errors import CannotWrite
 from dynid.model.kinematics import link_frames
-from dynid.model.prior import link_cylinders
+from dynid.model.parameters import link_cylinders
 from dynid.robot import Robot, roll_pitch_yaw
 from dynid.scratch import scratch_folder
 from dynid.sim.urdf import urdf_text
@@ -85,7 +85,7 @@ def ellipsoid_drawing(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: s
 def _job(robot: Robot, q: Floats, bodies: list[Ellipsoid]) -> dict[str, object]:
     poses = link_frames(robot, q, world=True).poses
     shapes = zip(poses, link_cylinders(robot), strict=True)
-    ends = [pose[:3, :3] @ end + pose[:3, 3] for pose, shape in shapes for end in (shape.start, shape.end)]
+    ends = [pose[:3, :3] @ end + pose[:3, 3] for pose, shape in shapes for end in shape]
     points = np.vstack([robot.base_xyz, *ends])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     rows = []

@@ -18,9 +18,8 @@ from dynid.log import Log
 from dynid.longarrays import release
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
-from dynid.model.prior import prior_vector
-from dynid.model.reference import prior_torques
-from dynid.model.regressor import Model
+from dynid.model.parameters import prior_vector
+from dynid.model.regressor import Model, prior_torques
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
 from dynid.signals.cutoff import choose_cutoff

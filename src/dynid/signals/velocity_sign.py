@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.longarrays import median
-from dynid.model.effects.interface import coulomb_sign
+from dynid.model.effects.friction import coulomb_sign
 from dynid.robot import Coulomb
 from dynid.signals.filters import decimate, derivative_kernels, lowpass_kernel
 

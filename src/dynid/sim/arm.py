@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
-from dynid.model.prior import prior_bodies
+from dynid.model.parameters import prior_bodies
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.scratch import scratch_folder
 from dynid.sim.urdf import without_stops, write_urdf

@@ -13,7 +13,7 @@ import numpy as np
 from dynid.files.robotfile import packaged
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.log import Log
-from dynid.model.prior import prior_bodies
+from dynid.model.parameters import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
 from dynid.sim.arm import STEP, Friction, SimulatedArm
 from dynid.sim.track import SimulatedRun

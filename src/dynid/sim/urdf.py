@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.files.artifact import write_text
 from dynid.model.kinematics import base_pose, fixed_poses
-from dynid.model.prior import Cylinder, link_cylinders, prior_bodies
+from dynid.model.parameters import cylinders_of, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.text import xml
 
@@ -50,14 +50,14 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
     # Why: Bullet complains on standard output about a link without mass, which would break --json.
     _inertial(base, Body(1.0, inertia_com=(1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), np.eye(4))
     previous = base_pose(robot)
-    shapes = link_cylinders(robot)
+    shapes, radius = link_cylinders(robot), cylinders_of(robot).radius
     for i, body in enumerate(prior_bodies(robot) if bodies is None else bodies):
         joint = robot.joints[i]
         before, to_dh = fixed_poses(joint, robot.convention)
         link = ET.SubElement(root, "link", name=f"link_{i + 1}")
         _inertial(link, body, to_dh)
         for tag in ("visual", "collision"):
-            _shape(ET.SubElement(link, tag), shapes[i], to_dh)
+            _shape(ET.SubElement(link, tag), shapes[i], radius, to_dh)
         _joint(root, joint, i, previous @ before)
         previous = to_dh
     ET.indent(root)
@@ -90,16 +90,16 @@ def _inertial(link: ET.Element, body: Body, to_dh: Floats) -> None:
     ET.SubElement(element, "inertia", ixx=xx, ixy="0", ixz="0", iyy=yy, iyz="0", izz=zz)
 
 
-def _shape(element: ET.Element, cylinder: Cylinder, to_dh: Floats) -> None:
+def _shape(element: ET.Element, ends: Floats, radius: float, to_dh: Floats) -> None:
     """Add a cylinder; that of a URDF lies along its own z axis about its middle."""
-    start, end = np.array(cylinder.start), np.array(cylinder.end)
-    x, y, z = (end - start) / cylinder.length
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    x, y, z = (ends[1] - ends[0]) / length
     frame = np.eye(4)
     frame[:3, :3] = rotation_rpy((0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)))
-    frame[:3, 3] = (start + end) / 2
+    frame[:3, 3] = ends.mean(axis=0)
     _origin(element, to_dh @ frame)
     geometry = ET.SubElement(element, "geometry")
-    ET.SubElement(geometry, "cylinder", radius=repr(float(cylinder.radius)), length=repr(float(cylinder.length)))
+    ET.SubElement(geometry, "cylinder", radius=repr(float(radius)), length=repr(length))
 
 
 def _origin(element: ET.Element, pose: Floats) -> None:

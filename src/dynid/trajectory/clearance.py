@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.longarrays import filled
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
-from dynid.model.prior import link_cylinders
+from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.scene import Box, Scene
@@ -87,9 +87,8 @@ class Capsules:
 
     def __post_init__(self) -> None:
         """Place the capsules and learn which of them always touch."""
-        shapes = link_cylinders(self.robot)
-        self._ends = np.array([[shape.start, shape.end] for shape in shapes])
-        self.radii = np.array([shape.radius for shape in shapes])
+        self._ends = link_cylinders(self.robot)
+        self.radii = np.full(self.robot.n, cylinders_of(self.robot).radius)
         self._first, self._second = np.triu_indices(self.robot.n, 2)
         points = self.ends(self._random_poses())[0]
         distance = self._pairs(points)[0]

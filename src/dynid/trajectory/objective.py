@@ -128,9 +128,8 @@ class ExcitationObjective:
         if problem.torque is not None:
             penalty, by_W = self._overload(W, problem.torque)
             gW = gW + ease * by_W
-        coarse = self._regressor.gradient(gW)
         by_motion = np.zeros((3, *motion[0].shape))
-        by_motion[:, MIDDLE::FINE] = coarse.q, coarse.qd, coarse.qdd
+        by_motion[:, MIDDLE::FINE] = self._regressor.gradient(gW)
         # Why: between two samples of the regressor an arm moves far enough to pass through its own wrist.
         for one in problem.penalties:
             extra, by_q = one.value(motion[0])

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape, coulomb_sign
-from dynid.model.reference import model_torques
+from dynid.model.effects.friction import coulomb_sign
+from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
+from dynid.model.regressor import model_torques
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.trajectory.feasible import Shaping, bounds

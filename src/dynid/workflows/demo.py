@@ -157,7 +157,7 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
 
     import numpy as np
 
-    from dynid.model.prior import prior_bodies
+    from dynid.model.parameters import prior_bodies
     from dynid.robot import Prior
     from dynid.sim.sines import SineSpec, sines
     from dynid.workflows.simulate import simulate

@@ -129,7 +129,7 @@ def _surroundings() -> Iterator[Check]:
 
 def fast_regressor() -> tuple[bool | None, str]:
     """Return whether the regressor of long logs is evaluated by a compiled interpreter, and what stands in its way."""
-    from dynid.model.compiled import compiler, kept, place
+    from dynid.model.program import compiler, kept, place
 
     if kept() is not None:
         return True, f"compiled, {place()}"

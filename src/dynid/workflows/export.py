@@ -309,7 +309,7 @@ def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
     Raises:
         NotPhysical: it is not: a controller that divides by it, or predicts with it, goes astray.
     """
-    from dynid.model.mass_matrix import random_poses, sign_alarm
+    from dynid.model.regressor import random_poses, sign_alarm
 
     if not formats:
         return ()

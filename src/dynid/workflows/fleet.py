@@ -423,7 +423,7 @@ def _row(path: Path) -> Row | str:
     from dynid.estimation.covariance import NOT_DETERMINED
     from dynid.estimation.result import CONTENTS
     from dynid.files.artifact import read_artifact, reading
-    from dynid.model.store import reduction_from
+    from dynid.model.base_model import reduction_from
 
     try:
         artifact = read_artifact(path, CONTENTS)

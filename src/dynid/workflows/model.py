@@ -139,7 +139,7 @@ class DerivedModel:
     @property
     def path(self) -> Path:
         """regressor.npz."""
-        from dynid.model.store import paths
+        from dynid.model.base_model import paths
 
         return paths(self.folder)[0]
 
@@ -174,7 +174,7 @@ class DerivedModel:
 def stored_differences(robot: Robot, folder: Path) -> str | None:
     """Return what differs between the robot of a stored regressor and this one; None where nothing does."""
     from dynid.files.artifact import read_header, reading
-    from dynid.model.store import key_of, paths, stored_key
+    from dynid.model.base_model import key_of, paths, stored_key
 
     path = paths(folder)[0]
     if stored_key(path) in (None, key_of(robot)):
@@ -209,8 +209,8 @@ def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False, progress:
         rebuild: whether to derive it again in any case.
         progress: told when the work begins.
     """
+    from dynid.model.base_model import key_of, load_model, paths, save_model, stored_key
     from dynid.model.regressor import build_model
-    from dynid.model.store import key_of, load_model, paths, save_model, stored_key
 
     start, path = time.perf_counter(), paths(folder)[0]
     progress.stage("symbolic", "")
@@ -254,9 +254,9 @@ def reduce_model(
     Raises:
         ReductionsDisagree: singular values and exact arithmetic give different answers.
     """
-    from dynid.model.base_model import BaseModel
-    from dynid.model.reduce import DEPENDENT, base_parameters
-    from dynid.model.store import key_of, load_reduction, paths, save_reduction, stored_key
+    from dynid.model import tuning
+    from dynid.model.base_model import BaseModel, key_of, load_reduction, paths, save_reduction, stored_key
+    from dynid.model.reduce import base_parameters
 
     start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
     usual = options.tolerance is None and options.samples == ModelOptions().samples
@@ -267,7 +267,7 @@ def reduce_model(
             raise NotAnArtifact(f"{path} is damaged: it has other parameters than its robot", where=str(path))
     else:
         progress.stage("reduce", "")
-        tolerance = DEPENDENT if options.tolerance is None else options.tolerance
+        tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
         reduction = base_parameters(model, samples=options.samples, seed=seed, tolerance=tolerance)
         save_reduction(path, model, reduction)
     return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
@@ -297,12 +297,12 @@ def base_model(
 
 
 def _in_memory(robot: Robot, options: ModelOptions) -> BaseModel:
-    from dynid.model.base_model import BaseModel
-    from dynid.model.reduce import DEPENDENT, base_parameters
+    from dynid.model import tuning
+    from dynid.model.base_model import BaseModel, key_of
+    from dynid.model.reduce import base_parameters
     from dynid.model.regressor import Model, build_model
-    from dynid.model.store import key_of
 
-    tolerance = DEPENDENT if options.tolerance is None else options.tolerance
+    tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
     key = f"{key_of(robot)}-{options.samples}-{tolerance}"
     if key not in _kept:
         model = build_model(robot)

@@ -54,7 +54,7 @@ class Observations:
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
         from dynid.estimation.findings import weakly_excited
-        from dynid.model.prior import prior_base_parameters
+        from dynid.model.parameters import prior_base_parameters
 
         return list(weakly_excited(self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)))
 
@@ -101,7 +101,7 @@ class Observations:
             facts: further facts for the headers, such as the inputs that they depend on.
         """
         from dynid.estimation import prediction
-        from dynid.model.prior import prior_base_parameters
+        from dynid.model.parameters import prior_base_parameters
 
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]

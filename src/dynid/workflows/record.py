@@ -282,7 +282,7 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
 
 def _torque_forecaster(run: _Session) -> TorqueForecaster:
     """Return what predicts the torques: an identified model, or the prior of the robot file."""
-    from dynid.model.prior import prior_base_parameters
+    from dynid.model.parameters import prior_base_parameters
     from dynid.record.motion_checks import TorqueForecaster
     from dynid.workflows.model import base_model
     from dynid.workflows.results import base_model_of

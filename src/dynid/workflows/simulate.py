@@ -140,7 +140,7 @@ def _joints(robot: Robot) -> Sequence[tuple[int, Any]]:
 
 def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress) -> tuple[Floats, str]:
     """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
-    from dynid.model.prior import prior_bodies
+    from dynid.model.parameters import prior_bodies
     from dynid.sim.arm import SimulatedArm
     from dynid.sim.mujoco_arm import mujoco_torques
 
@@ -156,9 +156,8 @@ def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress
 
 
 def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> Callable[[Floats, Floats, Floats], Floats]:
-    from dynid.model.prior import prior_vector
-    from dynid.model.reference import ModelTorques
-    from dynid.model.regressor import Model
+    from dynid.model.parameters import prior_vector
+    from dynid.model.regressor import Model, ModelTorques
     from dynid.workflows.model import base_model
 
     base = base or base_model(replace(robot, effects=()), progress=progress)
@@ -177,9 +176,8 @@ def _effect_torque(
     """
     from dynid.model.effects.catalogue import checked, joints_of
     from dynid.model.effects.interface import ArmMotion
-    from dynid.model.prior import prior_vector
-    from dynid.model.reference import ModelTorques
-    from dynid.model.regressor import Model
+    from dynid.model.parameters import prior_vector
+    from dynid.model.regressor import Model, ModelTorques
     from dynid.workflows.model import base_model
 
     plain = replace(robot, effects=())

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.model.prior import joined
+from dynid.model.parameters import joined
 from dynid.robot import Body
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines

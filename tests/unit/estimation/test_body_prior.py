@@ -10,7 +10,7 @@ from dynid.estimation.physical_constraints import basis, make_constraints, pseud
 from dynid.estimation.physical_parameters import fit_physical, fit_pooled
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.prior import prior_vector
+from dynid.model.parameters import prior_vector
 from dynid.robot import Body
 
 

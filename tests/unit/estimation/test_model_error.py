@@ -23,7 +23,7 @@ from dynid.estimation.posterior import physical_posterior
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
 
 

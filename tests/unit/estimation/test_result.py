@@ -12,7 +12,7 @@ from dynid.estimation.result import load
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.robot import EffectSpec
 

@@ -17,7 +17,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
-from dynid.model.prior import prior_base_parameters, prior_parameters
+from dynid.model.parameters import prior_base_parameters, prior_parameters
 from dynid.model.reduce import reduce
 from dynid.signals.conditioned_log import ConditionedLog, without_known
 from dynid.signals.conditioning import choose_filter, condition

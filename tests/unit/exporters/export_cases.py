@@ -24,7 +24,7 @@ def made(robot, seed=1, bodies=None, urdf=None):
         robot=robot,
         bodies=bodies or random_bodies(rng, robot.n),
         rotor_inertia=tuple(float(x) if j.motor_inertia else 0.0 for x, j in zip(rotors, robot.joints, strict=True)),
-        friction={column.parameter.name: float(rng.uniform(0.1, 1.0)) for column in model.extra},
+        friction={one.name: float(rng.uniform(0.1, 1.0)) for one in model.friction},
         origin=dict.fromkeys(model.parameter_names, "data"),
     )
     theta = reduction.K @ full.values(model.parameter_names)

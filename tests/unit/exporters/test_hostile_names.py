@@ -19,9 +19,8 @@ from dynid.exporters import FORMATS, Provenance
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.robotfile import parse_robot
 from dynid.limits import limit
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, load_model, save_model
 from dynid.model.regressor import build_model
-from dynid.model.store import load_model, save_model
 from dynid.text import printable
 
 #: Code for each language, led in by what ends a comment, a string or a line there, or joins lines.

@@ -12,7 +12,7 @@ from dynid.errors import NotPhysical, WrongUrdf
 from dynid.exporters import FORMATS
 from dynid.files.urdffile import read_urdf
 from dynid.model.from_urdf import import_arm
-from dynid.model.prior import prior_bodies
+from dynid.model.parameters import prior_bodies
 from dynid.robot import JointMap
 
 #: An arm as people have them: comments, meshes, a world link, a sensor by a fixed joint, a finger, uneven white space.

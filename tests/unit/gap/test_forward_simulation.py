@@ -9,7 +9,7 @@ from dynid.gap.forward_simulation import least_inertia, load_parameters, nearest
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 

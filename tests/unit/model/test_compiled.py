@@ -6,24 +6,23 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model import build_model, compiled
-from dynid.model.compiled import CompiledProgram
+from dynid.model import build_model, program, tuning
 from dynid.workflows.doctor import fast_regressor
 
-needs_compiler = pytest.mark.skipif(compiled.compiler() is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(program.compiler() is None, reason="no C compiler")
 
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """A cache of its own, and a process that knows nothing yet."""
-    monkeypatch.setattr(compiled, "_state", compiled._State())
-    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(program, "_interpreter", program._Interpreter())
+    monkeypatch.setattr(program, "cache_folder", lambda: tmp_path / "cache")
     return tmp_path / "cache"
 
 
 def entries(robot, library, monkeypatch):
     """The regressor of a few thousand samples, which are no whole number of blocks."""
-    monkeypatch.setattr(compiled, "_state", compiled._State(looked=True, tried=True, library=library))
+    monkeypatch.setattr(program, "_interpreter", program._Interpreter(looked=True, tried=True, library=library))
     model = build_model(load_robot(robot))
     q, qd, qdd = np.random.default_rng(0).standard_normal((3, 3001, model.robot.n))
     return np.concatenate([each.copy() for _, each in model.observer().blocks(q, qd, qdd)], axis=1)
@@ -32,27 +31,27 @@ def entries(robot, library, monkeypatch):
 @needs_compiler
 @pytest.mark.parametrize("robot", ["scara", "kuka_lwr4plus", "kinova_gen3"])
 def test_compiled_and_interpreted_regressors_are_equal_to_the_bit(robot, cache, monkeypatch):
-    library = compiled._compiled()
+    library = program._compiled()
     assert library is not None
     np.testing.assert_array_equal(entries(robot, library, monkeypatch), entries(robot, None, monkeypatch))
 
 
 @needs_compiler
 def test_only_many_samples_are_worth_a_compilation_and_the_next_process_finds_it(cache, monkeypatch):
-    assert compiled.interpreter(compiled.WORTH) is None
+    assert program.interpreter(tuning.SAMPLES_WORTH_COMPILING) is None
     assert not cache.exists()
     assert fast_regressor()[1].startswith("not compiled yet")
-    assert compiled.interpreter(1) is not None
-    assert [file.name for file in (cache / "kernels").iterdir()] == [compiled.place().name]
-    monkeypatch.setattr(compiled, "_state", compiled._State())
-    assert compiled.interpreter(1) is not None
+    assert program.interpreter(1) is not None
+    assert [file.name for file in (cache / "kernels").iterdir()] == [program.place().name]
+    monkeypatch.setattr(program, "_interpreter", program._Interpreter())
+    assert program.interpreter(1) is not None
     assert fast_regressor()[0]
 
 
 def test_numpy_goes_on_without_a_compiler(cache, monkeypatch):
-    monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
+    monkeypatch.setattr(program.shutil, "which", lambda name: None)
     for _ in range(3):
-        assert compiled.interpreter(10 * compiled.WORTH) is None
+        assert program.interpreter(10 * tuning.SAMPLES_WORTH_COMPILING) is None
     assert not cache.exists()
     assert "no C compiler" in fast_regressor()[1]
 
@@ -63,20 +62,20 @@ def test_numpy_goes_on_where_compiling_fails(way, cache, monkeypatch):
     if way == "no folder":
         cache.write_text("")
     else:
-        monkeypatch.setattr(compiled, "compiler", lambda: "false" if "fails" in way else "true")
+        monkeypatch.setattr(program, "compiler", lambda: "false" if "fails" in way else "true")
     for _ in range(3):
-        assert compiled.interpreter(10 * compiled.WORTH) is None
+        assert program.interpreter(10 * tuning.SAMPLES_WORTH_COMPILING) is None
     assert way == "no folder" or not list((cache / "kernels").iterdir())
 
 
 def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is_removed(tmp_path, cache, monkeypatch):
-    program, temporary = tmp_path / "cc", tmp_path / "tmp"
-    program.write_text('#!/bin/sh\ntouch "$TMPDIR/ccX.s" "$TMPDIR/../seen"\nkill -9 $$\n')
-    program.chmod(0o755)
+    stopped, temporary = tmp_path / "cc", tmp_path / "tmp"
+    stopped.write_text('#!/bin/sh\ntouch "$TMPDIR/ccX.s" "$TMPDIR/../seen"\nkill -9 $$\n')
+    stopped.chmod(0o755)
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
-    monkeypatch.setattr(compiled, "compiler", lambda: str(program))
-    assert compiled._compiled() is None
+    monkeypatch.setattr(program, "compiler", lambda: str(stopped))
+    assert program._compiled() is None
     assert [file.name for file in (cache / "kernels").iterdir()] == ["seen"], "it was asked, and nothing else is left"
     assert not list(temporary.iterdir())
 
@@ -84,29 +83,22 @@ def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is
 @needs_compiler
 @pytest.mark.parametrize("others", ["file", "folder", "link"])
 def test_what_others_can_change_is_not_loaded(others, cache):
-    assert compiled._compiled() is not None
-    path = compiled.place()
+    assert program._compiled() is not None
+    path = program.place()
     if others == "link":
         path.rename(path.with_name("other.so"))
         path.symlink_to("other.so")
     else:
         os.chmod(path if others == "file" else path.parent, 0o777)  # noqa: PTH101
-    assert compiled.kept() is None
+    assert program.kept() is None
     assert "can be changed by others" in fast_regressor()[1]
 
 
 def test_what_is_no_library_is_not_loaded(cache):
-    compiled.place().parent.mkdir(parents=True, mode=0o700)
-    compiled.place().write_bytes(b"\x7fELF and nothing else")
-    compiled.place().chmod(0o700)
-    assert compiled.kept() is None
-
-
-def test_a_program_keeps_to_its_rows():
-    pool, outputs = np.zeros((3, compiled.TOGETHER)), np.array([2], dtype=np.int32)
-    for wrong in ([[0, 0, 1, 3]], [[0, -1, 1, 2]]):
-        with pytest.raises(ValueError, match="rows"):
-            CompiledProgram(np.array(wrong, dtype=np.int32), pool, 2, outputs)
+    program.place().parent.mkdir(parents=True, mode=0o700)
+    program.place().write_bytes(b"\x7fELF and nothing else")
+    program.place().chmod(0o700)
+    assert program.kept() is None
 
 
 def test_a_compiler_of_the_current_folder_is_none(tmp_path, monkeypatch):
@@ -115,4 +107,4 @@ def test_a_compiler_of_the_current_folder_is_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for path in (".", "", f".{os.pathsep}/nowhere"):
         monkeypatch.setenv("PATH", path)
-        assert compiled.compiler() is None
+        assert program.compiler() is None

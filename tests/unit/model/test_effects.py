@@ -15,8 +15,7 @@ from dynid.model.effects.catalogue import CATALOGUE, checked
 from dynid.model.effects.friction import presliding
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.reduce import reduce
-from dynid.model.reference import ModelTorques
-from dynid.model.regressor import build_model
+from dynid.model.regressor import ModelTorques, build_model
 from dynid.robot import EffectSpec
 
 ROOT = Path(__file__).parents[3]

@@ -15,7 +15,7 @@ from dynid.files.urdffile import read_urdf
 from dynid.log import Log
 from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Body

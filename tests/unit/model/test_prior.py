@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model.prior import Cylinder, joined, link_cylinders, prior_bodies, prior_parameters
+from dynid.model.parameters import (
+    DEFAULT_CYLINDERS,
+    cylinder_body,
+    joined,
+    link_cylinders,
+    prior_bodies,
+    prior_parameters,
+)
 from dynid.robot import Body, Cylinders, Joint, Prior, Robot
 
 
@@ -24,8 +31,8 @@ def test_total_mass_is_the_one_that_was_given():
 
 def test_a_cylinder_has_the_textbook_inertia():
     """Along x: m r^2 / 2 about its axis, m (3 r^2 + L^2) / 12 across."""
-    body = Cylinder((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), 0.05).body(1000.0)
     mass = 1000 * math.pi * 0.05**2 * 0.4
+    body = cylinder_body(np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]), 0.05, mass)
     across = mass * (3 * 0.05**2 + 0.4**2) / 12
     assert body.mass == pytest.approx(mass)
     assert body.com == pytest.approx((0.2, 0.0, 0.0))
@@ -35,24 +42,22 @@ def test_a_cylinder_has_the_textbook_inertia():
 def test_standard_links_reach_from_the_previous_origin_to_their_own():
     """In frame i the previous origin is at (-a, -d sin twist, -d cos twist), Paper Eq. 9."""
     joint = Joint("a", a=0.2, twist=0.7, d=0.4)
-    (shape,) = link_cylinders(Robot("r", "standard", (joint,)))
-    assert shape.start == pytest.approx((-0.2, -0.4 * math.sin(0.7), -0.4 * math.cos(0.7)))
-    assert shape.end == (0.0, 0.0, 0.0)
+    ((start, end),) = link_cylinders(Robot("r", "standard", (joint,)))
+    assert start == pytest.approx((-0.2, -0.4 * math.sin(0.7), -0.4 * math.cos(0.7)))
+    assert end == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_modified_links_reach_to_the_next_axis():
     """The row's own a belongs to the link before; the next row's lies in this one."""
     first, last = link_cylinders(two_links("modified", radius=0.05, density=1000.0))
-    assert (first.start, first.end) == ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0))
-    assert last.length == pytest.approx(0.1)
+    np.testing.assert_allclose(first, [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0)])
+    assert np.linalg.norm(last[1] - last[0]) == pytest.approx(0.1)
 
 
 def test_a_link_without_length_is_a_housing_about_its_joint_axis():
     """Standard frame: the joint axis is z of the frame before, (0, sin twist, cos twist) in the link's own."""
-    (shape,) = link_cylinders(Robot("r", "standard", (Joint("a", twist=math.pi / 2),)))
-    direction = np.subtract(shape.end, shape.start) / shape.length
-    assert shape.length == pytest.approx(2 * shape.radius)
-    np.testing.assert_allclose(direction, [0, 1, 0], atol=1e-12)
+    ((start, end),) = link_cylinders(Robot("r", "standard", (Joint("a", twist=math.pi / 2),)))
+    np.testing.assert_allclose(end - start, [0, 2 * DEFAULT_CYLINDERS.radius, 0], atol=1e-12)
 
 
 def test_explicit_bodies_are_taken_as_they_are():

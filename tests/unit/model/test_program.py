@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model import build_model
-from dynid.model.kernels import BLOCK, Kernel
+from dynid.model import build_model, tuning
+from dynid.model.dynamics import Builder
 from dynid.model.kinematics import geometry
 from dynid.model.printing import as_latex, as_python
-from dynid.model.program import ADD, MUL, NEG, SUB, Builder
+from dynid.model.program import ADD, MUL, NEG, SUB, evaluator
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +32,8 @@ def test_the_interpreter_computes_what_the_operations_say(model):
     rng = np.random.default_rng(0)
     n = model.robot.n
     q, qd, qdd = rng.normal(size=(3, 5, n))
-    kernel = Kernel(model.rigid, model.robot)
-    entries = kernel.run(q, qd, qdd).copy()
+    program = model.rigid
+    entries = evaluator(program, model.robot)(q, qd, qdd).copy()
     for k in range(5):
         values = geometry(model.robot)
         for i, joint in enumerate(model.robot.joints, start=1):
@@ -41,17 +41,17 @@ def test_the_interpreter_computes_what_the_operations_say(model):
             if joint.revolute:
                 angle = q[k, i - 1] + joint.theta_offset
                 values |= {f"c{i}": np.cos(angle), f"s{i}": np.sin(angle)}
-        expected = by_hand(model.rigid, values)
-        dense = np.zeros(kernel.shape)
-        dense[kernel.rows, kernel.cols] = entries[:, k]
+        expected = by_hand(program, values)
+        dense = np.zeros(program.shape)
+        dense[program.rows, program.cols] = entries[:, k]
         assert dense == pytest.approx(expected, abs=1e-12)
 
 
 def test_blocks_give_the_same_as_single_samples(model):
     rng = np.random.default_rng(1)
-    states = rng.normal(size=(3, BLOCK + 7, model.robot.n))
+    states = rng.normal(size=(3, tuning.BLOCK_SAMPLES + 7, model.robot.n))
     whole = model.regressor(*states)
-    for k in (0, BLOCK - 1, BLOCK, BLOCK + 6):
+    for k in (0, tuning.BLOCK_SAMPLES - 1, tuning.BLOCK_SAMPLES, tuning.BLOCK_SAMPLES + 6):
         assert whole[k] == pytest.approx(model.regressor(*states[:, k : k + 1])[0], abs=1e-13)
 
 
@@ -61,11 +61,9 @@ def test_a_restricted_program_gives_the_same_columns_with_fewer_operations(model
     assert part.flops < model.rigid.flops
     rng = np.random.default_rng(2)
     states = rng.normal(size=(3, 3, model.robot.n))
-    whole, some = Kernel(model.rigid, model.robot), Kernel(part, model.robot)
-    dense = np.zeros((3, *whole.shape))
-    dense[:, whole.rows, whole.cols] = whole.run(*states).T
-    got = np.zeros((3, *some.shape))
-    got[:, some.rows, some.cols] = some.run(*states).T
+    dense, got = (np.zeros((3, *program.shape)) for program in (model.rigid, part))
+    for program, matrix in ((model.rigid, dense), (part, got)):
+        matrix[:, program.rows, program.cols] = evaluator(program, model.robot)(*states).T
     assert got == pytest.approx(dense[:, :, columns], abs=1e-14)
 
 
@@ -97,9 +95,9 @@ def test_the_printed_function_computes_the_regressor(model):
     rng = np.random.default_rng(3)
     q, qd, qdd = rng.normal(size=(3, 4, model.robot.n))
     printed = space["regressor"](q.T, qd.T, qdd.T)
-    kernel = Kernel(model.rigid, model.robot)
-    dense = np.zeros((4, *kernel.shape))
-    dense[:, kernel.rows, kernel.cols] = kernel.run(q, qd, qdd).T
+    program = model.rigid
+    dense = np.zeros((4, *program.shape))
+    dense[:, program.rows, program.cols] = evaluator(program, model.robot)(q, qd, qdd).T
     assert np.moveaxis(printed, -1, 0) == pytest.approx(dense, abs=1e-13)
 
 

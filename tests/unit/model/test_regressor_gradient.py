@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model.effects.interface import State
 from dynid.model.regressor import build_model
-from dynid.model.regressor_gradient import RegressorGradient, differences
+from dynid.model.regressor_gradient import RegressorGradient
 from dynid.robot import Coulomb, Coupling, Joint, Robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -56,7 +55,7 @@ def test_gradient_is_that_of_central_differences_in_every_direction(name):
     h = 1e-6
     moved = [[x + s * h * d for x, d in zip(state, direction, strict=True)] for s in (1, -1)]
     up, down = (np.sum(weights * observer.dense(*there)) for there in moved)
-    slope = sum(np.sum(g * d) for g, d in zip((gradient.q, gradient.qd, gradient.qdd), direction, strict=True))
+    slope = sum(np.sum(g * d) for g, d in zip(gradient, direction, strict=True))
     assert slope == pytest.approx((up - down) / (2 * h), rel=1e-5)
 
 
@@ -69,15 +68,21 @@ def test_entries_are_those_of_the_observer():
     assert np.abs(RegressorGradient(model, columns, 40).dense(q, qd, qdd) - expected).max() < 1e-12
 
 
-@pytest.mark.parametrize("kind", ["fv2", "fc2", "fo2"])
-def test_each_friction_column_knows_its_own_derivative(kind):
-    model = build_model(replace(scara(), coulomb=Coulomb("smooth", (0.2,) * 4)))
-    column = next(c for c in model.extra if c.parameter.name == kind)
-    rng = np.random.default_rng(3)
-    state = State(*rng.standard_normal((3, 6, 4)))
-    weights = [rng.standard_normal(6)]
-    own, other = (State(*np.zeros((3, 6, 4))) for _ in range(2))
-    column.add_gradient(state, weights, own)
-    differences(column)(state, weights, other)
-    for part in ("q", "qd", "qdd"):
-        assert np.allclose(getattr(own, part), getattr(other, part), atol=1e-8)
+@pytest.mark.parametrize("name", ["scara", "coupled"])
+def test_each_friction_column_has_the_gradient_of_central_differences(name):
+    robot = replace(arms()[name], coulomb=Coulomb("smooth", (0.2,) * 4))
+    model = build_model(robot)
+    first = len(model.link_columns)
+    state = list(np.random.default_rng(3).standard_normal((3, 6, 4)))
+    for k in range(first, model.size):
+        columns = np.array([k])
+        regressor, observer = RegressorGradient(model, columns, 6), model.observer(columns)
+        weights = np.random.default_rng(k).standard_normal((6, *regressor.shape))
+        regressor.dense(*state)
+        for part, gradient in enumerate(regressor.gradient(weights)):
+            for j in range(4):
+                step = np.zeros((3, 6, 4))
+                step[part, :, j] = 1e-6
+                up, down = (observer.dense(*(np.array(state) + s * step)) for s in (1, -1))
+                slope = np.sum(weights * (up - down), axis=(1, 2)) / 2e-6
+                assert gradient[:, j] == pytest.approx(slope, abs=1e-8)

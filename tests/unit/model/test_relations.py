@@ -12,8 +12,7 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
-from dynid.model.field_regressor import FieldRegressor
+from dynid.model.exact import FieldRegressor, reduce_exactly, relations_json, relations_latex, relations_text
 from dynid.model.formula import ONE, Formula
 from dynid.model.reduce import reduce
 from dynid.robot import Joint, Robot

@@ -9,14 +9,14 @@ from dynid.errors import NewerSchema, NotAnArtifact
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.reduce import base_parameters
-from dynid.model.store import (
+from dynid.model.base_model import (
     key_of,
     load_model,
     load_reduction,
     save_model,
     save_reduction,
 )
+from dynid.model.reduce import base_parameters
 
 LISTS = ("names", "alone", "none", "combined", "gap", "method", "formulas")
 

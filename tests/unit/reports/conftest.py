@@ -10,7 +10,7 @@ from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, JointQuality
 from dynid.files.robotfile import load_robot
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.reports.evidence import Evidence, Unseen, relative_percent

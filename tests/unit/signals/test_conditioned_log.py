@@ -11,7 +11,7 @@ from dynid.errors import LogTooShort
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.model.prior import prior_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.signals.conditioned_log import condition_log, condition_logs, known_torque, stretches
 from dynid.signals.conditioning import Segment
 

@@ -84,7 +84,7 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
 def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request, tmp_path):
     pin = pytest.importorskip("pinocchio")
-    from dynid.model.prior import prior_base_parameters
+    from dynid.model.parameters import prior_base_parameters
     from dynid.sim.urdf import write_urdf
 
     base = request.getfixturevalue(arm)

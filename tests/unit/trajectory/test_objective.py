@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.model.prior import prior_base_parameters
+from dynid.model.parameters import prior_base_parameters
 from dynid.trajectory.basis import Fourier, Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost

@@ -6,7 +6,7 @@ import pytest
 import twolink
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.model.prior import prior_bodies
+from dynid.model.parameters import prior_bodies
 from dynid.workflows.demo import against_truth, simulate_own
 from dynid.workflows.identify import identify
 from dynid.workflows.simulate import motion_of, simulate

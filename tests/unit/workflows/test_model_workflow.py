@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import PackageMissing
 from dynid.files.robotfile import load_robot
-from dynid.model.store import key_of, paths, stored_key
+from dynid.model.base_model import key_of, paths, stored_key
 from dynid.workflows.model import (
     ModelOptions,
     adapted,

@@ -19,7 +19,8 @@ from typing import NoReturn
 import numpy as np
 
 from dynid.errors import WrongRobotFile
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape, sign_of
+from dynid.model.effects.friction import sign_of
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
 #: Longest text, and deepest nesting: a formula that people read is shorter.
 LONGEST, DEEPEST = 1000, 20

@@ -1,20 +1,108 @@
-"""Friction beyond one constant and one slope: over speed, load, position, time, and of a neighbouring joint."""
+"""Friction: the columns that the robot file asks for (Paper Eq. 7), and effects beyond one constant and one slope."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape, sign_of
-from dynid.model.effects.position import TRIALS, wave_shapes, waves
+from dynid.model import tuning
+from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
+from dynid.model.effects.position import wave_shapes, waves
+from dynid.model.parameters import Parameter, numbered
+from dynid.robot import FRICTION_PARAMETERS, Coulomb, Robot
 
-#: Radians of phase over the travel between waves of friction that are tried, and the fastest [1/rad]: refinement finds
-#: what lies between, and faster waves are smoothed away by the filter before they pass for friction.
-SPACING, HIGHEST = 3.2, 120.0
+
+# ---------------------------------------------------------------- friction of the robot file
+def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
+    """Return the sign of a joint's velocity as the robot file wants it.
+
+    Args:
+        qd: velocity of the joint, (B,) [rad/s or m/s].
+        shape: shape of the sign.
+        joint: the joint, 0-based.
+
+    Returns:
+        Between -1 and 1, (B,).
+
+    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit.
+    """
+    limit = shape.velocity[joint]
+    if shape.shape == "smooth":
+        return np.tanh(qd / limit)
+    return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
 
 
+def sign_of(motion: ArmMotion, joint: int) -> Floats:
+    """Return the Coulomb sign of one joint (0-based), (N,)."""
+    if motion.coulomb_sign.size:
+        return motion.coulomb_sign[:, joint]
+    return coulomb_sign(motion.qd[:, joint], motion.robot.coulomb_shape, joint)
+
+
+def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
+    """Return the friction that the robot file asks for, joint by joint, and what coupled motors add (Paper Eq. 7).
+
+    A motor that turns with the sum of two joints' speeds puts its torque on both: its columns are those of that speed,
+    spread by the transposed coupling.
+    """
+    found = []
+    for j, joint in enumerate(robot.joints, start=1):
+        slope = f"{joint.torque_unit} s/{'rad' if joint.revolute else 'm'}"
+        for kind in joint.friction:
+            found.append(numbered(FRICTION_PARAMETERS[kind], j, slope if kind == "viscous" else joint.torque_unit))
+    for k, row in enumerate(np.array(robot.coupling.matrix) if robot.coupling else ()):
+        share = row / row[k] if row[k] else row
+        if np.count_nonzero(share) > 1:
+            units = {"Imc": "kg m^2", "fvc": "N m s/rad", "fcc": "N m"}
+            found += [replace(numbered(kind, k + 1, unit), share=tuple(share.tolist())) for kind, unit in units.items()]
+    return tuple(found)
+
+
+def friction_rows(parameter: Parameter) -> tuple[int, ...]:
+    """Return the joints that friction or a coupled motor acts on, 0-based."""
+    return tuple(np.flatnonzero(parameter.share).tolist()) if parameter.share else (parameter.number - 1,)
+
+
+def friction_entries(parameter: Parameter, robot: Robot, qd: Floats, qdd: Floats) -> list[Floats]:
+    """Return the entries of a friction column in its rows, each (N,) [N m or N per unit of the parameter]."""
+    if parameter.kind == FRICTION_PARAMETERS["offset"]:
+        return [np.ones(len(qd))]
+    motion = qdd if parameter.kind == "Imc" else qd
+    signal = motion @ np.array(parameter.share) if parameter.share else motion[:, parameter.number - 1]
+    if parameter.kind in ("fc", "fcc"):
+        signal = coulomb_sign(signal, robot.coulomb_shape, parameter.number - 1)
+    return [share * signal for share in parameter.share if share] if parameter.share else [signal]
+
+
+def add_friction_gradient(
+    parameter: Parameter, robot: Robot, qd: Floats, weights: Sequence[Floats], by_qd: Floats, by_qdd: Floats
+) -> None:
+    """Add the gradient of sum(weights * entries) of a friction column by velocity and acceleration, each (N, n).
+
+    Args:
+        parameter: the column.
+        robot: the arm.
+        qd: velocities, (N, n).
+        weights: for each row of the column, (N,).
+        by_qd: gradient by the velocities, changed.
+        by_qdd: gradient by the accelerations, changed.
+    """
+    own, target = parameter.number - 1, by_qdd if parameter.kind == "Imc" else by_qd
+    share = np.array(parameter.share) if parameter.share else np.eye(len(robot.joints))[own]
+    slope = share[share != 0] @ np.array(weights)
+    if parameter.kind in ("fc", "fcc"):
+        shape = robot.coulomb_shape
+        # A threshold has no slope.
+        steepness = 1.0 / shape.velocity[own] if shape.shape == "smooth" else 0.0
+        slope = slope * steepness * (1 - np.tanh(qd @ share / shape.velocity[own]) ** 2)
+    if parameter.kind != FRICTION_PARAMETERS["offset"]:
+        target += slope[:, None] * share
+
+
+# ---------------------------------------------------------------- effects
 class ViscousFriction(Effect):
     """Viscous friction."""
 
@@ -178,14 +266,14 @@ class GearFriction(Effect):
     signature = "a wave over the joint's position that changes its sign with the direction"
     separate = "a slow, even motion over several waves, both ways: a ripple keeps its sign, this does not"
     family = "position"
-    trials = TRIALS
+    trials = tuning.WAVES_THAT_MAY_FIT
     shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.2)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        return wave_shapes(motion, joints[0], SPACING, HIGHEST)
+        return wave_shapes(motion, joints[0], tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE)
 
     def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes."""

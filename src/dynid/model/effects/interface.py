@@ -1,8 +1,7 @@
 """What a torque effect is: columns of the regressor, an equation, a signature, and the shapes that are tried.
 
-Two kinds of columns. Those that follow from one sample (friction of the robot file) are ``Column``: evaluated block by
-block. Those that need the order of the samples, the time or the model's own torque are an ``Effect``: evaluated on a
-whole ``ArmMotion``.
+An effect is evaluated on a whole ``ArmMotion``: it may need the order of the samples, the time or the model's own
+torque. The friction of the robot file, which one sample is enough for, is in ``friction``.
 """
 
 from __future__ import annotations
@@ -16,51 +15,12 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.parameters import Parameter
-from dynid.model.prime_field import FieldState, Residues
-from dynid.robot import Coulomb, Robot
+from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
 Joints = tuple[int, ...]
 Shape = Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class State:
-    """A block of samples.
-
-    Attributes:
-        q: positions, (B, n) [rad or m].
-        qd: velocities, (B, n) [rad/s or m/s].
-        qdd: accelerations, (B, n) [rad/s^2 or m/s^2].
-    """
-
-    q: Floats
-    qd: Floats
-    qdd: Floats
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of the regressor beyond the links' ten parameters and rotor inertia.
-
-    Attributes:
-        parameter: what it stands for.
-        rows: indices of the joints it acts on, 0-based.
-        evaluate: its entries in those rows for a block, each (B,) [N m or N per unit of the parameter].
-        exact: the same entries in the prime field of ``model/prime_field.py`` for states given there; None for a
-            function that is no polynomial of the state, such as a sign: it takes part as an independent function of
-            the motion.
-        add_gradient: adds weights @ d entries / d state to a gradient, given the state, a weight (B,) for each row and
-            the gradient; None where nobody has written it, and differences are taken.
-    """
-
-    parameter: Parameter
-    rows: tuple[int, ...]
-    evaluate: Callable[[State], list[Floats]]
-    exact: Callable[[FieldState], list[Residues]] | None = None
-    add_gradient: Callable[[State, list[Floats], State], None] | None = None
 
 
 class ReferenceTorques(Protocol):
@@ -198,29 +158,3 @@ class Effect(ABC):
     @abstractmethod
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N) [N m or N per unit]."""
-
-
-def sign_of(motion: ArmMotion, joint: int) -> Floats:
-    """Return the Coulomb sign of one joint (0-based), (N,)."""
-    if motion.coulomb_sign.size:
-        return motion.coulomb_sign[:, joint]
-    return coulomb_sign(motion.qd[:, joint], motion.robot.coulomb_shape, joint)
-
-
-def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
-    """Return the sign of a joint's velocity as the robot file wants it.
-
-    Args:
-        qd: velocity of the joint, (B,) [rad/s or m/s].
-        shape: shape of the sign.
-        joint: the joint, 0-based.
-
-    Returns:
-        Between -1 and 1, (B,).
-
-    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit.
-    """
-    limit = shape.velocity[joint]
-    if shape.shape == "smooth":
-        return np.tanh(qd / limit)
-    return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)

@@ -7,24 +7,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from dynid.model import tuning
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
-#: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring.
-WAVES = 10.0
-#: Radians of phase over the travel between neighbouring waves that are tried.
-SPACING = 1.6
-#: Fastest wave: harmonic drives have up to some 200 teeth [1/rad].
-HIGHEST = 230.0
 #: More shapes than this come from the grid, whose waves are evenly spaced.
 MANY = 8
-#: A joint that travels less does not move [rad].
-STILL = 0.1
-#: Waves of a travel, each of which may fit by accident.
-TRIALS = 60
 
 
 def wave_shapes(
-    motion: ArmMotion, joint: int, spacing: float = SPACING, highest: float = HIGHEST
+    motion: ArmMotion, joint: int, spacing: float = tuning.WAVE_SPACING_RAD, highest: float = tuning.FASTEST_WAVE
 ) -> list[dict[str, float]]:
     """Return the frequencies of waves over one joint's position that its travel tells apart.
 
@@ -35,9 +26,9 @@ def wave_shapes(
         highest: fastest wave [1/rad].
     """
     travel = float(np.ptp(motion.q[:, joint]))
-    if travel < STILL:
+    if travel < tuning.STILL_JOINT_RAD:
         return []
-    return [{"k": float(k)} for k in np.arange(WAVES / travel, highest, spacing / travel)]
+    return [{"k": float(k)} for k in np.arange(tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, spacing / travel)]
 
 
 def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
@@ -65,7 +56,7 @@ class TorqueRipple(Effect):
     steps: ClassVar[dict[str, tuple[str, float]]] = {"k": ("plus", 0.1)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
-    trials = TRIALS
+    trials = tuning.WAVES_THAT_MAY_FIT
 
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model import tuning
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 from dynid.robot import LINK_PARAMETERS
 
@@ -16,10 +17,6 @@ Ints = NDArray[np.int64]
 
 #: Smallest step of a difference [rad/N m]: a hundredth of the softest gear.
 STEP = 1e-6
-#: How often the bend of a joint is found again from the torque of the link where it is bent.
-BENDS = 3
-#: A link that has not crossed a gap after so many samples rests between its flanks.
-LONGEST = 400
 #: Turns of the load that are looked at together.
 TOGETHER = 1024
 
@@ -69,7 +66,7 @@ class JointElasticity(Effect):
         """Return its columns in its rows, (amplitudes, rows, N)."""
         j, step = joints[0], self.at if self.at > STEP else STEP
         there = self._bent(motion, j, step, motion.rigid)
-        for _ in range(BENDS if self.at > STEP else 0):
+        for _ in range(tuning.BEND_ITERATIONS if self.at > STEP else 0):
             there = self._bent(motion, j, step, there)
         return ((there - motion.rigid) / step).T[None]
 
@@ -144,7 +141,7 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
     for part in np.array_split(turns, max(1, -(-len(turns) // TOGETHER))):
         for g, (lands, speed) in enumerate(zip(*_landings(push, step, part, gaps), strict=True)):
             for k, land, fast in zip(part.tolist(), lands.tolist(), speed.tolist(), strict=True):
-                if k >= free[g] and land < min(LONGEST, len(push) - k):
+                if k >= free[g] and land < min(tuning.LONGEST_FLIGHT_SAMPLES, len(push) - k):
                     end = free[g] = k + land
                     found[g][k:end] = -push[k:end]
                     found[g][end] = fast / step[end] - push[end]
@@ -153,12 +150,12 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
 
 def _landings(push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]) -> tuple[Ints, Floats]:
     """Return after how many samples from each turn of the load a link has crossed each gap, and how fast, (G, T)."""
-    rows = turns[:, None] + np.arange(LONGEST)
+    rows = turns[:, None] + np.arange(tuning.LONGEST_FLIGHT_SAMPLES)
     lasts = np.where(rows < len(push), step[np.minimum(rows, len(push) - 1)], 0.0)
     speed = np.cumsum(push[np.minimum(rows, len(push) - 1)] * lasts, axis=1)
     way = np.maximum.accumulate(np.abs(np.cumsum(speed * lasts, axis=1)), axis=1)
     lands = np.array([np.sum(way < gap, axis=1) for gap in gaps])
-    return lands, np.take_along_axis(speed, np.minimum(lands, LONGEST - 1).T, axis=1).T
+    return lands, np.take_along_axis(speed, np.minimum(lands, tuning.LONGEST_FLIGHT_SAMPLES - 1).T, axis=1).T
 
 
 class BaseTilt(Effect):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.kinematics import link_frames
-from dynid.model.prior import second_moments
+from dynid.model.parameters import second_moments
 from dynid.reports.evidence import Evidence
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 from dynid.reports.inertia_ellipsoids import Ellipsoid, ellipsoid_drawing

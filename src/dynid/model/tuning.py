@@ -1,0 +1,71 @@
+"""The numbers of this folder that decide something: unit, meaning, evidence."""
+
+# ---------------------------------------------------------------- evaluation of the regressor
+#: Samples a block: enough to hide the cost of starting an array operation, few enough for the processor's cache.
+#: evidence: none yet.
+BLOCK_SAMPLES = 2048
+#: Samples of a process from which on the interpreter in C is compiled: NumPy takes as long for them as the compiler.
+#: evidence: benchmarks/speed.md, "compiled in 0.4 s once half a million samples were evaluated".
+SAMPLES_WORTH_COMPILING = 500_000
+#: A compiler that takes longer than this hangs [s]. evidence: none yet.
+COMPILER_TIMEOUT_S = 60.0
+
+# ---------------------------------------------------------------- base parameters
+#: A normalised column left with less than this after projection on the ones before it depends on them. evidence: on
+#: random states the kept singular values end at about 0.2 and the dropped ones begin at 5e-15: anything between serves.
+DEPENDENT_COLUMN = 1e-9
+#: A column whose norm is below this share of the largest, and a coefficient below this share of the largest of its
+#: relation, are rounding. evidence: as for DEPENDENT_COLUMN.
+ROUNDING_SHARE = 1e-9
+#: Standard deviation of the random speeds and accelerations [rad/s, rad/s^2]: no column is small then.
+#: evidence: none yet.
+RANDOM_STATE_SPREAD = 2.0
+#: Random states in the prime field that relations are found from, and further ones that they are checked on. Links 1..k
+#: have at most 17 k columns (with a coupled motor's) and k rows a state, so 17 are needed. evidence: that law.
+FIELD_STATES, FIELD_CHECKS = 24, 4
+
+# ---------------------------------------------------------------- formulas of the relations
+#: Random states of a neighbourhood of two or three links: its 33 columns need no more rows. evidence: that count.
+NEIGHBOURHOOD_STATES = 12
+#: Number of neighbouring links that a relation is looked for in. evidence: none yet.
+NEIGHBOURING_LINKS = 2
+#: Largest number of monomials that a coefficient is fitted with, and the geometries beyond it that check the fit.
+#: evidence: none yet.
+MOST_MONOMIALS, FIT_CHECKS = 130, 4
+
+# ---------------------------------------------------------------- the prior of a robot file without one
+#: Radius [m] and density [kg/m^3] of a link: between aluminium tubing and plastic covers, drives included.
+#: evidence: none yet; the fit gives the mass its own scale (estimation).
+DEFAULT_LINK_RADIUS_M = 0.06
+DEFAULT_LINK_DENSITY = 1200.0
+
+# ---------------------------------------------------------------- a URDF as a DH table
+#: Axes that are closer to parallel than this are parallel [rad]; angles below 1e-4 rad were made exact before.
+#: evidence: none yet.
+PARALLEL_AXES_RAD = 1e-7
+#: Lengths below this are zero [m]. evidence: none yet.
+ZERO_LENGTH_M = 1e-9
+#: Forward kinematics of the table must agree with the URDF's to this [m and rad]. evidence: none yet.
+SAME_POSE = 1e-9
+#: Least second moment of a body along an axis, as a share of the largest: a plate is not infinitely thin.
+#: evidence: none yet.
+THINNEST_BODY_SHARE = 1e-3
+
+# ---------------------------------------------------------------- shapes that effects are tried with
+#: A joint that travels less does not move [rad]. evidence: none yet.
+STILL_JOINT_RAD = 0.1
+#: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring. evidence: none yet.
+SLOWEST_WAVE_PHASE_RAD = 10.0
+#: Radians of phase over the travel between neighbouring waves of torque that are tried. evidence: none yet.
+WAVE_SPACING_RAD = 1.6
+#: Fastest wave of torque [1/rad]: harmonic drives have up to some 200 teeth. evidence: their data sheets.
+FASTEST_WAVE = 230.0
+#: The same for waves of friction: refinement finds what lies between, and faster ones are smoothed away by the filter
+#: before they pass for friction. evidence: none yet.
+FRICTION_WAVE_SPACING_RAD, FASTEST_FRICTION_WAVE = 3.2, 120.0
+#: Waves of a travel, each of which may fit by accident. evidence: none yet.
+WAVES_THAT_MAY_FIT = 60
+#: How often the bend of an elastic joint is found again from the torque where it is bent. evidence: none yet.
+BEND_ITERATIONS = 3
+#: A link that has not crossed a gap of backlash after so many samples rests between its flanks. evidence: none yet.
+LONGEST_FLIGHT_SAMPLES = 400
