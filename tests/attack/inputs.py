@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.files.bag import write_bag
-from dynid.files.convert import write_log
+from dynid.files.convert import write_bag, write_log
 from dynid.log import Log
 
 ROBOT = """name: swing

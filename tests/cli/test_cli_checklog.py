@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynid.files.npzlog import read_npz_log
+from dynid.files.logs import read_npz_log
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "trajectories/lwr4plus_identify.bag"

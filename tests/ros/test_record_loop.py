@@ -10,8 +10,7 @@ import yaml
 from lab import ROOT
 
 from dynid.files.artifact import sha256
-from dynid.files.logs import read_log
-from dynid.files.npzlog import read_npz_log
+from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.sim.plant import read_plant

@@ -1,50 +1,51 @@
-"""ROS 1 bags as logs and back, without ROS.
+"""ROS 1 bags: their topics and messages, by one linear walk over the records; a damaged bag gives what is readable.
 
-Reads record by record (``bag_records``), writes with rosbags; what is damaged comes with finding W305.
+A recorder that was killed leaves a bag without index and with its last chunk open; a full disk leaves one cut
+anywhere. Everything before the first broken record is still there. Records are read chunk by chunk, so memory holds one
+chunk at a time, whatever the file says; the index only tells which chunks may be passed over. Source: bag format 2.0,
+wiki.ros.org/Bags/Format/2.0.
+
+Why not the reader of rosbags: it takes seven times as long, holds an entry for each message, and reads no bag without
+an index (benchmarks/read_bag.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+import bz2
+import os
+import struct
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import BagTruncated, CannotWrite, Finding, LogLayout, LogNotFound
-from dynid.files.bag_records import MAGIC, BrokenBag, Connection, Messages, read_index, scan
-from dynid.files.cdr import MULTI_ARRAY, multi_array_ros1
-from dynid.files.messages import CHECKSUMS, BrokenMessage, Collector
+from dynid.errors import BagTruncated, Finding, LogNotFound
+from dynid.files import tuning
+from dynid.files.artifact import HashedFile, Readable
+from dynid.files.messages import (
+    Broken,
+    Connection,
+    Messages,
+    Topic,
+    collected,
+    counted,
+    nothing_readable,
+    topics_of,
+)
 from dynid.log import Log
-from dynid.npz import put_in_place
-from dynid.scratch import scratch_folder
 
-#: First bytes of a ROS bag of any version.
-START = b"#ROSBAG"
-#: Seconds since 1970 that the stamps of messages end with, in 2038.
-LAST_STAMP = 2**31
-
-
-@dataclass(frozen=True)
-class Topic:
-    """One topic of a bag.
-
-    Attributes:
-        name: topic name.
-        type: message type, such as ``"sensor_msgs/JointState"``.
-        count: number of messages.
-    """
-
-    name: str
-    type: str
-    count: int
-
-    def __str__(self) -> str:
-        """Return it as the messages show it."""
-        return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
+#: First bytes of a ROS bag of any version, and the line that opens one of version 2.0.
+START, MAGIC = b"#ROSBAG", b"#ROSBAG V2.0\n"
+_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 3, 5, 6, 7))
+#: A record header holds a few short fields; a larger number is debris.
+_LARGEST_HEADER = 1 << 20
+_PIECE = 1 << 16
+#: The field of a message's header that differs from message to message: length, name, eight bytes.
+_TIME = b"\r\0\0\0time="
 
 
 def list_topics(path: Path) -> dict[str, Topic]:
@@ -55,141 +56,26 @@ def list_topics(path: Path) -> dict[str, Topic]:
         LogNotFound: not a bag.
     """
     _check_magic(path)
-    found: dict[str, Topic] = {}
-
-    def count(connection: Connection, messages: int) -> None:
-        before = found.get(connection.topic)
-        found[connection.topic] = Topic(
-            connection.topic, connection.type, messages + (before.count if before is not None else 0)
-        )
-
     try:
         index = read_index(path)
-        for connection in index.connections.values():
-            count(connection, 0)
-        for counts in index.chunks.values():
-            for number, messages in counts.items():
-                if number in index.connections:
-                    count(index.connections[number], messages)
-    except BrokenBag:
-        found.clear()
-        for some in scan(path):
-            count(some.connection, len(some))
-        if not found:
-            raise _nothing_readable(path) from None
-    return found
+    except Broken as error:
+        if found := counted(scan(path)):
+            return found
+        raise nothing_readable(path, str(error)) from None
+    none = [(connection, 0) for connection in index.connections.values()]
+    some = [(n, count) for counts in index.chunks.values() for n, count in counts.items() if n in index.connections]
+    return topics_of([*none, *((index.connections[number], count) for number, count in some)])
 
 
 def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-    """Read topics of a bag.
-
-    Returns:
-        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+    """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
 
     Raises:
         BagTruncated: nothing of these topics is readable.
         WrongMessageType: the layout of the messages is not the known one of their type.
         TooLarge: a chunk, a message or a name is larger than the limit.
     """
-    try:
-        index = read_index(path)
-        collectors = _collect(scan(path, recover=False, index=index, topics=names))
-        return {name: collector.logs() for name, collector in collectors.items()}, ()
-    except (BrokenBag, BrokenMessage) as error:
-        reason = str(error)
-    collectors = _collect(scan(path, topics=names), lenient=True)
-    groups = {name: found for name, collector in collectors.items() if (found := collector.logs())}
-    if not groups:
-        raise _nothing_readable(path)
-    return groups, (recovered(path, reason, groups),)
-
-
-def message_stamps(log: Log, start: int) -> NDArray[np.int64]:
-    """Return the stamps of a log's samples [ns since 1970], (N,).
-
-    Raises:
-        LogLayout: a message cannot hold them.
-    """
-    whole = bool(np.isfinite(log.t).all()) and abs(start) < LAST_STAMP * 10**9
-    if not whole or log.t.min() + start * 1e-9 < 0 or log.t.max() + start * 1e-9 >= LAST_STAMP:
-        raise LogLayout(
-            f"{log.name} has times before 1970 or after 2038, or that are no numbers", where=log.name,
-            why="messages of ROS have no such stamps", fix="write .npz, .csv or .parquet",
-        )  # fmt: skip
-    return np.asarray(start + np.round(log.t * 1e9).astype(np.int64))
-
-
-def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
-    """Write a log as a bz2-compressed bag of sensor_msgs/JointState; equal logs give equal bytes.
-
-    Args:
-        log: the columns to publish, in their order.
-        path: the file; an existing one is replaced.
-        topic: topic of the messages, each stored at the time of its stamp.
-        start: what ``log.t`` counts from [ns since 1970].
-    """
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    State, Header, Time = (store.types[kind] for kind in kinds)
-    stamps = message_stamps(log, start)
-    speeds = np.empty((len(log), 0)) if log.qd is None else log.qd
-    q, qd, tau = (np.ascontiguousarray(part) for part in (log.q, speeds, log.tau))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with scratch_folder(path.parent) as folder:
-            temporary = Path(folder) / path.name
-            writer = Writer(temporary)
-            writer.set_compression(Writer.CompressionFormat.BZ2)
-            with writer:
-                channel = writer.add_connection(topic, State.__msgtype__, typestore=store)
-                for i, stamp in enumerate(stamps.tolist()):
-                    header = Header(i, Time(*divmod(stamp, 10**9)), "")
-                    message = State(header, list(log.names), q[i], qd[i], tau[i])
-                    writer.write(channel, stamp, bytes(store.serialize_ros1(message, State.__msgtype__)))
-            put_in_place(temporary, path)
-    except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
-
-
-def _collect(found: Iterator[Messages], *, lenient: bool = False) -> dict[str, Collector]:
-    collectors: dict[str, Collector] = {}
-    for messages in found:
-        connection = messages.connection
-        if numbers := connection.type == MULTI_ARRAY:
-            connection = replace(connection, type=JOINT_STATE, definition="", md5=CHECKSUMS[JOINT_STATE])
-        collector = collectors.get(connection.topic)
-        if collector is None:
-            collector = collectors[connection.topic] = Collector(connection, lenient=lenient)
-        if not numbers:
-            collector.add_alike(messages.arrival, messages.raw)
-            continue
-        for time, raw in zip(messages.arrival.tolist(), messages.raw, strict=True):
-            try:
-                collector.add(time, multi_array_ros1(raw.tobytes()))
-            except BrokenMessage:
-                if not lenient:
-                    raise
-    return collectors
-
-
-def recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
-    """Return finding W305: what of a damaged recording is used."""
-    logs = [log for found in groups.values() for log in found]
-    count = sum(len(log) for log in logs)
-    seconds = float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9
-    text = (
-        f"{path.name} was cut or not closed (recorder killed?): "
-        f"{count} messages, {seconds:.1f} s, are readable and used; "
-        f"reported by the reader: {reason.rstrip('.')}"
-    )
-    return Finding("W305", "warning", text, {"messages": count, "seconds": seconds, "reason": reason})
-
-
-def _nothing_readable(path: Path) -> BagTruncated:
-    return BagTruncated(f"{path.name} ends early (recorder killed?); 0 s are readable", where=str(path))
+    return collected(path, [path], lambda part: scan(part, names))
 
 
 def _check_magic(path: Path) -> None:
@@ -209,3 +95,343 @@ def _check_magic(path: Path) -> None:
             where=str(path),
             fix="convert it with: rosbag fix",
         )
+
+
+# ---------------------------------------------------------------- the index
+@dataclass(frozen=True)
+class Index:
+    """What the index at the end of a closed bag says.
+
+    Attributes:
+        connections: by their number.
+        chunks: for each chunk, by its place in the file, how many messages it has of which connection.
+    """
+
+    connections: dict[int, Connection]
+    chunks: dict[int, dict[int, int]]
+
+    def lacks(self, place: int, topics: Collection[str]) -> bool:
+        """Return whether the chunk at a place is known to have no message of some topics."""
+        numbers = self.chunks.get(place)
+        return numbers is not None and not any(
+            number in self.connections and self.connections[number].topic in topics for number in numbers
+        )
+
+
+def read_index(path: Path) -> Index:
+    """Return the index of a bag.
+
+    Raises:
+        Broken: there is none, or it is damaged.
+        TooLarge: it names more connections than the limit.
+    """
+    with limits.open_file(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        stream.seek(len(MAGIC))
+        opening, _ = _read_head(stream, end)
+        if opening.get(b"op") != _BAG:
+            raise Broken("it does not begin with a bag header")
+        place = opening.get(b"index_pos", b"")
+        start = int.from_bytes(place, "little") if len(place) == 8 else 0
+        if start == 0:
+            raise Broken("it was never closed: there is no index")
+        if start > end:
+            raise Broken("it ends before its index")
+        stream.seek(start)
+        found = Index({}, {})
+        while stream.tell() < end:
+            header, size = _read_head(stream, end)
+            data = _read_exactly(stream, size, end)
+            if header.get(b"op") == _CONNECTION:
+                _remember(header, data, found.connections, path)
+            elif header.get(b"op") == _CHUNK_INFO:
+                chunk = int.from_bytes(header.get(b"chunk_pos", b""), "little")
+                found.chunks[chunk] = dict(struct.iter_unpack("<II", data[: len(data) // 8 * 8]))
+        counts = [_number(opening, key) for key in (b"conn_count", b"chunk_count")]
+        if len(found.connections) < counts[0] or len(found.chunks) < counts[1]:
+            raise Broken("its index is not whole")
+        return found
+
+
+# ---------------------------------------------------------------- the walk
+@dataclass
+class _Walk:
+    """State of a walk over a bag: the connections that were met, bytes that were unpacked, the first damage."""
+
+    path: Path
+    connections: dict[int, Connection] = field(default_factory=dict)
+    unpacked: int = 0
+    broken: str = ""
+
+
+def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
+    """Yield every readable message, chunk by chunk in the order of the file; those that are alike come together.
+
+    The file is hashed on the way, so that nothing reads it again for that.
+
+    Args:
+        path: the bag.
+        topics: names of the topics that are wanted; all when None.
+
+    Raises:
+        Broken: after the last readable message, where there were others: a record or a chunk is damaged.
+        TooLarge: a chunk unpacks to more than the limit.
+    """
+    walk, index = _Walk(path), None
+    try:
+        index = read_index(path)
+        walk.connections.update(index.connections)
+    except Broken as error:
+        walk.broken = str(error)
+    with HashedFile(path) as stream:
+        end = stream.seek(0, os.SEEK_END)
+        stream.seek(len(MAGIC))
+        try:
+            while stream.tell() < end:
+                place = stream.tell()
+                header, size = _read_head(stream, end)
+                if header.get(b"op") != _CHUNK:
+                    messages = _one(header, _read_exactly(stream, size, end), walk)
+                elif index is not None and topics is not None and index.lacks(place, topics):
+                    stream.seek(size, os.SEEK_CUR)
+                    continue
+                else:
+                    messages = _chunk(stream, header, size, end, walk)
+                for item in messages:
+                    if topics is None or item.connection.topic in topics:
+                        yield item
+        except Broken as error:
+            walk.broken = walk.broken or str(error)
+        if walk.broken:
+            raise Broken(walk.broken)
+        stream.finish()
+
+
+def _chunk(stream: Readable, header: dict[bytes, bytes], size: int, end: int, walk: _Walk) -> Iterator[Messages]:
+    """Yield the messages of a chunk.
+
+    Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of an
+    uncompressed one simply follow.
+    """
+    compression = header.get(b"compression", b"")
+    if size == 0:
+        walk.broken = walk.broken or "its last chunk was not closed"
+        if compression == b"none":
+            return
+    left = size or end - stream.tell()
+    whole = size > 0 and left <= end - stream.tell()
+    if compression == b"none":
+        limits.check("chunk_bytes", min(left, end - stream.tell()), walk.path)
+    content = _unpacked(stream, min(left, end - stream.tell()), compression, whole, walk)
+    if not whole:
+        walk.broken = walk.broken or "its last chunk is cut"
+    yield from _messages(content, walk)
+
+
+def _read_exactly(stream: Readable, size: int, end: int) -> bytes:
+    if size > end - stream.tell():
+        raise Broken("it ends in the middle of a record")
+    return stream.read(size)
+
+
+def _read_head(stream: Readable, end: int) -> tuple[dict[bytes, bytes], int]:
+    """Read a record's header and the size of its data."""
+    length = struct.unpack("<I", _read_exactly(stream, 4, end))[0]
+    if length > _LARGEST_HEADER:
+        raise Broken("a record header is damaged")
+    header = _fields(_read_exactly(stream, length, end))
+    return header, struct.unpack("<I", _read_exactly(stream, 4, end))[0]
+
+
+def _fields(block: bytes) -> dict[bytes, bytes]:
+    """Split a header into its fields: length, name=value."""
+    found: dict[bytes, bytes] = {}
+    position = 0
+    while position < len(block):
+        size = int.from_bytes(block[position : position + 4], "little")
+        content = block[position + 4 : position + 4 + size]
+        name, equals, value = content.partition(b"=")
+        if len(content) != size or not equals:
+            raise Broken("a record header is damaged")
+        found[name] = value
+        position += 4 + size
+    return found
+
+
+def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
+    """Yield the messages of a chunk up to the first broken one, those together that are alike."""
+    places: dict[tuple[int, int], list[int]] = {}
+    position, end, last, row = 0, len(chunk), (0, 0), 0
+    while position < end:
+        head = 8 + int.from_bytes(chunk[position : position + 4], "little")
+        body = position + head
+        size = int.from_bytes(chunk[body - 4 : body], "little")
+        if body > end or body + size > end:
+            walk.broken = walk.broken or "a chunk ends in the middle of a message"
+            break
+        row = row + 1 if (head, size) == last else 0
+        last, count = (head, size), 1
+        if row == tuning.ALIKE_RECORDS:
+            count, row = _alike(chunk, position, head, size), 0
+        after = position + count * (head + size)
+        places.setdefault(last, []).extend(range(position, after, head + size))
+        position = after
+    groups = [each for (head, size), where in places.items() for each in _by_header(chunk, head, size, np.array(where))]
+    try:
+        for group in sorted(groups, key=lambda group: int(group.where[0])):
+            end = int(group.where[0])
+            group.header = _fields(chunk[end + 4 : end + group.head - 4])
+            if group.header.get(b"op") == _CONNECTION:
+                for place in group.where.tolist():
+                    _remember(group.header, chunk[place + group.head :][: group.size], walk.connections, walk.path)
+        end = len(chunk)
+    except Broken as error:
+        walk.broken = walk.broken or str(error)
+    for group in groups:
+        yield from _of_group(chunk, group, end, walk)
+
+
+@dataclass
+class _Group:
+    """Records of a chunk with one header but for the time.
+
+    Attributes:
+        head: bytes of the header, lengths included.
+        size: bytes of the data.
+        where: where they begin, (N,).
+        header: fields of the first.
+    """
+
+    head: int
+    size: int
+    where: NDArray[np.int64]
+    header: dict[bytes, bytes] = field(default_factory=dict)
+
+
+def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
+    """Return how many records that begin like the one at a position follow it, itself included."""
+    record = head + size
+    rows = np.frombuffer(chunk, np.uint8, (len(chunk) - position) // record * record, position).reshape(-1, record)
+    lengths = np.r_[0:4, head - 4 : head]
+    equal = np.all(rows[:, lengths] == rows[0, lengths], axis=1)
+    return len(equal) if equal.all() else int(np.argmin(equal))
+
+
+def _by_header(chunk: bytes, head: int, size: int, where: NDArray[np.int64]) -> Iterator[_Group]:
+    """Yield records with headers and data of one length each by what their headers say besides the time."""
+    time = chunk.find(_TIME, where[0], where[0] + head) - where[0] + len(_TIME)
+    headers = _rows(chunk, where, head, head + size).copy()
+    if len(_TIME) <= time <= head - 8:
+        headers[
+            np.all(headers[:, time - len(_TIME) : time] == np.frombuffer(_TIME, np.uint8), axis=1), time : time + 8
+        ] = 0
+    if np.all(headers == headers[0]):
+        yield _Group(head, size, where)
+        return
+    _, kind = np.unique(headers.view(f"V{head}").ravel(), return_inverse=True)
+    order = np.argsort(kind, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
+        yield _Group(head, size, where[part])
+
+
+def _of_group(chunk: bytes, group: _Group, end: int, walk: _Walk) -> Iterator[Messages]:
+    """Yield the messages of a group that begin before the end of what is whole."""
+    where = group.where[group.where < end]
+    if group.header.get(b"op") != _MESSAGE or not len(where) or len(group.header.get(b"time", b"")) != 8:
+        return
+    connection = walk.connections.get(_number(group.header, b"conn"))
+    if connection is None:
+        return
+    records = _rows(chunk, where, group.head + group.size, group.head + group.size)
+    time = chunk.find(_TIME, where[0]) - where[0] + len(_TIME)
+    words = np.ascontiguousarray(records[:, time : time + 8]).view("<u4").astype(np.int64)
+    yield Messages(connection, words[:, 0] * 10**9 + words[:, 1], records[:, group.head :])
+
+
+def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDArray[np.uint8]:
+    """Return pieces of one length of a chunk, (N, length); those a step apart without a copy."""
+    content = np.frombuffer(chunk, np.uint8)
+    if where[-1] - where[0] == (len(where) - 1) * step:
+        return content[where[0] : where[0] + len(where) * step].reshape(-1, step)[:, :length]
+    return np.asarray(content[where[:, None] + np.arange(length)])
+
+
+def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[Messages]:
+    """Yield the message of a record, or remember the connection it describes."""
+    op = header.get(b"op")
+    if op == _MESSAGE:
+        connection = walk.connections.get(_number(header, b"conn"))
+        stamp = header.get(b"time", b"")
+        if connection is not None and len(stamp) == 8:
+            seconds, nanoseconds = struct.unpack("<II", stamp)
+            arrival = np.array([seconds * 10**9 + nanoseconds], dtype=np.int64)
+            yield Messages(connection, arrival, np.frombuffer(data, np.uint8)[None])
+    elif op == _CONNECTION:
+        _remember(header, data, walk.connections, walk.path)
+
+
+def _remember(header: dict[bytes, bytes], data: bytes, found: dict[int, Connection], path: Path) -> None:
+    facts = _fields(data)
+    words = [facts.get(key, b"").decode("utf-8", "replace") for key in (b"type", b"message_definition", b"md5sum")]
+    topic = header.get(b"topic", b"").decode("utf-8", "replace")
+    parts = [part for part in topic.split("/") if part]
+    found[_number(header, b"conn")] = Connection(f"{'/' if topic.startswith('/') else ''}{'/'.join(parts)}", *words)
+    limits.check("connections", len(found), path)
+
+
+def _number(header: dict[bytes, bytes], key: bytes) -> int:
+    value = header.get(key, b"")
+    if len(value) != 4:
+        raise Broken("a record header is damaged")
+    return int.from_bytes(value, "little")
+
+
+def _unpacked(stream: Readable, size: int, compression: bytes, whole: bool, walk: _Walk) -> bytes:
+    """Return the content of a chunk, of which ``size`` bytes are in the file; unpacked piece by piece within the limit.
+
+    Why: a chunk that is cut gives what its complete blocks hold; one that is whole but does not decompress is given up,
+    because what comes out before the error may already be wrong.
+    """
+    if compression == b"none":
+        return stream.read(size)
+    after = stream.tell() + size
+    unpack = _decompressor(compression)
+    out = bytearray()
+    try:
+        if unpack is None:
+            walk.broken = walk.broken or "a chunk has an unknown compression"
+            return b""
+        while stream.tell() < after:
+            for part in unpack(stream.read(min(_PIECE, after - stream.tell()))):
+                out += part
+                limits.check("chunk_bytes", len(out), walk.path)
+    except (OSError, RuntimeError, EOFError, ValueError, MemoryError):
+        walk.broken = walk.broken or "a chunk cannot be decompressed"
+        out = bytearray() if whole else out
+    finally:
+        stream.seek(after)
+    walk.unpacked += len(out)
+    limits.check_expansion(after, walk.unpacked, walk.path, whole=True)
+    return bytes(out)
+
+
+def _decompressor(compression: bytes) -> Callable[[bytes], Iterator[bytes]] | None:
+    """Return a function from packed pieces to unpacked ones of limited size."""
+    machine: Any
+    if compression == b"bz2":
+        machine = bz2.BZ2Decompressor()
+    elif compression == b"lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        machine = LZ4FrameDecompressor()
+    else:
+        return None
+
+    def unpack(piece: bytes) -> Iterator[bytes]:
+        if machine.eof:
+            return
+        yield machine.decompress(piece, _PIECE)
+        while not machine.needs_input and not machine.eof:
+            yield machine.decompress(b"", _PIECE)
+
+    return unpack

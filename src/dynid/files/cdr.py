@@ -7,15 +7,14 @@ section 7.4 (plain CDR, versions 1 and 2).
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
+from dynid.errors import TooLarge
 from dynid.files.messages import BrokenMessage
 
-MULTI_ARRAY = "std_msgs/Float64MultiArray"
 #: Kind of the encapsulation (second byte) -> byte order and largest alignment.
 _KINDS = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4)}
 _SEQUENCE = b"\0\0\0\0"
@@ -91,17 +90,20 @@ def joint_state(raw: bytes) -> bytes:
     return b"".join([head, struct.pack("<I", count), *names, *fields])
 
 
-def joint_states(raws: Sequence[bytes]) -> NDArray[np.uint8] | None:
-    """Return many messages as ``joint_state`` does, (N, length); None where they differ in more than stamp and numbers.
+def joint_states(table: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """Return messages of one length as ``joint_state`` does, (N, length); None where more than their numbers differ.
 
-    Raises:
-        BrokenMessage: the first one is not such a message.
-        TooLarge: it has more names, or longer ones, than the limits.
+    Args:
+        table: their bytes, (N, length).
     """
-    first = joint_state(raws[0])
-    if raws[0][1] not in (1, 7) or len({len(raw) for raw in raws}) > 1:
+    one = table[0].tobytes()
+    try:
+        first = joint_state(one)
+    except (BrokenMessage, TooLarge):
         return None
-    reader = _Reader(raws[0])
+    if one[1] not in (1, 7):
+        return None
+    reader = _Reader(one)
     reader.number(), reader.number(), reader.text()
     for _ in range(reader.number()):
         reader.text()
@@ -115,9 +117,8 @@ def joint_states(raws: Sequence[bytes]) -> NDArray[np.uint8] | None:
     for start, end in zip(reversed(reader.starts), reversed(ends), strict=True):
         places.append((start, tail - (end - start), end - start))
         tail -= end - start + 4
-    table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1)
     alike = np.ones(table.shape[1], dtype=bool)
-    found = np.tile(np.frombuffer(first, np.uint8), (len(raws), 1))
+    found = np.tile(np.frombuffer(first, np.uint8), (len(table), 1))
     for here, there, size in places:
         alike[here : here + size] = False
         found[:, there : there + size] = table[:, here : here + size]
@@ -125,7 +126,7 @@ def joint_states(raws: Sequence[bytes]) -> NDArray[np.uint8] | None:
 
 
 def multi_array(raw: bytes) -> bytes:
-    """Return a std_msgs/msg/Float64MultiArray in CDR as a JointState of ROS 1 without names and stamp.
+    """Return the numbers of a std_msgs/msg/Float64MultiArray in CDR as ROS 1 writes them.
 
     Raises:
         BrokenMessage: the bytes are not such a message.
@@ -138,31 +139,4 @@ def multi_array(raw: bytes) -> bytes:
         reader.text()
         reader.number(), reader.number()
     reader.number()
-    return _nameless(reader.floats())
-
-
-def multi_array_ros1(raw: bytes) -> bytes:
-    """Return a std_msgs/Float64MultiArray of ROS 1 as a JointState without names and stamp.
-
-    Raises:
-        BrokenMessage: the bytes are not such a message.
-        TooLarge: more dimensions than columns may be.
-    """
-    try:
-        (count,) = struct.unpack_from("<I", raw, 0)
-        limits.check("columns", min(count, len(raw) // 4), "a Float64MultiArray")
-        at = 4
-        for _ in range(count):
-            (size,) = struct.unpack_from("<I", raw, at)
-            at += 12 + size
-        (numbers,) = struct.unpack_from("<I", raw, at + 4)
-    except struct.error:
-        raise BrokenMessage("a message is too short for its type") from None
-    if len(raw) < at + 8 + 8 * numbers:
-        raise BrokenMessage("a message is too short for its type")
-    return _nameless(raw[at + 4 : at + 8 + 8 * numbers])
-
-
-def _nameless(numbers: bytes) -> bytes:
-    # Unit: sequence number, stamp (two words), length of the frame's name, number of names.
-    return b"\0" * 20 + numbers + _SEQUENCE + _SEQUENCE
+    return reader.floats()

@@ -5,21 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from dynid.files.textlog import TIME_NAMES
-
-#: Further names of a column that is time, in small letters and without their unit.
-_TIMES = {
-    *TIME_NAMES,
-    "zeit",
-    "temps",
-    "tiempo",
-    "duration",
-    "elapsed",
-    "elapsed time",
-    "clock",
-    "time stamp",
-    "datetime",
-}
+#: Names of a column that is time, and further ones in small letters and without their unit.
+TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
+_TIMES = frozenset(TIME_NAMES) | frozenset(["zeit", "temps", "tiempo", "duration", "elapsed", "clock", "datetime"]) | {
+    "elapsed time", "time stamp",
+}  # fmt: skip
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Zeit [s].
 _TIME_UNIT = re.compile(r"(?:^|[_\s\[(./]+)(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$")
 _TIME_UNITS = {"s": "s sec secs seconds", "ms": "ms msec", "us": "us usec µs", "ns": "ns nsec nanosec"}

@@ -1,29 +1,32 @@
-"""How a text table is written: delimiter, decimal sign, header, dates; and its cells as numbers.
+"""How a text table is written: encoding, delimiter, decimal sign, header, dates; and its cells as numbers.
 
 Told from the first lines: exports of spreadsheets in any country, of recorders and of plotting tools.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import date
+from itertools import count as count_from
 from itertools import pairwise
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import LogLayout, LogNotFound
-from dynid.files.datestamps import seconds_of
-from dynid.files.textlog import lines_of
+from dynid.files import tuning
 
 Floats = NDArray[np.float64]
 
-#: Lines from which a dialect is told, and those of numbers among them.
-SNIFFED, SAMPLE = 200, 40
 DELIMITERS = (";", "\t", "|", ",")
 #: Cells that say that there is no number.
 NONE = {"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"}
@@ -36,6 +39,18 @@ _GROUPED = {
 }
 _WITH_COMMA = re.compile(rf"[+-]?\d*,\d+{_EXPONENT}", re.ASCII)
 _WITH_POINT = re.compile(rf"[+-]?\d*\.\d+{_EXPONENT}", re.ASCII)
+
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+#: Seconds of a day, and days from year 1 to 1970.
+DAY, EPOCH = 86400.0, date(1970, 1, 1).toordinal()
+_STAMP = re.compile(
+    r"""(?:(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)
+          |(?P<first>\d\d?)(?P<mark>[./-])(?P<second>\d\d?)(?P=mark)(?P<last>\d{4}))
+        (?:T|\s+))?
+        (?P<hour>\d{1,3}):(?P<minute>[0-5]\d):(?P<whole>[0-5]\d)(?:[.,](?P<part>\d{1,12}))?
+        \s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?""",
+    re.VERBOSE | re.ASCII,
+)
 
 
 @dataclass(frozen=True)
@@ -65,12 +80,32 @@ class Dialect:
         stamp = seconds_of(self.first[place]) if place < len(self.first) else None
         return stamp[0] if stamp else None
 
-    def numbers(self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]) -> Floats:
-        """Return some columns of some rows, (N, k).
+    def read(self, path: Path, places: Sequence[int]) -> Iterator[Floats]:
+        """Yield some columns of a text, block by block, (N, k).
 
         Raises:
+            LogNotFound: it is no text.
             LogLayout: a cell is not a number, or a row has another number of cells.
+            TooLarge: the text or a line of it is longer than the limit.
         """
+        rows: list[tuple[int, str]] = []
+        try:
+            with limits.open_file(path) as stream:
+                limits.check("text_bytes", os.fstat(stream.fileno()).st_size, path)
+                for number, line in lines_of(stream, path):
+                    if number < self.start or not self.start or line[0] in "#%":
+                        continue
+                    rows.append((number, line))
+                    if len(rows) == tuning.ROWS:
+                        yield self._numbers(path, rows, places)
+                        rows = []
+        except UnicodeDecodeError as error:
+            raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
+        if rows:
+            yield self._numbers(path, rows, places)
+
+    def _numbers(self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]) -> Floats:
+        """Return some columns of some rows, (N, k): at once where all cells are plain numbers."""
         lines = [line for _, line in rows]
         dates = [self.date(place) for place in places]
         # Why: a quoted comma is no delimiter, and a point beside decimal commas groups thousands.
@@ -148,7 +183,7 @@ def dialect_of(path: Path) -> Dialect:
         with limits.open_file(path) as stream:
             for number, line in lines_of(stream, path):
                 lines.append((number, line))
-                if len(lines) >= SNIFFED:
+                if len(lines) >= tuning.FIRST_LINES:
                     break
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
@@ -161,7 +196,7 @@ def dialect_of(path: Path) -> Dialect:
     if 0 < at < len(plain) - 1 and plain[at][1][0] in ";,\t|" and plain[at + 1][1][0] not in ";,\t|":
         # A row without a stamp before rows with one counts the joints, below a line of what is theirs.
         at += 1
-    start, sample = plain[at][0] if at < len(plain) else 0, [line for _, line in plain[at : at + SAMPLE]]
+    start, sample = plain[at][0] if at < len(plain) else 0, [line for _, line in plain[at : at + tuning.FIRST_ROWS]]
     head = [(number, line) for number, line in lines if not start or number < start]
     words = [line for _, line in head if line[0] not in "#%"]
     model = sample[0] if sample else words[-1] if words else ""
@@ -247,3 +282,60 @@ def _filled(words: Sequence[str]) -> list[str]:
     for word in words:
         found.append(word or (found[-1] if found else ""))
     return found
+
+
+# ---------------------------------------------------------------- lines
+def lines_of(stream: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines that hold something, with their numbers, each no longer than the limit."""
+    most = int(limits.limit("line_bytes"))
+    text = io.TextIOWrapper(stream, encoding=_encoding(stream))
+    for number in count_from(1):
+        line = text.readline(most + 1)
+        if not line:
+            return
+        limits.check("line_bytes", len(line), f"{path}:{number}")
+        # Why: a tab at an end stands beside an empty cell; spreadsheets fill rows up with delimiters alone.
+        if (line := line.strip(" \r\n\f\v")).strip(';,|" \t'):
+            yield number, line
+
+
+def _encoding(stream: IO[bytes]) -> str:
+    """Return the encoding of a text: by its mark, UTF-8 where that fits, else that of western Windows."""
+    start = stream.read(tuning.ENCODED_BYTES)
+    stream.seek(0)
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(start)
+    except UnicodeDecodeError:
+        # Why: a text has no control characters; what has some is another kind of file, and named as that.
+        return "utf-8-sig" if _CONTROL.search(start) else "cp1252"
+    return "utf-8-sig"
+
+
+# ---------------------------------------------------------------- dates
+def seconds_of(word: str) -> tuple[int, float] | None:
+    """Return a stamp as whole seconds since 1970 (a time of day: since midnight) and the rest; None where it is none.
+
+    Why two: a number that counts from 1970 holds no more than tenths of microseconds.
+    """
+    found = _STAMP.fullmatch(word)
+    if found is None:
+        return None
+    days = 0
+    try:
+        if found["year"]:
+            days = date(int(found["year"]), int(found["month"]), int(found["day"])).toordinal() - EPOCH
+        elif found["last"]:
+            # Why: 3/14/2024 can only be American; where both can be meant, only a midnight tells them apart.
+            numbers = int(found["first"]), int(found["second"])
+            american = found["mark"] == "/" and numbers[0] <= 12
+            month, day = numbers if american else numbers[::-1]
+            days = date(int(found["last"]), month, day).toordinal() - EPOCH
+    except ValueError:
+        return None
+    whole = int(days * DAY) + 3600 * int(found["hour"]) + 60 * int(found["minute"]) + int(found["whole"])
+    zone = (found["zone"] or "Z").replace(":", "")
+    if zone[0] in "+-":
+        whole -= int(zone[0] + "1") * (3600 * int(zone[1:3]) + 60 * int(zone[3:5]))
+    return whole, float(f"0.{found['part'] or 0}")

@@ -9,11 +9,9 @@ import numpy as np
 
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
-from dynid.files import bag, rosbag2, tablelog
-from dynid.files.cdr import MULTI_ARRAY
+from dynid.files import logs, tables
 from dynid.files.columnwords import in_amperes, members, suggested, usual_joints
-from dynid.files.npzlog import read_npz_log
-from dynid.files.textlog import read_folder
+from dynid.files.messages import MULTI_ARRAY, Topic
 from dynid.log import Log
 from dynid.text import yaml_word
 
@@ -67,7 +65,7 @@ class Inspected:
     """
 
     path: Path
-    topics: dict[str, bag.Topic]
+    topics: dict[str, Topic]
     columns: tuple[str, ...]
     joints: tuple[Joints, ...]
     patterns: dict[str, str]
@@ -76,7 +74,7 @@ class Inspected:
     def snippet(self) -> str:
         """Return the part of a robot file that reads this recording, "" where nothing can be told."""
         if not self.joints:
-            return f"driver:\n  kind: generic\n  {tablelog.snippet(self.patterns)}" if self.patterns else ""
+            return f"driver:\n  kind: generic\n  {tables.snippet(self.patterns)}" if self.patterns else ""
         # Why torques first: commands are published as joint states too, and more often.
         chosen = max(self.joints, key=lambda each: (each.has_torques, len(each.log)))
         lines = ["driver:", "  kind: generic"]
@@ -89,7 +87,7 @@ class Inspected:
             names = ", ".join(map(yaml_word, chosen.log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         if self.patterns:
-            lines.append(f"  {tablelog.snippet(self.patterns)}")
+            lines.append(f"  {tables.snippet(self.patterns)}")
         units = chosen.units
         if self.patterns and "effort" not in chosen.log.units and in_amperes(self.patterns["effort"]):
             units["effort"] = "A"
@@ -112,7 +110,7 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
         DynidError: nothing of it can be read.
     """
     if kind in ("bag", "rosbag2"):
-        container = bag if kind == "bag" else rosbag2
+        container = logs.container_of(kind)
         topics = container.list_topics(path)
         wanted = [name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count]
         groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
@@ -120,24 +118,24 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
         return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
         return _table(path, rate)
-    log = read_npz_log(path) if kind == "npz" else read_folder(path, rate)
+    log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
     return Inspected(path, {}, (), (Joints("", log),), {}, log.findings)
 
 
 def _table(path: Path, rate: float | None) -> Inspected:
-    columns = tablelog.column_names(path)
+    columns = tables.column_names(path)
     patterns: dict[str, str] = {}
     names: list[str] = []
     if not usual_joints(columns) and (patterns := suggested(columns)):
         position = patterns["position"]
-        n = max(len(tablelog.matched(position, columns, [""] * k)) for k in range(1, 33))
+        n = max(len(tables.matched(position, columns, [""] * k)) for k in range(1, 33))
         names = members(position, columns) if "{name}" in position else [f"joint_{k + 1}" for k in range(n)]
     try:
-        log = tablelog.read_table(path, names, patterns, rate)
+        log = tables.read_table(path, names, patterns, rate)
     except LogLayout:
         if usual_joints(columns) or patterns:
             raise
         text = f"{path.name}: which of {len(columns)} columns are positions and torques cannot be told from their names"
         unknown = Finding("W330", "warning", text, {"columns": list(columns)})
-        return Inspected(path, {}, columns, (), tablelog.template(columns), (unknown,))
+        return Inspected(path, {}, columns, (), tables.template(columns), (unknown,))
     return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)

@@ -1,63 +1,100 @@
-"""Any recording -> ``Log``: the reader is chosen by the kind of file.
+"""Any recording -> ``Log``: which reader reads a file, and which of its numbers are the robot's.
 
-A further format is a file with a reader, an entry in ``READERS``, and a row in docs/reference/log-format.md.
+A further format is a file with a reader, its suffixes and its case in ``read_log`` and ``inspect_log``, and a row in
+docs/reference/log-format.md. The module of a format is imported when a file of it is read.
 """
 
 from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Callable
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from dynid import limits
-from dynid.errors import Finding, LogNotFound
-from dynid.files import bag, rosbag2, tablelog
+from dynid.drivers.interface import JOINT_STATE
+from dynid.drivers.registry import driver_of
+from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, NewerSchema, WrongMessageType
 from dynid.files.artifact import sha256
-from dynid.files.bag import START
-from dynid.files.inspect import Inspected, inspect
-from dynid.files.joint_states import read_joint_states
-from dynid.files.npzlog import read_npz_log
-from dynid.files.textlog import read_folder
-from dynid.log import Log
+from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
+from dynid.log import SCHEMA, Log
+from dynid.npz import HEADER, parse_json, read_npz
 from dynid.robot import Robot
+from dynid.text import whole_number
+from dynid.units import POSITION
+from dynid.version import __version__
 
-#: From path, robot, ROS topic and sample rate [Hz], of which a reader takes what it needs.
-Reader = Callable[[Path, Robot, str | None, float | None], Log]
+if TYPE_CHECKING:
+    from dynid.files.inspect import Inspected
 
-
-def _bag(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
-    return read_joint_states(path, robot, topic, bag)
-
-
-def _rosbag2(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
-    return read_joint_states(path, robot, topic, rosbag2)
-
-
-def _table(path: Path, robot: Robot, topic: str | None, rate: float | None) -> Log:
-    return tablelog.read_table(path, robot.log_names, robot.driver.columns if robot.driver else None, rate)
-
-
-#: Reader of each suffix; a bag without one of these is known by its first bytes.
-READERS: dict[str, Reader] = {
-    ".bag": _bag,
-    ".active": _bag,
-    ".npz": lambda path, robot, topic, rate: read_npz_log(path),
-    **dict.fromkeys(tablelog.SUFFIXES, _table),
-    **dict.fromkeys(rosbag2.SUFFIXES, _rosbag2),
-}
+#: Format of each suffix, and of the first bytes of a file that has none of these.
+FORMATS = {
+    ".bag": "bag", ".active": "bag", ".npz": "npz", ".csv": "table", ".tsv": "table", ".parquet": "table",
+    ".db3": "rosbag2", ".mcap": "rosbag2",
+}  # fmt: skip
+STARTS = {b"#ROSBAG": "bag", b"SQLite format 3\0": "rosbag2", b"\x89MCAP0\r\n": "rosbag2"}
 #: A log that starts later than this [s] is stamped with a calendar clock; its time is counted from the first sample.
 EPOCH = 1e6
+
+
+class Container(Protocol):
+    """What a kind of bag can do: the modules ``bag`` and ``rosbag2``."""
+
+    def list_topics(self, path: Path) -> dict[str, Topic]:
+        """Return the topics of a bag by name."""
+
+    def read_topics(self, path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+        """Return for each topic its raw logs, the largest first, and what was noticed."""
+
+
+def container_of(kind: str) -> Container:
+    """Return what lists and reads the topics of bags of a kind, ``"bag"`` or ``"rosbag2"``."""
+    if kind == "bag":
+        from dynid.files import bag
+
+        return bag
+    from dynid.files import rosbag2
+
+    return rosbag2
+
+
+def format_of(path: Path) -> str:
+    """Return the format of a recording: ``"bag"``, ``"rosbag2"``, ``"npz"``, ``"table"`` or ``"folder"`` of texts.
+
+    Raises:
+        LogNotFound: no such file, or not a log.
+    """
+    if not path.exists():
+        raise LogNotFound(f"no such file {path}{_nearby(path)}", where=str(path))
+    if path.is_dir():
+        inside = (FORMATS.get(part.suffix) == "rosbag2" for part in path.iterdir())
+        return "rosbag2" if (path / "metadata.yaml").is_file() or any(inside) else "folder"
+    if path.suffix in FORMATS:
+        return FORMATS[path.suffix]
+    try:
+        with limits.open_file(path) as stream:
+            start = stream.read(max(map(len, STARTS)))
+    except OSError as error:
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+    for known, kind in STARTS.items():
+        if start.startswith(known):
+            return kind
+    raise LogNotFound(
+        f"{path} is not a log",
+        where=str(path),
+        fix=f"give a {', '.join(FORMATS)} file, or a folder of rosbag2 or with position.txt and torque.txt",
+    )
 
 
 def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float | None = None) -> Log:
     """Read a recording as it is: the driver's columns, order and units.
 
     Args:
-        path: a .bag, .npz or .csv file, or a folder with the paper's text files.
+        path: a file of a format of ``FORMATS``, a folder of rosbag2, or one with the paper's text files.
         robot: the robot, whose driver chooses the topic and columns.
         topic: ROS topic, None for the robot file's or the driver's.
         rate: sample rate of text files without time [Hz].
@@ -70,8 +107,21 @@ def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float 
         LogLayout: columns are missing.
     """
     path = Path(path)
-    read = _reader(path)
-    log = replace(read(path, robot, topic, rate), sha256=hash_of(path))
+    kind = format_of(path)
+    if kind == "npz":
+        log = read_npz_log(path)
+    elif kind in ("table", "folder"):
+        from dynid.files import tables
+
+        columns = robot.driver.columns if robot.driver else None
+        log = (
+            tables.read_folder(path, rate)
+            if kind == "folder"
+            else (tables.read_table(path, robot.log_names, columns, rate))
+        )
+    else:
+        log = _read_joint_states(path, robot, topic, container_of(kind))
+    log = replace(log, sha256=hash_of(path))
     if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > EPOCH:
         log = replace(log, t=log.t - log.t[0], extra={**log.extra, "t0": float(log.t[0])})
     if not log.names:
@@ -90,39 +140,17 @@ def inspect_log(path: Path, rate: float | None = None) -> Inspected:
     Raises:
         DynidError: it is no recording, or nothing of it can be read.
     """
-    kinds: dict[Reader, str] = {_bag: "bag", _rosbag2: "rosbag2", _table: "table"}
-    read = _reader(path)
-    return inspect(path, kinds.get(read, "npz" if path.suffix == ".npz" else "folder"), rate)
+    from dynid.files.inspect import inspect
 
-
-def _reader(path: Path) -> Reader:
-    if not path.exists():
-        raise LogNotFound(f"no such file {path}{_nearby(path)}", where=str(path))
-    if path.is_dir():
-        if rosbag2.is_recording(path):
-            return _rosbag2
-        return lambda path, robot, topic, rate: read_folder(path, rate)
-    if path.suffix in READERS:
-        return READERS[path.suffix]
-    try:
-        with limits.open_file(path) as stream:
-            if stream.read(len(START)) == START:
-                return _bag
-    except OSError as error:
-        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
-    if rosbag2.is_recording(path):
-        return _rosbag2
-    raise LogNotFound(
-        f"{path} is not a log",
-        where=str(path),
-        fix=f"give a {', '.join(READERS)} file, or a folder of rosbag2 or with position.txt and torque.txt",
-    )
+    return inspect(path, format_of(path), rate)
 
 
 def hash_of(path: Path) -> str:
     """Return the SHA-256 of a file; of a folder of rosbag2 that of its recordings, one after the other."""
-    if not path.is_dir() or not rosbag2.is_recording(path):
+    if not path.is_dir() or format_of(path) != "rosbag2":
         return sha256(path)
+    from dynid.files import rosbag2
+
     parts = rosbag2.parts_of(path)
     return sha256(parts[0]) if len(parts) == 1 else hashlib.sha256("".join(map(sha256, parts)).encode()).hexdigest()
 
@@ -132,6 +160,195 @@ def _nearby(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"; there is no folder {folder}"
-    logs = [entry.name for entry in sorted(folder.iterdir()) if entry.suffix in READERS or entry.is_dir()]
+    logs = [entry.name for entry in sorted(folder.iterdir()) if entry.suffix in FORMATS or entry.is_dir()]
     alike = difflib.get_close_matches(path.name, logs, n=3, cutoff=0.5)
     return f"; nearby: {', '.join(alike)}" if alike else ""
+
+
+# ---------------------------------------------------------------- .npz
+def read_npz_log(path: Path) -> Log:
+    """Read an .npz log, which ``Log.save`` writes: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header.
+
+    Plain .npz files of other people have no header: their columns have no names. ``q_motor`` and ``tau_motor`` in the
+    place of ``q`` and ``tau`` say that the numbers are on the motor side.
+
+    Raises:
+        LogNotFound: not an .npz file, or a dynid result of another kind.
+        NewerSchema: written by a newer dynid.
+        TooLarge: it has more samples or columns than the limit.
+        LogLayout: arrays are missing or their sizes differ.
+    """
+    try:
+        arrays = read_npz(path)
+        header: dict[str, Any] = dict(parse_json(str(arrays.pop(HEADER)), path)) if HEADER in arrays else {}
+        units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
+        names = tuple(str(name) for name in header.get("joint_names") or ())
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LogNotFound(f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)) from error
+    if header:
+        _check_schema(path, header)
+    motor = "q_motor" in arrays
+    position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
+    for key in ("t", position, torque):
+        if key not in arrays:
+            have = ", ".join(sorted(arrays)) or "no arrays"
+            raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
+    log = Log(
+        t=arrays["t"],
+        q=arrays[position],
+        tau=arrays[torque],
+        names=names,
+        qd=arrays.get("qd"),
+        source=path,
+        topic=str(header.get("topic", "")),
+        tau_unit="" if "effort" not in units else "A" if units["effort"] in ("A", "mA") else "Nm",
+        units=units,
+        motor_side=motor or bool(header.get("motor_side", False)),
+        dh=bool(header.get("dh", False)),
+        extra={"q_ref": arrays["q_ref"]} if "q_ref" in arrays else {},
+    )
+    limits.check("samples", len(log), path)
+    limits.check("columns", log.n, path)
+    limits.check("name_length", max(map(len, names), default=0), path)
+    if not log.q.size:
+        raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
+    return log
+
+
+def _check_schema(path: Path, header: dict[str, Any]) -> None:
+    schema = str(header.get("schema", ""))
+    kind, _, number = schema.rpartition("/")
+    if kind == "dynid/log" and whole_number(number) > 1:
+        writer = header.get("dynid", "?")
+        raise NewerSchema(
+            f"{path.name} was written by dynid {writer} (schema {number}); this is {__version__}; upgrade",
+            where=str(path),
+        )
+    if schema != SCHEMA:
+        raise LogNotFound(f"{path.name} holds {schema or 'something else'}, not a log", where=str(path))
+
+
+# ---------------------------------------------------------------- joint states of bags
+def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: Container) -> Log:
+    """Read the joint states of a robot from a bag.
+
+    Args:
+        path: the bag.
+        robot: the robot, whose driver chooses the topic, and whose joint names the messages.
+        topic: topic of the joint states, None for the robot file's or the driver's.
+        container: what lists and reads topics of bags of this kind.
+
+    Raises:
+        TopicMissing: the topic is not in the bag.
+        WrongMessageType: the topic holds no positions or no torques.
+        JointNamesDiffer: the messages name no joints.
+        BagTruncated: nothing is readable.
+    """
+    topics = {name: found.type for name, found in container.list_topics(path).items()}
+    driver = driver_of(robot)
+    if JOINT_STATE not in topics.values() and (pair := _kinova_pair(topics, topic)):
+        return _read_kinova_pair(path, robot, *pair, container)
+    chosen = driver.choose_topic(topics, topic, robot, path.name)
+    apart = robot.driver.effort_topic if robot.driver else None
+    if apart is not None and topics.get(apart) not in (JOINT_STATE, MULTI_ARRAY):
+        found = f"is {topics[apart]}" if apart in topics else "is not there"
+        text = f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed"
+        raise WrongMessageType(text, where=path.name, fix="correct `effort_topic:` under `driver:` in the robot file")
+    groups, findings = container.read_topics(path, [chosen] if apart is None else [chosen, apart])
+    log = _of_robot(groups.get(chosen, []), robot, chosen)
+    if apart is not None:
+        log = _with_effort(log, groups.get(apart, []), robot, apart)
+    for key in ("position", "effort"):
+        if key in log.extra["absent"]:
+            raise WrongMessageType(f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name)
+    if log.extra["clock"] == "arrival":
+        findings = (*findings, _arrival(chosen))
+    return replace(log, source=path, findings=findings)
+
+
+def _with_effort(log: Log, groups: Sequence[Log], robot: Robot, topic: str) -> Log:
+    """Return a log with the torques of another topic, each position with the torque at its time.
+
+    Raises:
+        WrongMessageType: the topic has other joints, or no time in common with the positions.
+    """
+    if not groups:
+        raise WrongMessageType(f"{topic} has no messages", where=topic)
+    one = next((group for group in groups if set(robot.log_names) <= set(group.names)), groups[0])
+    torque = one.q if "effort" in one.extra["absent"] else one.tau
+    joints = list(one.names) or [*robot.log_names[: one.n]]
+    if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
+        raise WrongMessageType(f"{topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints", where=topic)
+    # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
+    both = log.extra["clock"] == one.extra["clock"]
+    first = (
+        (one.extra["start_ns"] - log.extra["start_ns"])
+        if both
+        else (one.extra["arrival_ns"][0] - log.extra["arrival_ns"][0])
+    )
+    clock = one.t + first * 1e-9
+    shared = (log.t >= clock[0]) & (log.t <= clock[-1])
+    if not shared.any():
+        raise WrongMessageType(f"{log.topic} and {topic} share no time", where=topic)
+    tau = np.full((int(shared.sum()), log.n), np.nan)
+    for k, name in enumerate(log.names):
+        if name in joints:
+            tau[:, k] = np.interp(log.t[shared], clock, torque[:, joints.index(name)])
+    extra = {**log.extra, "absent": tuple(key for key in log.extra["absent"] if key != "effort")}
+    t, qd = log.t[shared], log.qd[shared] if log.qd is not None else None
+    extra["start_ns"] += round(1e9 * float(t[0]))
+    return replace(log, t=t - t[0], q=log.q[shared], tau=tau, qd=qd, extra=extra)
+
+
+def _of_robot(groups: Sequence[Log], robot: Robot, topic: str) -> Log:
+    """Return the log whose names cover the robot's; other nodes may publish on the same topic."""
+    for names in (robot.log_names, robot.joint_names):
+        for log in groups:
+            if set(names) <= set(log.names):
+                return log
+    if not groups:
+        raise WrongMessageType(f"{topic} has no messages", where=topic)
+    if not groups[0].names:
+        raise JointNamesDiffer(
+            f"the messages of {topic} name no joints",
+            where=topic,
+            fix="make the driver fill the names of its JointState",
+        )
+    return groups[0]
+
+
+def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] | None:
+    """Return the topics of angles and torques of a bag that has only Kinova's own messages."""
+    own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
+    angles = [name for name in own if name.endswith("joint_angles")]
+    torques = [name for name in own if name.endswith("joint_torques")]
+    if not angles or not torques or (asked is not None and asked not in (angles[0], torques[0])):
+        return None
+    return angles[0], torques[0]
+
+
+def _read_kinova_pair(path: Path, robot: Robot, angles: str, torques: str, container: Container) -> Log:
+    """Read angles and torques from two topics; each angle gets the torque at its time of arrival."""
+    groups, findings = container.read_topics(path, [angles, torques])
+    if angles not in groups or torques not in groups:
+        raise WrongMessageType(f"{path.name} needs messages on both {angles} and {torques}", where=path.name)
+    position, torque = groups[angles][0], groups[torques][0]
+    # Unit: these messages have no stamps, so that both logs count from the arrival of their own first message.
+    grid = torque.t + (torque.extra["arrival_ns"][0] - position.extra["arrival_ns"][0]) * 1e-9
+    both = (position.t >= grid[0]) & (position.t <= grid[-1])
+    if not both.any():
+        raise WrongMessageType(f"{angles} and {torques} share no time", where=path.name)
+    t, n = position.t[both], min(robot.n, 7)
+    unit = robot.driver.units["position"] if robot.driver else "rad"
+    # Unit: these messages are in degrees by definition; the log is handed over in the unit that the robot file expects.
+    q = position.q[both, :n] * POSITION["deg"] / POSITION[unit]
+    tau = np.column_stack([np.interp(t, grid, torque.q[:, j]) for j in range(n)])
+    return Log(
+        t - t[0], q, tau, robot.log_names[:n], source=path, topic=angles,
+        findings=(*findings, _arrival(f"{angles} and {torques}")), extra={"clock": "arrival"},
+    )  # fmt: skip
+
+
+def _arrival(topic: str) -> Finding:
+    text = f"{topic} has no usable time stamps: the time of arrival in the bag is used, which jitters more"
+    return Finding("W304", "warning", text)

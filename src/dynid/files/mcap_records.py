@@ -3,8 +3,8 @@
 Memory holds one chunk at a time, whatever the file says. The summary at the end, where there is one, tells topics and
 counts, and which chunks may be passed over. Source: mcap.dev/spec, version 0.
 
-Why not the reader of the mcap library, whose writer serves ``replaymcap``: it unpacks lz4 chunks to whatever size they
-have, makes objects of all records of a chunk before it gives the first, and stops with errors of many kinds.
+Why not the readers of mcap and rosbags: both unpack chunks to whatever size they have (5 and 6 GB of a file of 19 MB)
+and read nothing of a file that was cut (benchmarks/read_bag.md).
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from dynid import limits
-from dynid.files.hashed import HashedFile, Readable
+from dynid.files.artifact import HashedFile, Readable
+from dynid.files.messages import Broken, Connection
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
@@ -28,29 +30,6 @@ _CHUNK_HEAD = struct.Struct("<QQQI")
 
 #: Latest time [ns] that is counted, in the year 2262: the format has room for twice as much.
 LATEST = 2**63 - 1
-
-
-class BrokenMcap(Exception):
-    """The file is cut, was not closed, or has damaged records; says what was met."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One publisher of one topic.
-
-    Attributes:
-        topic: topic name.
-        schema: message type, as the file writes it.
-        encoding: how messages are written: ``"cdr"``, ``"ros1"`` or something else.
-        definition: text of the message definition, "" where there is none.
-        definition_encoding: such as ``"ros2msg"``.
-    """
-
-    topic: str
-    schema: str
-    encoding: str
-    definition: str
-    definition_encoding: str
 
 
 @dataclass
@@ -64,7 +43,7 @@ class Summary:
     """
 
     schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, Connection] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     chunks: dict[int, frozenset[int]] = field(default_factory=dict)
 
@@ -72,7 +51,7 @@ class Summary:
         """Remember a schema or a channel.
 
         Raises:
-            BrokenMcap: the record is not whole.
+            Broken: the record is not whole.
             TooLarge: there are more of them than the limit.
         """
         reader = _Fields(data)
@@ -82,7 +61,8 @@ class Summary:
         else:
             number, schema, topic, encoding = reader.short(), reader.short(), reader.text(), reader.text()
             name, kind, definition = self.schemas.get(schema, ("", "", ""))
-            self.channels[number] = Channel(topic, name, encoding, definition, kind)
+            text = definition if kind in ("ros2msg", "ros1msg") else ""
+            self.channels[number] = Connection(topic, name.replace("/msg/", "/"), text, encoding=encoding)
         limits.check("connections", max(len(self.schemas), len(self.channels)), path)
 
 
@@ -96,7 +76,7 @@ class _Fields:
         try:
             (value,) = struct.unpack_from(form, self.data, self.at)
         except struct.error:
-            raise BrokenMcap("a record is shorter than its fields") from None
+            raise Broken("a record is shorter than its fields") from None
         self.at += struct.calcsize(form)
         return int(value)
 
@@ -112,7 +92,7 @@ class _Fields:
     def text(self) -> str:
         size = self.word()
         if self.at + size > len(self.data):
-            raise BrokenMcap("a record is shorter than its fields")
+            raise Broken("a record is shorter than its fields")
         self.at += size
         return self.data[self.at - size : self.at].decode("utf-8", "replace")
 
@@ -121,19 +101,19 @@ def read_summary(path: Path) -> Summary:
     """Return what the end of a file says about it.
 
     Raises:
-        BrokenMcap: there is no summary, or it is damaged.
+        Broken: there is no summary, or it is damaged.
     """
     with limits.open_file(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         if end < len(MAGIC) + _TAIL:
-            raise BrokenMcap("it was never closed: there is no summary")
+            raise Broken("it was never closed: there is no summary")
         stream.seek(end - _TAIL)
         tail = stream.read(_TAIL)
         if tail[0] != _FOOTER or not tail.endswith(MAGIC):
-            raise BrokenMcap("it was never closed: there is no summary")
+            raise Broken("it was never closed: there is no summary")
         (start,) = struct.unpack_from("<Q", tail, 9)
         if not len(MAGIC) <= start < end:
-            raise BrokenMcap("it has no summary")
+            raise Broken("it has no summary")
         found = Summary()
         for op, data, _ in _records(stream, start, end - _TAIL, path, whole=True):
             if op in (_SCHEMA, _CHANNEL):
@@ -143,7 +123,7 @@ def read_summary(path: Path) -> Summary:
             elif op == _CHUNK_INDEX:
                 _take_chunk(found, data)
         if not found.channels or not found.counts:
-            raise BrokenMcap("its summary names no channels")
+            raise Broken("its summary names no channels")
         return found
 
 
@@ -162,32 +142,30 @@ def _take_chunk(found: Summary, data: bytes) -> None:
         found.chunks[place] = frozenset(channel for channel, _ in pairs)
 
 
-def scan(
-    path: Path, topics: Collection[str] | None = None, summary: Summary | None = None
-) -> Iterator[tuple[Channel, int, bytes]]:
+def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file, hashed on the way.
 
     Args:
         path: the file.
         topics: only these, None for all.
-        summary: what the end of the file says, so that chunks without these topics can be passed over.
 
     Raises:
-        BrokenMcap: what comes behind the last message that was yielded cannot be read.
+        Broken: what comes behind the last message that was yielded cannot be read.
         TooLarge: a chunk or a message is beyond the limit.
     """
-    known = Summary()
+    known, skip = Summary(), frozenset[int]()
+    if topics is not None:
+        with suppress(Broken):
+            summary = read_summary(path)
+            wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
+            skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
+            # Why: channels may be told only in the chunks that are passed over.
+            known.schemas, known.channels = summary.schemas, summary.channels
     with HashedFile(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(0)
         if stream.read(len(MAGIC)) != MAGIC:
-            raise BrokenMcap("it does not begin like an MCAP file")
-        skip: frozenset[int] = frozenset()
-        if summary is not None and topics is not None:
-            wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
-            skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
-            # Why: channels may be told only in the chunks that are passed over.
-            known.schemas, known.channels = dict(summary.schemas), dict(summary.channels)
+            raise Broken("it does not begin like an MCAP file")
         unpacked = 0
         for op, data, at in _records(stream, len(MAGIC), end, path, skip=skip):
             if op == _DATA_END:
@@ -204,18 +182,18 @@ def scan(
                     channel, arrival = _head(content, known)
                     if topics is None or channel.topic in topics:
                         yield channel, arrival, content[22:]
-        raise BrokenMcap("it was never closed")
+        raise Broken("it was never closed")
 
 
-def _head(content: bytes, known: Summary) -> tuple[Channel, int]:
+def _head(content: bytes, known: Summary) -> tuple[Connection, int]:
     """Return the channel of a message and its time of arrival [ns]."""
     if len(content) < 22:
-        raise BrokenMcap("a message is shorter than its head")
+        raise Broken("a message is shorter than its head")
     number, _, arrival = struct.unpack_from("<HIQ", content)
     if number not in known.channels:
-        raise BrokenMcap("a message belongs to no channel")
+        raise Broken("a message belongs to no channel")
     if arrival > LATEST:
-        raise BrokenMcap("a message is stamped later than any clock can count")
+        raise Broken("a message is stamped later than any clock can count")
     return known.channels[number], arrival
 
 
@@ -229,12 +207,12 @@ def _records(
         stream.seek(at)
         head = stream.read(9)
         if len(head) < 9:
-            raise BrokenMcap("it ends inside a record")
+            raise Broken("it ends inside a record")
         op, size = head[0], struct.unpack("<Q", head[1:])[0]
         if size > end - at - 9:
-            raise BrokenMcap("it ends inside a record")
+            raise Broken("it ends inside a record")
         if op == 0:
-            raise BrokenMcap("a record has no kind")
+            raise Broken("a record has no kind")
         if op in wanted and at not in skip:
             limits.check("message_bytes" if op == _MESSAGE else "chunk_bytes", size, path)
             yield op, stream.read(size), at
@@ -244,7 +222,7 @@ def _records(
 def _unpacked(data: bytes, path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield the records in a chunk."""
     if len(data) < _CHUNK_HEAD.size + 4:
-        raise BrokenMcap("a chunk is shorter than its head")
+        raise Broken("a chunk is shorter than its head")
     _, _, size, checksum = _CHUNK_HEAD.unpack_from(data)
     fields = _Fields(data)
     fields.at = _CHUNK_HEAD.size
@@ -254,12 +232,12 @@ def _unpacked(data: bytes, path: Path) -> Iterator[tuple[int, bytes]]:
     limits.check_expansion(len(body), size, path)
     records = unpack(body, compression, size)
     if len(records) != size or (checksum and zlib.crc32(records) != checksum):
-        raise BrokenMcap("a chunk does not have its checksum")
+        raise Broken("a chunk does not have its checksum")
     at = 0
     while at + 9 <= size:
         op, length = records[at], struct.unpack_from("<Q", records, at + 1)[0]
         if length > size - at - 9:
-            raise BrokenMcap("a record is longer than its chunk")
+            raise Broken("a record is longer than its chunk")
         if op == _MESSAGE:
             limits.check("message_bytes", length, path)
         yield op, records[at + 9 : at + 9 + length]
@@ -270,7 +248,7 @@ def unpack(body: bytes, compression: str, size: int) -> bytes:
     """Return unpacked data of at most a known size.
 
     Raises:
-        BrokenMcap: the data is damaged, or packed in a way that is not known.
+        Broken: the data is damaged, or packed in a way that is not known.
     """
     if compression == "":
         return body
@@ -282,8 +260,8 @@ def unpack(body: bytes, compression: str, size: int) -> bytes:
 
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size))
     except (RuntimeError, ValueError, EOFError) as error:
-        raise BrokenMcap(f"a chunk cannot be unpacked: {error}") from None
-    raise BrokenMcap(f"its chunks are packed with {compression[:20]!r}, which is not known")
+        raise Broken(f"a chunk cannot be unpacked: {error}") from None
+    raise Broken(f"its chunks are packed with {compression[:20]!r}, which is not known")
 
 
 def _unpack_zstd(body: bytes, size: int) -> bytes:

@@ -1,15 +1,17 @@
-"""Raw ROS 1 messages -> logs, block by block, so that a bag of hours is never held as messages.
+"""Raw messages of ROS -> logs, block by block, so that a recording of hours is never held as messages.
 
-``Collector`` takes the raw messages of one topic and keeps only their numbers, grouped by the joint names they carry
-(an arm and its gripper often share a topic). Only the layouts below are decoded, by the code below: the definition that
-a bag carries is compared with the known one and never interpreted.
+A container (``bag``, ``rosbag2``) hands over raw messages; ``Collector`` keeps only their numbers, grouped by the joint
+names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded, by the code below:
+the definition that a recording carries is compared with the known one and never interpreted.
 """
 
 from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,8 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import TooLarge, WrongMessageType
-from dynid.files.bag_records import Connection
+from dynid.errors import BagTruncated, Finding, TooLarge, WrongMessageType
+from dynid.files import tuning
 from dynid.log import Log
 from dynid.longarrays import Growing, taken
 
@@ -28,6 +30,7 @@ Times = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
 
+MULTI_ARRAY = "std_msgs/Float64MultiArray"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
 _SEVEN = tuple(f"float32 joint{i}" for i in range(1, 8))
 #: Definitions that the decoders below were written for: the fields of each type, and those of the types in it.
@@ -38,45 +41,196 @@ LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "std_msgs/Header": ("uint32 seq", "time stamp", "string frame_id"),
     },
+    MULTI_ARRAY: {MULTI_ARRAY: ("std_msgs/MultiArrayLayout layout", "float64[] data")},
     **{kind: {kind: _SEVEN} for kind in KINOVA_TYPES},
 }  # fmt: skip
 #: Their checksums: ROS takes the md5 of the fields, with the md5 of a type in its place.
 CHECKSUMS = {
     JOINT_STATE: "3066dcd76a6cfaef579bd0f34173e9fd",
+    MULTI_ARRAY: "4b7d974086d4060e7db4613a7e6c3ba4",
     **{kind: hashlib.md5("\n".join(_SEVEN).encode(), usedforsecurity=False).hexdigest() for kind in KINOVA_TYPES},
 }
 _SEVEN_FLOATS = struct.Struct("<7f")
-#: Messages that are decoded together: large enough for numpy, small enough to be forgotten soon.
-BLOCK = 4096
-#: Bytes of messages that are kept before they are decoded.
-BLOCK_BYTES = 8 << 20
-#: A clock ticks: header stamps with fewer distinct values than this share of the messages are not one.
-LEAST_DISTINCT = 0.5
-#: Fewer messages than this are put together with others before they are decoded.
-FEW = 64
+#: A sequence of no numbers or names, as ROS 1 writes it.
+_NONE = b"\0\0\0\0"
+
+
+class Broken(Exception):
+    """A recording is cut, was not closed, or has damaged records; says what was met."""
 
 
 class BrokenMessage(Exception):
     """The bytes of a message do not have the layout of its type."""
 
 
+@dataclass(frozen=True)
+class Connection:
+    """One publisher of one topic.
+
+    Attributes:
+        topic: topic name.
+        type: message type as ROS 1 writes it, such as ``"sensor_msgs/JointState"``.
+        definition: text of the message definition, "" where there is none; it is only compared, never interpreted.
+        md5: checksum of the definition, as the recorder wrote it.
+        encoding: how messages are written: ``"ros1"``, ``"cdr"`` or something else.
+    """
+
+    topic: str
+    type: str
+    definition: str
+    md5: str = ""
+    encoding: str = "ros1"
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one connection and one length.
+
+    Attributes:
+        connection: their publisher.
+        arrival: when they were recorded, (N,) [ns].
+        raw: their bytes, (N, length).
+    """
+
+    connection: Connection
+    arrival: Times
+    raw: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.arrival)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a recording.
+
+    Attributes:
+        name: topic name.
+        type: message type, such as ``"sensor_msgs/JointState"``.
+        count: number of messages.
+    """
+
+    name: str
+    type: str
+    count: int
+
+    def __str__(self) -> str:
+        """Return it as the messages show it."""
+        return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
+
+
+def topics_of(counts: Iterable[tuple[Connection, int]]) -> dict[str, Topic]:
+    """Return topics by name from numbers of messages, of which several may be of one topic."""
+    found: dict[str, Topic] = {}
+    for connection, count in counts:
+        before = found[connection.topic].count if connection.topic in found else 0
+        found[connection.topic] = Topic(connection.topic, connection.type, before + count)
+    return found
+
+
+def counted(messages: Iterable[Messages]) -> dict[str, Topic]:
+    """Return the topics of a damaged recording by name: of the messages that can be read."""
+    counts: list[tuple[Connection, int]] = []
+    try:
+        for some in messages:
+            counts.append((some.connection, len(some)))
+    except Broken:
+        pass
+    return topics_of(counts)
+
+
+def collected(
+    path: Path, parts: Sequence[Path], scan: Callable[[Path], Iterable[Messages]]
+) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+    """Return the numbers of a recording, also of one that is damaged.
+
+    Args:
+        path: the recording.
+        parts: its files in the order of time.
+        scan: yields the readable messages of a file, and raises ``Broken`` when there were others.
+
+    Returns:
+        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+
+    Raises:
+        BagTruncated: nothing is readable.
+        WrongMessageType: the layout of the messages is not the known one of their type.
+        TooLarge: a chunk, a message or a name is larger than the limit.
+    """
+
+    def read(*, lenient: bool) -> dict[str, list[Log]]:
+        collectors: dict[str, Collector] = {}
+        for part in parts:
+            try:
+                for messages in scan(part):
+                    topic = messages.connection.topic
+                    if topic not in collectors:
+                        collectors[topic] = Collector(messages.connection, lenient=lenient)
+                    collectors[topic].add(messages)
+            except Broken as error:
+                reasons.append(f"{part.name}: {error}" if part != path else str(error))
+        return {topic: logs for topic, collector in collectors.items() if (logs := collector.logs())}
+
+    reasons: list[str] = []
+    try:
+        groups = read(lenient=False)
+    except BrokenMessage as error:
+        reasons[:] = [str(error)]
+        groups = read(lenient=True)
+    if reasons and not groups:
+        raise nothing_readable(path, reasons[0])
+    return groups, (_recovered(path, "; ".join(reasons[:3]), groups),) if reasons else ()
+
+
+def nothing_readable(path: Path, reason: str) -> BagTruncated:
+    """Return the mistake of a recording without one readable message."""
+    if path.suffix in (".bag", ".active"):
+        return BagTruncated(f"{path.name} ends early (recorder killed?); 0 s are readable", where=str(path))
+    return BagTruncated(
+        f"{path.name}: nothing is readable: {reason}", where=str(path),
+        fix="record again, or try: ros2 bag reindex FOLDER; mcap recover FILE",
+    )  # fmt: skip
+
+
+def _recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
+    """Return finding W305: what of a damaged recording is used."""
+    logs = [log for found in groups.values() for log in found]
+    count = sum(len(log) for log in logs)
+    seconds = float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9
+    text = (
+        f"{path.name} was cut or not closed (recorder killed?): "
+        f"{count} messages, {seconds:.1f} s, are readable and used; "
+        f"reported by the reader: {reason.rstrip('.')}"
+    )
+    return Finding("W305", "warning", text, {"messages": count, "seconds": seconds, "reason": reason})
+
+
+# ---------------------------------------------------------------- known layouts
 def check_layout(connection: Connection) -> None:
     """Raise when messages do not have the one layout that is known for their type.
 
     Raises:
         WrongMessageType: the type is not known, or the definition is another one.
     """
-    kind = connection.type
-    if kind not in LAYOUTS:
-        raise WrongMessageType(f"{connection.topic} has messages of the type {kind}", where=connection.topic)
-    if connection.md5 == CHECKSUMS[kind] or _fields_of(connection) == LAYOUTS[kind]:
-        return
-    raise WrongMessageType(
-        f"the {kind} of {connection.topic} has another layout than the known one (md5 {connection.md5[:40]})",
-        where=connection.topic,
-        why="only the known layout is decoded: another one would have to be trusted to say what its bytes mean",
-        fix="record with the standard definition of this message",
-    )
+    kind, ros1 = connection.type, connection.encoding == "ros1"
+    if kind not in LAYOUTS or not (ros1 or (connection.encoding == "cdr" and kind in (JOINT_STATE, MULTI_ARRAY))):
+        written = "" if ros1 else f" ({connection.encoding})"
+        text = f"{connection.topic} has messages of the type {kind}{written}"
+        raise WrongMessageType(text, where=connection.topic)
+    if ros1 and kind != MULTI_ARRAY:
+        known = connection.md5 == CHECKSUMS[kind] or _fields_of(connection) == LAYOUTS[kind]
+    else:
+        # Why only its own fields: those of the types in it are called differently in ROS 2; recorders may write none.
+        known = _fields_of(connection)[kind] in ((), LAYOUTS[kind][kind])
+    if not known:
+        md5 = f" (md5 {connection.md5[:40]})" if connection.md5 else ""
+        raise WrongMessageType(
+            f"the {kind} of {connection.topic} has another layout than the known one{md5}",
+            where=connection.topic,
+            why="only the known layout is decoded: another one would have to be trusted to say what its bytes mean",
+            fix="record with the standard definition of this message",
+        )
 
 
 def _fields_of(connection: Connection) -> dict[str, tuple[str, ...]]:
@@ -89,17 +243,19 @@ def _fields_of(connection: Connection) -> dict[str, tuple[str, ...]]:
             current = words[1].replace("/msg/", "/")
             found[current] = []
         elif words and set(raw.strip()) != {"="}:
-            kind = {"Header": "std_msgs/Header"}.get(words[0], words[0].replace("/msg/", "/"))
+            kind = words[0].replace("/msg/", "/")
+            kind = f"std_msgs/{kind}" if kind in ("Header", "MultiArrayLayout") else kind
             found[current].append(" ".join([kind, *words[1:]]))
     return {kind: tuple(lines) for kind, lines in found.items()}
 
 
+# ---------------------------------------------------------------- messages to columns
 class Collector:
     """Takes the messages of one topic, keeps their numbers.
 
     Args:
-        connection: type and definition of the messages.
-        lenient: whether messages that cannot be decoded are passed over, as in a damaged bag.
+        connection: type, encoding and definition of the messages.
+        lenient: whether messages that cannot be decoded are passed over, as in a damaged recording.
 
     Raises:
         WrongMessageType: the layout is not known.
@@ -114,26 +270,20 @@ class Collector:
         self._count = 0
         self._groups: dict[frozenset[str], _Group] = {}
 
-    def add_alike(self, arrival: Times, raw: NDArray[np.uint8]) -> None:
-        """Take messages of one length, (N, length), with their times of arrival, (N,) [ns]."""
-        limits.check("message_bytes", raw.shape[1], self.connection.topic)
-        if len(raw) < FEW:
-            for time, one in zip(arrival.tolist(), raw, strict=True):
-                self.add(time, one.tobytes())
+    def add(self, messages: Messages) -> None:
+        """Take messages; few of them are put together with others before they are decoded."""
+        limits.check("message_bytes", messages.raw.shape[1], self.connection.topic)
+        self._count += len(messages)
+        limits.check("samples", self._count, self.connection.topic)
+        if len(messages) < tuning.FEW_MESSAGES:
+            for time, one in zip(messages.arrival.tolist(), messages.raw, strict=True):
+                self._pending.append((time, one.tobytes()))
+            self._bytes += messages.raw.size
+            if len(self._pending) >= tuning.MESSAGES or self._bytes > tuning.MESSAGE_BYTES:
+                self._flush()
             return
         self._flush()
-        self._count += len(raw)
-        limits.check("samples", self._count, self.connection.topic)
-        fast = joint_state_block(arrival, raw) if self.connection.type == JOINT_STATE else None
-        self._keep([fast] if fast is not None else self._one_by_one(arrival, [one.tobytes() for one in raw]))
-
-    def add(self, arrival: int, raw: bytes) -> None:
-        """Take one message."""
-        limits.check("message_bytes", len(raw), self.connection.topic)
-        self._pending.append((arrival, raw))
-        self._bytes += len(raw)
-        if len(self._pending) == BLOCK or self._bytes > BLOCK_BYTES:
-            self._flush()
+        self._decode(messages.arrival, messages.raw)
 
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
@@ -146,13 +296,23 @@ class Collector:
             return
         arrival = np.array([time for time, _ in self._pending], dtype=np.int64)
         raws = [raw for _, raw in self._pending]
-        self._count += len(raws)
-        limits.check("samples", self._count, self.connection.topic)
         self._pending, self._bytes = [], 0
+        if len({len(raw) for raw in raws}) == 1:
+            self._decode(arrival, np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1))
+        else:
+            self._keep(self._one_by_one(arrival, raws))
+
+    def _decode(self, arrival: Times, table: NDArray[np.uint8]) -> None:
+        """Decode messages of one length, in one go where they have one layout."""
         fast = None
-        if self.connection.type == JOINT_STATE and len({len(raw) for raw in raws}) == 1:
-            fast = joint_state_block(arrival, np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1))
-        self._keep([fast] if fast is not None else self._one_by_one(arrival, raws))
+        if self.connection.type == JOINT_STATE and table.shape[1]:
+            plain: NDArray[np.uint8] | None = table
+            if self.connection.encoding == "cdr":
+                from dynid.files import cdr
+
+                plain = cdr.joint_states(table)
+            fast = joint_state_block(arrival, plain) if plain is not None else None
+        self._keep([fast] if fast is not None else self._one_by_one(arrival, [one.tobytes() for one in table]))
 
     def _keep(self, blocks: Sequence[tuple[tuple[str, ...], Columns]]) -> None:
         for names, columns in blocks:
@@ -167,7 +327,7 @@ class Collector:
         rows: dict[tuple[Any, ...], list[tuple[int, int, Any, Any, Any]]] = {}
         for time, raw in zip(arrival, raws, strict=True):
             try:
-                names, stamp, position, velocity, effort = decoded(raw, self.connection.type)
+                names, stamp, position, velocity, effort = _decoded(raw, self.connection)
             except (BrokenMessage, TooLarge) as error:
                 if self.lenient:
                     continue
@@ -210,8 +370,8 @@ class _Group:
             growing.append(columns[key])
 
     def _lack(self, key: str, count: int) -> None:
-        for start in range(0, count if key in self._fields else 0, BLOCK):
-            self._fields[key].append(np.full((min(BLOCK, count - start), self._width), np.nan))
+        for start in range(0, count if key in self._fields else 0, tuning.MESSAGES):
+            self._fields[key].append(np.full((min(tuning.MESSAGES, count - start), self._width), np.nan))
 
     def columns(self) -> Columns:
         """Return all messages in the order of arrival."""
@@ -278,13 +438,19 @@ def _parts(raw: bytes) -> tuple[tuple[str, ...], list[int], list[int]]:
     return tuple(names), starts, counts
 
 
-def decoded(raw: bytes, kind: str) -> tuple[tuple[str, ...], int, Any, Any, Any]:
+def _decoded(raw: bytes, connection: Connection) -> tuple[tuple[str, ...], int, Any, Any, Any]:
     """Return names, stamp [ns], position, velocity and effort of one message of a known type.
 
     Raises:
         BrokenMessage: the bytes are not such a message.
     """
-    if kind != JOINT_STATE:
+    if connection.encoding == "cdr":
+        from dynid.files import cdr
+
+        raw = cdr.joint_state(raw) if connection.type == JOINT_STATE else _nameless(cdr.multi_array(raw))
+    elif connection.type == MULTI_ARRAY:
+        raw = _nameless(_multi_array(raw))
+    elif connection.type != JOINT_STATE:
         if len(raw) < _SEVEN_FLOATS.size:
             raise BrokenMessage("a message is too short for its type")
         return (), 0, _SEVEN_FLOATS.unpack_from(raw), (), ()
@@ -297,6 +463,29 @@ def decoded(raw: bytes, kind: str) -> tuple[tuple[str, ...], int, Any, Any, Any]
         raise BrokenMessage("a message is too short for its type")
     values = [np.frombuffer(raw, "<f8", count, start) for start, count in zip(starts, counts, strict=True)]
     return names, seconds * 10**9 + nanoseconds, *values
+
+
+def _multi_array(raw: bytes) -> bytes:
+    """Return the numbers of a std_msgs/Float64MultiArray of ROS 1: count, then little-endian numbers."""
+    try:
+        (count,) = struct.unpack_from("<I", raw, 0)
+        limits.check("columns", min(count, len(raw) // 4), "a Float64MultiArray")
+        at = 4
+        for _ in range(count):
+            (size,) = struct.unpack_from("<I", raw, at)
+            at += 12 + size
+        (numbers,) = struct.unpack_from("<I", raw, at + 4)
+    except struct.error:
+        raise BrokenMessage("a message is too short for its type") from None
+    if len(raw) < at + 8 + 8 * numbers:
+        raise BrokenMessage("a message is too short for its type")
+    return raw[at + 4 : at + 8 + 8 * numbers]
+
+
+def _nameless(numbers: bytes) -> bytes:
+    """Return a JointState of ROS 1 that has only positions, without names and stamp."""
+    # Unit: sequence number, stamp (two words), length of the frame's name, number of names.
+    return b"\0" * 20 + numbers + _NONE + _NONE
 
 
 def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Columns:
@@ -334,7 +523,7 @@ def _time(stamp: Times, arrival: Times) -> tuple[Times, str]:
     with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed.
     """
     rising = len(stamp) > 1 and bool(np.all(np.diff(stamp) > 0))
-    ticking = rising or len(np.unique(stamp)) >= max(2, LEAST_DISTINCT * len(stamp))
+    ticking = rising or len(np.unique(stamp)) >= max(2, tuning.LEAST_DISTINCT * len(stamp))
     # Why zero: the clock of a converted or simulated log begins there; a driver without stamps writes zeros only.
     sane = (rising and stamp[0] >= 0) or (ticking and bool(np.all(stamp > 0)))
     return (stamp, "header") if sane else (arrival, "arrival")

@@ -1,67 +1,44 @@
 """Recordings of ROS 2, and MCAP files of either ROS: folders with metadata.yaml, single .db3 and .mcap files.
 
 Reads message by message; hands over the same logs as ``bag`` does for ROS 1. What is damaged comes with finding W305.
+
+Why not the reader of rosbags: SQLite works for ever on pages that name each other, and nothing bounds a computed column
+(benchmarks/read_bag.md).
 """
 
 from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dynid import limits
-from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import BagTruncated, Finding, LogNotFound, TooLarge, WrongMessageType
-from dynid.files import cdr, mcap_records
-from dynid.files.bag import Topic, recovered
-from dynid.files.bag_records import Connection
-from dynid.files.mcap_records import BrokenMcap
-from dynid.files.messages import BLOCK, BLOCK_BYTES, CHECKSUMS, BrokenMessage, Collector
+from dynid.errors import BagTruncated, Finding, LogNotFound, TooLarge
+from dynid.files import mcap_records, tuning
+from dynid.files.messages import (
+    Broken,
+    Connection,
+    Messages,
+    Topic,
+    collected,
+    counted,
+    nothing_readable,
+    topics_of,
+)
 from dynid.log import Log
 from dynid.text import shell
 
+SUFFIXES = (".db3", ".mcap")
 SQLITE = b"SQLite format 3\0"
 #: First bytes of the journal of a store, of either byte order.
 _JOURNALS = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
-SUFFIXES = (".db3", ".mcap")
 #: Steps of SQLite that are counted together, those that every file may take, and those for each of its bytes.
 #: Why they are counted: pages that name each other as their children hold rows without end. A row takes about 15.
 _STEPS, _FREE_STEPS, _STEPS_PER_BYTE = 10_000, 1_000_000, 4
-#: Fields of the ROS 2 definitions that the decoders were written for; other types in them follow after a line of ``=``.
-_FIELDS = {
-    JOINT_STATE: ("Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
-    cdr.MULTI_ARRAY: ("MultiArrayLayout layout", "float64[] data"),
-}
-
-
-@dataclass(frozen=True)
-class _Message:
-    """One message as the container holds it.
-
-    Attributes:
-        topic: topic name.
-        kind: message type, as ROS 1 writes it.
-        encoding: ``"cdr"`` or ``"ros1"``.
-        definition: text of the definition, "" where the container has none.
-        arrival: time of arrival [ns].
-        raw: the bytes.
-    """
-
-    topic: str
-    kind: str
-    encoding: str
-    definition: str
-    arrival: int
-    raw: bytes
-
-
-class Broken(Exception):
-    """A part of the recording cannot be read; says what was met."""
 
 
 def is_recording(path: Path) -> bool:
@@ -80,56 +57,23 @@ def list_topics(path: Path) -> dict[str, Topic]:
     """
     found: dict[str, Topic] = {}
     for part in parts_of(path):
-        for name, kind, count in _topics(part):
+        for name, topic in _topics(part).items():
             before = found[name].count if name in found else 0
-            found[name] = Topic(name, kind, before + count)
+            found[name] = Topic(name, topic.type, before + topic.count)
     if not found:
-        raise _nothing(path)
+        raise nothing_readable(path, "it names no topic")
     return found
 
 
 def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-    """Read topics of a recording.
-
-    Returns:
-        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+    """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
 
     Raises:
         BagTruncated: nothing of these topics is readable.
         WrongMessageType: the layout of the messages is not the known one of their type.
         TooLarge: a chunk, a message or a name is larger than the limit.
     """
-    try:
-        collectors, reasons = _collected(path, names, lenient=False)
-        groups = {name: logs for name, collector in collectors.items() if (logs := collector.logs())}
-    except BrokenMessage as error:
-        collectors, reasons = _collected(path, names, lenient=True)
-        groups = {name: logs for name, collector in collectors.items() if (logs := collector.logs())}
-        reasons = [str(error), *reasons]
-    if reasons and not groups:
-        raise _nothing(path, reasons[0])
-    return groups, (recovered(path, "; ".join(reasons[:3]), groups),) if reasons else ()
-
-
-def _collected(path: Path, names: Collection[str], *, lenient: bool) -> tuple[dict[str, Collector], list[str]]:
-    """Return the numbers of some topics, and why parts of the recording could not be read."""
-    collectors: dict[str, Collector] = {}
-    waiting: dict[str, list[_Message]] = {}
-    reasons = []
-    for part in parts_of(path):
-        try:
-            for message in _messages(part, names):
-                limits.check("message_bytes", len(message.raw), message.topic)
-                some = waiting.setdefault(message.topic, [])
-                if some and (len(some) == BLOCK or len(some) * len(message.raw) > BLOCK_BYTES):
-                    _collect(some, collectors, lenient=lenient)
-                    some.clear()
-                some.append(message)
-        except Broken as error:
-            reasons.append(f"{part.name}: {error}" if part != path else str(error))
-    for some in waiting.values():
-        _collect(some, collectors, lenient=lenient)
-    return collectors, reasons
+    return collected(path, parts_of(path), lambda part: scan(part, names))
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -153,72 +97,6 @@ def parts_of(path: Path) -> list[Path]:
     return sorted(parts, key=place)
 
 
-def _collect(messages: Sequence[_Message], collectors: dict[str, Collector], *, lenient: bool) -> None:
-    """Hand messages of one topic on as those of ROS 1: at once where all are alike."""
-    first = messages[0]
-    if first.topic not in collectors:
-        # Why: the first message says whether its type and layout are known.
-        _collect_one(first, collectors, lenient=lenient)
-        messages = messages[1:]
-    if messages and all((message.encoding, message.kind) == ("cdr", JOINT_STATE) for message in messages):
-        try:
-            block = cdr.joint_states([message.raw for message in messages])
-        except (BrokenMessage, TooLarge):
-            block = None
-        if block is not None:
-            arrival = np.array([message.arrival for message in messages], dtype=np.int64)
-            collectors[first.topic].add_alike(arrival, block)
-            return
-    for message in messages:
-        _collect_one(message, collectors, lenient=lenient)
-
-
-def _collect_one(message: _Message, collectors: dict[str, Collector], *, lenient: bool) -> None:
-    """Hand a message on as one of ROS 1; a damaged one is passed over if ``lenient``."""
-    collector = collectors.get(message.topic)
-    if collector is None:
-        _check_definition(message)
-        kind, md5 = message.kind, ""
-        if message.encoding == "cdr" or kind == cdr.MULTI_ARRAY:
-            kind, md5 = JOINT_STATE, CHECKSUMS[JOINT_STATE]
-        connection = Connection(message.topic, kind, message.definition, md5)
-        collector = collectors[message.topic] = Collector(connection, lenient=lenient)
-    try:
-        if message.kind == cdr.MULTI_ARRAY:
-            convert = cdr.multi_array if message.encoding == "cdr" else cdr.multi_array_ros1
-            collector.add(message.arrival, convert(message.raw))
-        elif message.encoding == "cdr":
-            collector.add(message.arrival, cdr.joint_state(message.raw))
-        else:
-            collector.add(message.arrival, message.raw)
-    except (BrokenMessage, TooLarge):
-        if not lenient:
-            raise
-
-
-def _check_definition(message: _Message) -> None:
-    """Raise when messages cannot be decoded: another type, or another layout than the known one."""
-    if message.encoding == "ros1" and message.kind != cdr.MULTI_ARRAY:
-        return  # the collector compares these definitions
-    if message.kind not in _FIELDS or message.encoding not in ("cdr", "ros1"):
-        text = f"{message.topic} has messages of the type {message.kind} ({message.encoding})"
-        raise WrongMessageType(text, where=message.topic)
-    lines = []
-    for raw in message.definition.splitlines():
-        line = " ".join(raw.partition("#")[0].split())
-        if line and set(line) == {"="}:
-            break
-        if line:
-            lines.append(line.replace("std_msgs/msg/", "").replace("std_msgs/", ""))
-    if lines and tuple(lines) != _FIELDS[message.kind]:
-        raise WrongMessageType(
-            f"the {message.kind} of {message.topic} has another layout than the known one",
-            where=message.topic,
-            why="only the known layout is decoded",
-            fix="record with the standard definition of this message",
-        )
-
-
 def _start(path: Path) -> bytes:
     try:
         with limits.open_file(path) as stream:
@@ -238,65 +116,61 @@ def _is_sqlite(part: Path) -> bool:
     raise LogNotFound(f"{part.name} is neither an SQLite nor an MCAP file", where=str(part))
 
 
-def _ros1_name(kind: str) -> str:
-    return kind.replace("/msg/", "/")
-
-
 # ---------------------------------------------------------------- either container
-def _topics(part: Path) -> list[tuple[str, str, int]]:
-    """Return name, type and number of messages of the topics of one file."""
+def _topics(part: Path) -> dict[str, Topic]:
     if _is_sqlite(part):
         try:
             with _opened(part) as base:
-                names = _table(base, part)
+                topics = _table(base, part)
                 counts = dict(base.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
         except sqlite3.Error:
-            return _counted(part)
-        return [(name, _ros1_name(kind), counts.get(number, 0)) for number, (name, kind, _) in names.items()]
+            return counted(scan(part))
+        return topics_of((connection, counts.get(number, 0)) for number, connection in topics.items())
     try:
         summary = mcap_records.read_summary(part)
-    except (BrokenMcap, TooLarge):
-        return _counted(part)
-    return [
-        (channel.topic, _ros1_name(channel.schema), summary.counts.get(number, 0))
-        for number, channel in summary.channels.items()
-    ]
+    except (Broken, TooLarge):
+        return counted(scan(part))
+    return topics_of((channel, summary.counts.get(number, 0)) for number, channel in summary.channels.items())
 
 
-def _counted(part: Path) -> list[tuple[str, str, int]]:
-    """Count the messages that can be read one by one."""
-    counts: dict[tuple[str, str], int] = {}
-    try:
-        for message in _messages(part, None):
-            key = (message.topic, message.kind)
-            counts[key] = counts.get(key, 0) + 1
-    except Broken:
-        pass
-    return [(*key, count) for key, count in counts.items()]
-
-
-def _messages(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
-    """Yield the messages of some topics (all when None).
+def scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
+    """Yield the messages of some topics (all when None), those together that have one length.
 
     Raises:
-        Broken: what follows cannot be read.
+        Broken: after the last readable message, where there were others.
+        TooLarge: a chunk or a message is beyond the limit.
     """
-    if _is_sqlite(part):
-        yield from _rows(part, names)
-        return
+    waiting: dict[tuple[int, int], tuple[Connection, list[int], list[bytes]]] = {}
+    count = size = 0
+    broken = None
     try:
-        summary = mcap_records.read_summary(part)
-    except BrokenMcap:
-        summary = None
-    try:
-        for channel, arrival, raw in mcap_records.scan(part, names, summary):
-            kind = _ros1_name(channel.schema)
-            text = channel.definition if channel.definition_encoding in ("ros2msg", "ros1msg") else ""
-            yield _Message(channel.topic, kind, channel.encoding, text, arrival, raw)
-    except BrokenMcap as error:
-        raise Broken(str(error)) from None
+        for connection, arrival, raw in _rows(part, topics) if _is_sqlite(part) else mcap_records.scan(part, topics):
+            limits.check("message_bytes", len(raw), connection.topic)
+            if count == tuning.MESSAGES or size + len(raw) > tuning.MESSAGE_BYTES:
+                yield from _alike(waiting)
+                count = size = 0
+            key = (id(connection), len(raw))
+            if key not in waiting:
+                waiting[key] = (connection, [], [])
+            waiting[key][1].append(arrival)
+            waiting[key][2].append(raw)
+            count, size = count + 1, size + len(raw)
+    except Broken as error:
+        broken = error
+    yield from _alike(waiting)
+    if broken is not None:
+        raise broken
 
 
+def _alike(waiting: dict[tuple[int, int], tuple[Connection, list[int], list[bytes]]]) -> Iterator[Messages]:
+    """Yield what waits, and forget it."""
+    for connection, arrival, raws in waiting.values():
+        table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1 if raws[0] else 0)
+        yield Messages(connection, np.array(arrival, dtype=np.int64), table)
+    waiting.clear()
+
+
+# ---------------------------------------------------------------- SQLite
 @contextmanager
 def _opened(part: Path) -> Iterator[sqlite3.Connection]:
     """Open a store to read, with what its journal holds where that can be read; nothing beside it changes."""
@@ -327,8 +201,8 @@ def _has_journal(part: Path) -> bool:
         return False
 
 
-def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, str]]:
-    """Return name, type and serialisation of the topics by their number.
+def _table(base: sqlite3.Connection, part: Path) -> dict[int, Connection]:
+    """Return the topics by their number.
 
     Raises:
         Broken: it is not a store of rosbag2.
@@ -347,16 +221,16 @@ def _table(base: sqlite3.Connection, part: Path) -> dict[int, tuple[str, str, st
     rows = base.execute("SELECT id, name, type, serialization_format FROM topics")
     found = {}
     for number, name, kind, form in rows:
-        found[int(number)] = (str(name), str(kind), str(form))
+        found[int(number)] = Connection(str(name), str(kind).replace("/msg/", "/"), "", encoding=str(form))
         limits.check("connections", len(found), part)
     return found
 
 
-def _rows(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
+def _rows(part: Path, names: Collection[str] | None) -> Iterator[tuple[Connection, int, bytes]]:
     try:
         with _opened(part) as base:
             topics = _table(base, part)
-            wanted = [number for number, (name, _, _) in topics.items() if names is None or name in names]
+            wanted = [number for number, topic in topics.items() if names is None or topic.topic in names]
             marks = ", ".join("?" * len(wanted))
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
             left = _size(part)
@@ -364,9 +238,8 @@ def _rows(part: Path, names: Collection[str] | None) -> Iterator[_Message]:
                 left -= len(raw) if isinstance(raw, bytes) else 0
                 if left < 0:
                     raise Broken("its rows hold more than its file: pages are used twice")
-                name, kind, form = topics[number]
                 if isinstance(raw, bytes) and isinstance(arrival, int):
-                    yield _Message(name, _ros1_name(kind), form, "", arrival, raw)
+                    yield topics[number], arrival, raw
     except (sqlite3.Error, OverflowError) as error:
         raise Broken(str(error)) from None
 
@@ -375,11 +248,3 @@ def _size(part: Path) -> int:
     """Return the bytes of a store and of its journal."""
     journal = part.with_name(f"{part.name}-wal")
     return part.stat().st_size + (journal.stat().st_size if journal.is_file() else 0)
-
-
-def _nothing(path: Path, reason: str = "") -> BagTruncated:
-    tail = f": {reason}" if reason else ""
-    return BagTruncated(
-        f"{path.name}: nothing is readable{tail}", where=str(path),
-        fix="record again, or try: ros2 bag reindex FOLDER; mcap recover FILE",
-    )  # fmt: skip

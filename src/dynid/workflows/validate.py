@@ -224,7 +224,7 @@ class Validation:
         """
         import numpy as np
 
-        from dynid.files.replaymcap import JointStates, write_replay
+        from dynid.files.convert import JointStates, write_replay
 
         m = self.motion
         torque = np.where(m.usable, m.tau_estimated, np.nan)

@@ -8,7 +8,7 @@ from rosbags.highlevel import AnyReader
 
 from dynid.errors import BagTruncated, CannotWrite, LogNotFound
 from dynid.files.bag import list_topics, read_topics
-from dynid.files.bag import write_bag as write_log_as_bag
+from dynid.files.convert import write_bag as write_log_as_bag
 from dynid.log import Log
 from makelogs import START, joint_state, shared_data, state_messages, write_bag
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import BagTruncated, LogNotFound
-from dynid.files.bag import list_topics, read_topics
-from dynid.files.bag_records import scan
+from dynid.files.bag import list_topics, read_topics, scan
 from makelogs import joint_state, state_messages, write_bag
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 8))

@@ -4,9 +4,10 @@ import hashlib
 
 import pytest
 
-from dynid.files import hashed
+from dynid.files import artifact as hashed
 from dynid.files.artifact import sha256
-from dynid.files.bag import read_topics, write_bag
+from dynid.files.bag import read_topics
+from dynid.files.convert import write_bag
 from makelogs import lwr_log
 
 CONTENT = bytes(range(256)) * 9000

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogLayout, LogNotFound, NewerSchema
-from dynid.files.logs import read_log
-from dynid.files.npzlog import read_npz_log
+from dynid.files.logs import read_log, read_npz_log
 from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log, shared_data
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogLayout
-from dynid.files.tablelog import in_seconds, read_table, suggested
+from dynid.files.columnwords import suggested
+from dynid.files.tables import in_seconds, read_table
 
 
 def test_a_csv_is_read_by_its_header_whatever_the_order(tmp_path):

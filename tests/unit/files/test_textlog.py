@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
-from dynid.files.textlog import read_folder
+from dynid.files.tables import read_folder
 
 Q = np.arange(12.0).reshape(4, 3)
 

@@ -73,8 +73,7 @@ def test_they_find_what_one_process_finds_from_all_rows(batch, arm):
 def _read(k):
     from dataclasses import replace
 
-    from dynid.files.logs import hash_of
-    from dynid.files.npzlog import read_npz_log
+    from dynid.files.logs import hash_of, read_npz_log
 
     return replace(read_npz_log(Path(f"log{k}.npz")), sha256=hash_of(Path(f"log{k}.npz")))
 

@@ -1,4 +1,6 @@
-"""Tables as logs: CSV and TSV in any dialect, Parquet; columns are found by the patterns of the robot file.
+"""Tables as logs: CSV and TSV in any dialect, Parquet, the paper's folder of text files.
+
+Columns are found by the patterns of the robot file.
 
 Reads block by block and keeps only the columns that are asked for. Stamps in ms, us and ns are recognised (W328).
 """
@@ -6,7 +8,6 @@ Reads block by block and keeps only the columns that are asked for. Stamps in ms
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing
-from dynid.files.columnwords import stamps_of, suggested, time_unit, unit_of, usual_joints
-from dynid.files.datestamps import seconds_of
-from dynid.files.dialect import Dialect, dialect_of
-from dynid.files.textlog import BLOCK, lines_of, positive_rate
+from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing, WrongUsage
+from dynid.files import tuning
+from dynid.files.columnwords import TIME_NAMES, stamps_of, suggested, time_unit, unit_of, usual_joints
+from dynid.files.dialect import Dialect, dialect_of, seconds_of
 from dynid.log import Log
 from dynid.longarrays import USUAL as NUMBERS
 from dynid.longarrays import Growing, filled, spread, taken
@@ -28,7 +28,6 @@ from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
 
-SUFFIXES = (".csv", ".tsv", ".parquet")
 #: Patterns that are tried where the robot file gives none.
 USUAL = {
     "position": ("q_{name}",),
@@ -320,8 +319,14 @@ def _listed(names: Sequence[str]) -> str:
 # ---------------------------------------------------------------- the numbers
 def _read_columns(path: Path, dialect: Dialect | None, chosen: Sequence[str]) -> Floats:
     """Return columns of a table by name, (N, k); in a file where they are long."""
-    found = Growing(len(chosen))
-    for block in _parquet(path, chosen) if dialect is None else _text(path, dialect, chosen):
+    if dialect is None:
+        return _joined(path, len(chosen), _parquet(path, chosen))
+    return _joined(path, len(chosen), dialect.read(path, [dialect.names.index(name) for name in chosen]))
+
+
+def _joined(path: Path, width: int, blocks: Iterator[Floats]) -> Floats:
+    found = Growing(width)
+    for block in blocks:
         limits.check("samples", len(found) + len(block), path)
         found.append(block)
     if not len(found):
@@ -368,7 +373,7 @@ def _parquet(path: Path, chosen: Sequence[str]) -> Iterator[Floats]:
     file = _open_parquet(path)
     limits.check("samples", file.metadata.num_rows, path)
     try:
-        for batch in file.iter_batches(batch_size=BLOCK, columns=list(dict.fromkeys(chosen))):
+        for batch in file.iter_batches(batch_size=tuning.ROWS, columns=list(dict.fromkeys(chosen))):
             yield np.column_stack([_floats(batch.column(name), name, path) for name in chosen])
     except (pyarrow.ArrowException, OSError) as error:
         raise LogNotFound(f"{path.name} is damaged: {error}", where=str(path)) from error
@@ -391,20 +396,93 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
 
 
-def _text(path: Path, dialect: Dialect, chosen: Sequence[str]) -> Iterator[Floats]:
-    places = [dialect.names.index(name) for name in chosen]
-    rows: list[tuple[int, str]] = []
-    try:
-        with limits.open_file(path) as stream:
-            limits.check("text_bytes", os.fstat(stream.fileno()).st_size, path)
-            for number, line in lines_of(stream, path):
-                if number < dialect.start or not dialect.start or line[0] in "#%":
-                    continue
-                rows.append((number, line))
-                if len(rows) == BLOCK:
-                    yield dialect.numbers(path, rows, places)
-                    rows = []
-    except UnicodeDecodeError as error:
-        raise LogNotFound(f"{path.name} is not a text file", where=str(path)) from error
-    if rows:
-        yield dialect.numbers(path, rows, places)
+# ---------------------------------------------------------------- a folder of texts
+@dataclass(frozen=True)
+class _Text:
+    """One text file of a folder: its path, names of its columns (() without a header) and values, (N, columns)."""
+
+    path: Path
+    names: tuple[str, ...]
+    values: Floats
+
+    @property
+    def has_time(self) -> bool:
+        """Whether the first column is time."""
+        return bool(self.names) and self.names[0].lower() in TIME_NAMES
+
+    def without_time(self) -> _Text:
+        """Return the columns besides time."""
+        return _Text(self.path, self.names[1:], self.values[:, 1:]) if self.has_time else self
+
+
+def read_folder(path: Path, rate: float | None = None) -> Log:
+    """Read the paper's text files from a folder: one row per sample, one column per joint.
+
+    Args:
+        path: folder with position.txt, torque.txt and, if recorded, velocity.txt and time.txt.
+        rate: samples per second where no file has the time [Hz].
+
+    Raises:
+        LogNotFound: position.txt or torque.txt is not there.
+        LogLayout: rows or columns do not agree.
+        WrongUsage: no file has the time, and no rate is given.
+    """
+    for name in ("position.txt", "torque.txt"):
+        if not (path / name).is_file():
+            raise LogNotFound(f"{path} has no {name}", where=str(path))
+    texts = {
+        key: _read_text(path / f"{key}.txt")
+        for key in ("position", "velocity", "torque", "time")
+        if (path / f"{key}.txt").is_file()
+    }
+    position = texts["position"]
+    for text in texts.values():
+        if len(text.values) != len(position.values):
+            what = f"{text.path.name} has {len(text.values)} rows, expected {len(position.values)}"
+            raise LogLayout(what, where=str(text.path))
+    if "time" in texts or position.has_time:
+        t = texts.pop("time", position).values[:, 0]
+    elif rate is None:
+        raise WrongUsage(
+            f"{path} has no time.txt and position.txt no time column",
+            where=str(path),
+            why="derivatives need the time of each sample",
+            fix="give the sample rate: --rate 100",
+        )
+    else:
+        t = np.arange(len(position.values)) / positive_rate(rate)
+    texts = {key: text.without_time() for key, text in texts.items()}
+    names = next((text.names for text in texts.values() if text.names), ())
+    arrays = {key: _in_order(text, names, texts["position"].values.shape[1]) for key, text in texts.items()}
+    return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
+
+
+def _read_text(path: Path) -> _Text:
+    dialect = dialect_of(path)
+    limits.check("columns", dialect.width, path)
+    limits.check("name_length", max(map(len, dialect.names), default=0), path)
+    return _Text(path, dialect.names, _joined(path, dialect.width, dialect.read(path, range(dialect.width))))
+
+
+def _in_order(text: _Text, names: Sequence[str], width: int) -> Floats:
+    """Return the columns in the order of ``names``; a file without header has the order of the others."""
+    if text.values.shape[1] != width:
+        what = f"{text.path.name} has {text.values.shape[1]} columns, position.txt {width}"
+        raise LogLayout(what, where=str(text.path))
+    if not text.names or tuple(text.names) == tuple(names):
+        return text.values
+    missing = [name for name in names if name not in text.names]
+    if missing:
+        raise LogLayout(f"{text.path.name}:1: no column '{missing[0]}'", where=f"{text.path}:1")
+    return text.values[:, [text.names.index(name) for name in names]]
+
+
+def positive_rate(rate: float | None) -> float:
+    """Return the sample rate that the user gave [Hz].
+
+    Raises:
+        WrongUsage: it is none.
+    """
+    if rate is None or not np.isfinite(rate) or rate <= 0:
+        raise WrongUsage(f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100")
+    return rate
