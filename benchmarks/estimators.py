@@ -29,9 +29,8 @@ from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.stack import stack_logs
 from dynid.log import Log
 from dynid.model.parameters import prior_base_parameters
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.filters import despiked
+from dynid.signals.conditioned_log import ConditionedLog, condition
+from dynid.signals.filters import choose_filter, despiked
 
 PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
 #: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.

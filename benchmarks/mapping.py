@@ -20,9 +20,8 @@ from dynid.diagnose.edits import with_edits
 from dynid.diagnose.fit import Judge, thin_motion
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
+from dynid.signals.checks import check_ranges, unwrapped
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
-from dynid.signals.ranges import check_ranges
-from dynid.signals.values import unwrapped
 from mapping_logs import simulated
 
 ROOT = Path(__file__).parents[1]

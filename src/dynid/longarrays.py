@@ -29,6 +29,8 @@ STORE = 64 << 20
 USUAL = 1 << 18
 #: Rows of a piece.
 PIECE = 1 << 16
+#: Rows that are taken together when columns are reduced.
+WIDE = 64
 #: Mapped pages that may stay in memory [bytes].
 PAGES = 96 << 20
 #: What was mapped from files after the last release: libraries, for the most part [bytes].
@@ -179,6 +181,30 @@ def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]
         found = empty((count,), some.dtype) if found is None else found
         found[part] = some
     return np.zeros(0) if found is None else found
+
+
+def samples_where(count: int, condition: Callable[[slice], NDArray[np.bool_]]) -> NDArray[np.intp]:
+    """Return the samples, (k,), of which a condition holds; it is asked piece by piece."""
+    found = [np.flatnonzero(condition(part)) + part.start for part in spans(count)]
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.intp)
+
+
+def extremes(x: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and the largest value of each column of samples, (n,) each."""
+    low, high = zip(*((by_column(np.min, x[part]), by_column(np.max, x[part])) for part in spans(len(x))), strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def by_column(reduce: Callable[..., NDArray[Any]], x: NDArray[Any]) -> NDArray[Any]:
+    """Return the minimum, maximum or sum of each column of samples, (N, n) -> (n,).
+
+    Why not at once: NumPy works along rows, and a row of seven joints is too short for what it costs to begin one.
+    """
+    whole = len(x) // WIDE * WIDE
+    if x.ndim == 1 or not whole:
+        return np.asarray(reduce(x, axis=0))
+    wide = reduce(x[:whole].reshape(-1, WIDE * x.shape[1]), axis=0).reshape(WIDE, -1)
+    return np.asarray(reduce(np.concatenate([wide, x[whole:]]), axis=0))
 
 
 def joined(parts: Iterable[NDArray[Any]]) -> NDArray[Any]:

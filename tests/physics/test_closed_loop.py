@@ -12,8 +12,8 @@ from dynid.estimation.closed_loop import Arm, follow
 from dynid.estimation.estimators import METHODS
 from dynid.estimation.stack import stack_logs
 from dynid.robot import Controller, Joint, Limits, Robot
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.conditioned_log import ConditionedLog, condition
+from dynid.signals.filters import choose_filter
 from dynid.sim.arm import Friction
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.model import base_model

@@ -14,8 +14,8 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import joined
 from dynid.robot import Body, Controller
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.conditioned_log import ConditionedLog, condition
+from dynid.signals.filters import choose_filter
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.model import base_model

@@ -22,8 +22,9 @@ from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.parameters import prior_bodies, second_moments
 from dynid.robot import Body, Joint, Robot
-from dynid.signals.motion import MOVING_SPEED, bandwidth, per_joint
-from dynid.signals.ranges import OUTSIDE, beyond
+from dynid.signals import tuning as signal_tuning
+from dynid.signals.checks import beyond
+from dynid.signals.motion import bandwidth, per_joint
 from dynid.units import POSITION
 
 Floats = NDArray[np.float64]
@@ -161,7 +162,7 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
     unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0
-    alive = np.any(np.abs(velocity) > unit * per_joint(MOVING_SPEED, robot), axis=1) & whole
+    alive = np.any(np.abs(velocity) > unit * per_joint(signal_tuning.MOVING_SPEED, robot), axis=1) & whole
     rows = np.flatnonzero(alive)
     if len(rows) < 50:
         return None
@@ -229,7 +230,10 @@ class Judge:
     def outside(self, robot: Robot) -> int:
         """Return how many joints move far beyond their limits under an edited file."""
         q = self._dh(robot)[0][0]
-        return sum(beyond(*each) > OUTSIDE for each in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True))
+        return sum(
+            beyond(joint, float(low), float(high)) > signal_tuning.BEYOND_LIMITS
+            for joint, low, high in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True)
+        )
 
     def same(self, one: Robot, other: Robot) -> bool:
         """Return whether two edited files can explain the same torques, whatever the arm does.
@@ -263,7 +267,7 @@ class Judge:
     def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
         """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
         robot, motions = moved[0][0], [x for _, x in moved]
-        slow, free = per_joint(MOVING_SPEED, robot), robot.torque.source == "gravity_free"
+        slow, free = per_joint(signal_tuning.MOVING_SPEED, robot), robot.torque.source == "gravity_free"
         gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
         gravity = np.repeat(gravity, len(self.motion.tau), axis=0)
         q, qd, qdd = np.concatenate(motions, axis=1)

@@ -10,7 +10,8 @@ from dynid.errors import GravityRemoved
 from dynid.log import Log
 from dynid.model.rough_weight import carried, expected_torque
 from dynid.robot import Robot
-from dynid.signals.motion import MOVING_SPEED, any_moves, per_joint, rest_slices
+from dynid.signals import tuning as signal_tuning
+from dynid.signals.motion import any_moves, per_joint, rest_slices
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
     inertia = carried(q, robot, lambda points: slope(slope(points)), some)
-    friction = np.tanh(v / per_joint(MOVING_SPEED, robot))
+    friction = np.tanh(v / per_joint(signal_tuning.MOVING_SPEED, robot))
     return q[some], tau[some], [v[some], friction[some], a[some], inertia]
 
 

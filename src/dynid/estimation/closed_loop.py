@@ -22,7 +22,7 @@ from dynid.errors import NotSimulated
 from dynid.estimation.stack import Stack
 from dynid.model.regressor import Torque, mass_matrices
 from dynid.robot import Controller
-from dynid.signals.conditioning import Segment, resampled
+from dynid.signals.conditioned_log import Segment, resampled
 from dynid.signals.filters import decimate, lowpass_kernel
 
 Floats = NDArray[np.float64]

@@ -35,7 +35,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.robot import Controller
 from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.same_motion import motion_numbers, sampled
+from dynid.signals.motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 

@@ -21,9 +21,8 @@ from dynid.files.artifact import Artifact, read_artifact, reading, write_artifac
 from dynid.files.contents import Array, Contents, Fact
 from dynid.limits import LIMITS
 from dynid.longarrays import joined
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import Filter, Segment
-from dynid.signals.filters import pulse_width
+from dynid.signals.conditioned_log import ConditionedLog, Segment
+from dynid.signals.filters import Filter, pulse_width
 
 SCHEMA = "dynid/fullnumericregressor/1"
 #: Least frequency [Hz], and most samples that one is kept of.

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from dynid.estimation.least_squares import accumulate
 from dynid.longarrays import Growing, median, release, spans
 from dynid.model.regressor import Observer
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import Segment
+from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]

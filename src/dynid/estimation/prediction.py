@@ -18,9 +18,8 @@ from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import Filter, Segment
-from dynid.signals.filters import decimate
+from dynid.signals.conditioned_log import ConditionedLog, Segment
+from dynid.signals.filters import Filter, decimate
 
 Floats = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model, model_torques
 from dynid.robot import EffectSpec, Robot
-from dynid.signals.conditioned_log import ConditionedLog, with_effects
-from dynid.signals.delay import segment_without_delay
+from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay, with_effects
 from dynid.text import yaml_text
 
 

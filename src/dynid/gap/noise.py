@@ -14,7 +14,7 @@ import numpy as np
 from dynid.errors import LogTooShort
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
-from dynid.signals.conditioning import Filter
+from dynid.signals.filters import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4

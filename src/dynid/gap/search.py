@@ -38,8 +38,7 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.options import LONGEST_DELAY
 from dynid.progress import SILENT, Progress
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.delay import segment_without_delay
+from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
 
 #: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
 #: left of it, one with the noise of the first selection, and one more.

@@ -12,8 +12,7 @@ from dynid.estimation.observation_rows import ObservationRows, joined, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
-from dynid.signals.conditioning import Filter
-from dynid.signals.filters import decimate
+from dynid.signals.filters import Filter, decimate
 
 Mask = NDArray[np.bool_]
 

@@ -6,22 +6,40 @@ the robot, findings, and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.drivers.registry import driver_of
-from dynid.errors import Finding
+from dynid.errors import (
+    Finding,
+    JointNamesDiffer,
+    NotFinite,
+    PositionInDegrees,
+    TorqueScale,
+    VelocityInconsistent,
+    WrongMessageType,
+)
 from dynid.log import Log
-from dynid.longarrays import spans
-from dynid.robot import Robot
-from dynid.signals.columns import in_si, joint_of_motor, matching_columns, robot_columns, to_dh
-from dynid.signals.cutoff import check_position_noise
-from dynid.signals.motion import check_amount
-from dynid.signals.pieces import changed
-from dynid.signals.ranges import check_ranges
-from dynid.signals.repeats import without_stale
+from dynid.longarrays import empty, extremes, spans
+from dynid.model.rough_weight import expected_torque
+from dynid.robot import Joint, Robot
+from dynid.signals import tuning
+from dynid.signals.columns import (
+    changed,
+    in_amperes,
+    in_si,
+    joint_of_motor,
+    matching_columns,
+    robot_columns,
+    to_dh,
+    units,
+)
+from dynid.signals.filters import check_position_noise
+from dynid.signals.motion import any_moves, check_amount, per_joint, rest_slices, runs, speeds
 from dynid.signals.stamps import (
     check_gaps,
     check_rate,
@@ -30,18 +48,11 @@ from dynid.signals.stamps import (
     with_findings,
     with_rising_time,
     without_intervals,
+    without_stale,
 )
-from dynid.signals.values import (
-    check_degrees,
-    check_finite,
-    check_repeats,
-    check_torque_scale,
-    check_zero,
-    clipped_samples,
-    measurable,
-    unwrapped,
-)
-from dynid.signals.velocity import check_order, check_slopes, slopes
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def prepare(
@@ -129,3 +140,457 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
     kept = [finding for finding in log.findings if finding.code != "W308"]
     log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
     return with_findings(log, Finding("W308", "info", text, evidence))
+
+
+def measurable(values: Floats) -> Flags:
+    """Return which values are finite and of a size that a sensor can read."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) < tuning.LARGEST, dtype=bool)
+
+
+def check_finite(log: Log, robot: Robot) -> None:
+    """Raise when a used column has values that are not numbers, with the --exclude that leaves them out.
+
+    Raises:
+        NotFinite: names joint, quantity, count, first time and row.
+    """
+    columns = {"position": log.q, "torque": log.tau} | ({"velocity": log.qd} if log.qd is not None else {})
+    if all(measurable(values[part]).all() for values in columns.values() for part in spans(len(log))):
+        return
+    bad = np.zeros(len(log), dtype=bool)
+    first: tuple[int, str] | None = None
+    # Why whole columns here: what cannot be used need not be quick.
+    for quantity, values in columns.items():
+        wrong = ~measurable(values)
+        bad |= wrong.any(axis=1)
+        for j in np.flatnonzero(wrong.any(axis=0)):
+            row = int(np.flatnonzero(wrong[:, j])[0])
+            value = float(values[row, j])
+            kind = (
+                "not a number"
+                if np.isnan(value)
+                else "infinite"
+                if np.isinf(value)
+                else f"{value:.0e}, not measurable,"
+            )
+            count = int(wrong[:, j].sum())
+            text = f"{robot.joint_names[j]} {quantity} is {kind} in {count} samples"
+            if first is None or row < first[0]:
+                first = (row, text)
+    if first is None:
+        return
+    row, text = first
+    fix = "record again; no sample is whole" if bad.all() else f"leave it out: {_exclude_options(log.t[bad])}"
+    raise NotFinite(f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix)
+
+
+def _exclude_options(t: Floats) -> str:
+    parts = np.split(t, np.flatnonzero(np.diff(t) > tuning.EXCLUDED_TOGETHER_S) + 1)
+    if len(parts) > tuning.MOST_INTERVALS:
+        parts = [t]
+    return " ".join(
+        f"--exclude {max(p[0] - tuning.EXCLUDE_MARGIN_S, 0):.3f}-{p[-1] + tuning.EXCLUDE_MARGIN_S:.3f}" for p in parts
+    )
+
+
+def _usual_speed(log: Log) -> Floats:
+    """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
+    every = max(1, len(log) // tuning.SPEED_SAMPLES)
+    some = [np.abs(v[-part.start % every :: every]) for part, v in speeds(log)]
+    speed = np.concatenate(some)
+    place = 0.95 * (len(speed) - 1)
+    low, high = int(place), min(int(place) + 1, len(speed) - 1)
+    part = np.partition(speed, [low, high], axis=0)
+    return np.asarray(part[low] + (place - low) * (part[high] - part[low]))
+
+
+def check_degrees(log: Log, robot: Robot) -> None:
+    """Raise when positions [declared rad] break the limits but would keep them as degrees; needs increasing time.
+
+    Why: joints without position limits are judged by their speed limit.
+
+    Raises:
+        PositionInDegrees: with the line for the robot file.
+    """
+    if units(log, robot)["position"] != "rad":
+        return
+    as_is = changed(log, lambda part: to_dh(part, robot))
+    fast = _usual_speed(as_is)
+    wide = [joint.revolute and _beyond_range(as_is.q[:, j], joint) for j, joint in enumerate(robot.joints)]
+    speed = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
+    if not any(wide) and not np.any(fast > tuning.BEYOND_SPEED * np.array(speed)):
+        return
+    as_degrees = changed(log, lambda part: to_dh(replace(part, q=np.radians(part.q)), robot))
+    slow, ends = _usual_speed(as_degrees), np.transpose(extremes(as_degrees.q))
+    for j, joint in enumerate(robot.joints):
+        beyond = wide[j] and _within_range(float(ends[j, 0]), float(ends[j, 1]), joint)
+        quick = fast[j] > tuning.BEYOND_SPEED * speed[j] and slow[j] <= speed[j]
+        if beyond or quick:
+            raise PositionInDegrees(
+                f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {_limit_text(joint, beyond)}",
+                where=log.topic,
+                fix=_degrees_fix(as_is, robot),
+            )
+
+
+def _within_range(least: float, most: float, joint: Joint) -> bool:
+    if joint.limits.position is None:
+        return False
+    low, high = joint.limits.position
+    slack = 0.05 * (high - low)
+    return least > low - slack and most < high + slack
+
+
+def _beyond_range(q: Floats, joint: Joint) -> bool:
+    if joint.limits.position is None:
+        return False
+    low, high = joint.limits.position
+    (least, most), where, turns = extremes(q), *_full_turns(q)
+    # Why: a joint that is read modulo a full turn jumps now and then; degrees look like turns all the time.
+    if len(where) < tuning.RARE_TURNS * (len(q) - 1) and len(where):
+        ends = [extremes(part) for part in np.split(q, where)]
+        back = 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
+        least, most = (f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max)))
+    return bool(most - least > tuning.BEYOND_RANGE * (high - low))
+
+
+def _limit_text(joint: Joint, by_range: bool) -> str:
+    if by_range and joint.limits.position is not None:
+        low, high = joint.limits.position
+        return f"limits are +-{high:.2f} rad" if np.isclose(-low, high) else f"limits are {low:.2f} to {high:.2f} rad"
+    return f"the speed limit is {joint.limits.velocity:.2f} rad/s"
+
+
+def _degrees_fix(log: Log, robot: Robot) -> str:
+    """Name the velocity's unit too where it follows the position."""
+    given = {"position": "deg"}
+    if log.qd is not None:
+        both, own = np.sum([[np.sum(log.qd[part] * v), np.sum(v * v)] for part, v in speeds(log)], axis=0)
+        if 0.5 < float(both / max(own, 1e-12)) < 1.5:
+            given["velocity"] = "deg/s"
+    return unit_fix(robot, given)
+
+
+def unit_fix(robot: Robot, given: dict[str, str]) -> str:
+    """Return the sentence that says which units to declare in the robot file."""
+    inner = ", ".join(f"{key}: {value}" for key, value in given.items())
+    file = robot.editable
+    if robot.driver is None:
+        return f"add `driver: {{kind: generic, units: {{{inner}}}}}` to {file}"
+    return f"add `units: {{{inner}}}` under `driver:` in {file}"
+
+
+def unwrapped(log: Log, robot: Robot) -> Log:
+    """Return the log without jumps by full turns (W315)."""
+    found = {}
+    for j, joint in enumerate(robot.joints):
+        where, turns = _full_turns(log.q[:, j]) if joint.revolute else (np.zeros(0, dtype=int), np.zeros(0))
+        if len(where):
+            found[j] = where, 2 * np.pi * np.cumsum(turns)
+    if not found:
+        return log
+    q, findings = empty(log.q.shape), []
+    for part in spans(len(log)):
+        q[part] = log.q[part]
+        for j, (where, back) in found.items():
+            # Unit: jumps before each sample.
+            count = np.searchsorted(where, np.arange(part.start, part.stop), "right")
+            q[part, j] -= np.concatenate([[0.0], back])[count]
+    for j, (where, _) in found.items():
+        name, row = robot.joint_names[j], int(where[0])
+        more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
+        at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
+        text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
+        findings.append(Finding("W315", "warning", text, {"joint": name, "at_s": log.t[where].tolist()}))
+    return with_findings(replace(log, q=q), *findings)
+
+
+def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the samples that a joint gets to by a jump of full turns, (k,), and the number of turns, (k,)."""
+    where, found = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+    for part in spans(len(q) - 1):
+        step = np.diff(q[part.start : part.stop + 1])
+        if float(np.abs(step).max()) < np.pi:
+            continue
+        turns = np.round(step / (2 * np.pi))
+        turns[np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST] = 0
+        some = np.flatnonzero(turns)
+        where.append(some + part.start + 1)
+        found.append(turns[some])
+    return np.concatenate(where), np.concatenate(found)
+
+
+def check_torque_scale(log: Log, robot: Robot) -> None:
+    """Raise when torques are no torques of this arm.
+
+    Raises:
+        WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample, or nearly.
+        TorqueScale: far beyond the rating.
+    """
+    low, highest = extremes(log.tau)
+    largest = np.maximum(-low, highest)
+    if not np.any(largest >= tuning.LEAST_TORQUE):
+        raise WrongMessageType(
+            "effort is 0 in every sample of every joint",
+            where=log.topic,
+            fix="make the driver publish the joint torques",
+        )
+    moves = np.subtract(*extremes(log.q)[::-1]) > per_joint(tuning.STILL_SPAN, robot)
+    silent = [
+        joint.name
+        for joint, is_silent in zip(robot.joints, moves & (largest < tuning.LEAST_TORQUE), strict=True)
+        if is_silent
+    ]
+    if silent:
+        raise WrongMessageType(
+            f"effort is 0 in every sample of {', '.join(silent)}, which moves",
+            where=log.topic,
+            fix="make the driver publish the torques of all joints",
+        )
+    if in_amperes(log, robot) and log.tau_unit == "A":
+        return
+    for j, joint in enumerate(robot.joints):
+        rating = joint.limits.torque
+        if rating is None or largest[j] <= tuning.BEYOND_RATING * rating:
+            continue
+        # Why: a lone spike is a bad sample, not another unit.
+        high = float(np.percentile(np.abs(log.tau[:, j]), 99))
+        if high > tuning.BEYOND_RATING * rating:
+            top = f"{largest[j]:,.0f}".replace(",", " ")
+            unit = joint.torque_unit.replace(" ", "")
+            guess, fix = "raw counts", "find out what the driver publishes; give the gain under `torque:`"
+            if high / 1000 <= tuning.BEYOND_RATING * rating:
+                guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
+            text = f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}"
+            raise TorqueScale(text, where=log.topic, fix=fix)
+
+
+def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
+    """Return which torques sit at their largest value, (N, n), and findings W319; in the driver's columns."""
+    mask = empty(log.tau.shape, bool)
+    alive, flat, level = any_moves(log, robot), np.zeros(log.n, dtype=int), np.zeros(log.n)
+    low, high = extremes(log.tau)
+    for j in range(log.n):
+        above = _flat_top(log.tau[:, j], 1.0, float(high[j]), float(low[j]), alive)
+        below = _flat_top(log.tau[:, j], -1.0, float(-low[j]), float(-high[j]), alive)
+        mask[:, j], flat[j] = above | below, int(np.sum(above | below))
+        level[j] = max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0)
+    findings = []
+    for k in np.flatnonzero(flat):
+        share = float(flat[k] / len(log))
+        unit = "A" if log.tau_unit == "A" else robot.joints[k].torque_unit.replace(" ", "")
+        text = (
+            f"{robot.joint_names[k]} torque sits at {level[k]:.4g} {unit} for {flat[k] / log.rate:.2g} s: "
+            f"clipped samples are left out ({100 * share:.1f} %)"
+        )
+        findings.append(
+            Finding("W319", "warning", text, {"joint": robot.joint_names[k], "share": share, "level": float(level[k])})
+        )
+    return mask, tuple(findings)
+
+
+def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -> Flags:
+    """Return the samples of runs at the maximum while the arm moves, if there are suspiciously many.
+
+    Args:
+        x: torques of a joint, (N,).
+        sign: -1 to look at the other end.
+        top: largest of the values times the sign.
+        bottom: the smallest.
+        alive: at which samples the arm moves, (N,).
+    """
+    flat, least = np.zeros(len(x), dtype=bool), top - 1e-9 * abs(top)
+    if top <= 0:
+        return flat
+    at_top = np.concatenate([sign * x[part] >= least for part in spans(len(x))]) & alive
+    for run in runs(at_top, tuning.FLAT_RUN):
+        flat[run] = True
+    if not flat.any():
+        return flat
+    near, level, second = 0, -np.inf, 0
+    for part in spans(len(x)):
+        below = sign * x[part]
+        below = below[below < least]
+        near += int(np.sum(below > top - 0.01 * (top - bottom)))
+        highest = float(below.max(initial=-np.inf))
+        second = (second if highest == level else 0) + int(np.sum(below == highest)) if highest >= level else second
+        level = max(level, highest)
+    count = int(flat.sum())
+    return flat if count >= tuning.FLAT_SHARE * second and count >= near else np.zeros(len(x), dtype=bool)
+
+
+def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return finding W314 when many samples in motion repeat the positions before them."""
+    alive = any_moves(log, robot)[1:]
+    repeated = same_rows(log.q) & alive
+    share = float(repeated.sum() / alive.sum()) if alive.any() else 0.0
+    if share < tuning.REPEAT_SHARE:
+        return ()
+    fresh = log.rate * (1 - share)
+    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
+    return (Finding("W314", "warning", text, {"share": share}),)
+
+
+def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return findings W316 for joints that read a torque at rest although they carry no weight there.
+
+    Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
+    """
+    poses = rest_slices(log, robot)
+    if robot.torque.source not in ("joint_sensor", "gravity_free") or log.tau_unit == "A" or not poses:
+        return ()
+    q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
+    load = np.abs(expected_torque(q, robot))
+    if robot.torque.source == "gravity_free":
+        load = np.zeros_like(load)
+    findings = []
+    for j, joint in enumerate(robot.joints):
+        rows = load[:, j] <= tuning.UNLOADED * max(load.max(), 1e-9)
+        rating = joint.limits.torque
+        if rating is None or not rows.any():
+            continue
+        mean = float(np.mean(tau[rows, j]))
+        if abs(mean) > tuning.ZERO_SHARE * rating:
+            unit = joint.torque_unit.replace(" ", "")
+            text = (
+                f"{joint.name} reads {mean:+.2g} {unit} with the arm at rest and gravity balanced: "
+                "zero the sensors before recording"
+            )
+            findings.append(Finding("W316", "warning", text, {"joint": joint.name, "mean": mean}))
+    return tuple(findings)
+
+
+def slopes(log: Log, robot: Robot) -> Floats:
+    """Return the slope of measured velocity on the change of position, (n,); NaN for a joint that does not move."""
+    if log.qd is None:
+        return np.full(robot.n, np.nan)
+    rows, both, own = np.zeros(robot.n, dtype=int), np.zeros(robot.n), np.zeros(robot.n)
+    for part, v in speeds(log):
+        alive = np.abs(v) > per_joint(tuning.MOVING_SPEED, robot)
+        v = np.where(alive, v, 0.0)
+        rows += alive.sum(axis=0)
+        both += np.sum(v * log.qd[part], axis=0)
+        own += np.sum(v * v, axis=0)
+    return np.where(rows >= tuning.LEAST_MOVING, both / np.where(own > 0.0, own, 1.0), np.nan)
+
+
+def check_order(log: Log, robot: Robot) -> None:
+    """Raise when velocity columns follow the positions of other joints.
+
+    Why: one wrong pair may correlate by chance, so the best assignment of all columns decides.
+
+    Raises:
+        JointNamesDiffer: names the joints that look swapped.
+    """
+    if log.qd is None:
+        return
+    low, high = extremes(log.qd)
+    rows = np.sum([np.sum(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0) for _, v in speeds(log)], axis=0)
+    joints = np.flatnonzero((rows >= tuning.LEAST_MOVING) & (high > low))
+    if len(joints) < 2:
+        return
+    k = len(joints)
+    # Why: a reversed sign is another mistake (E308), so it must not look like a wrong column.
+    likeness = np.abs(_correlation(log, joints))
+    if np.all(np.diag(likeness) >= tuning.WRONG_COLUMN):
+        return
+    from scipy.optimize import linear_sum_assignment
+
+    best = linear_sum_assignment(-likeness)[1]
+    for i in np.flatnonzero(best != np.arange(k)):
+        labelled, swapped = float(likeness[i, i]), float(likeness[i, best[i]])
+        if swapped > tuning.RIGHT_COLUMN and labelled < tuning.WRONG_COLUMN:
+            one, other = robot.joint_names[joints[i]], robot.joint_names[joints[best[i]]]
+            raise JointNamesDiffer(
+                f"{one} and {other} look swapped (correlation {swapped:.2f} swapped, {labelled:.2f} as labelled)",
+                where=log.topic,
+                why="the velocity column of one joint follows the position of the other",
+                fix="correct the columns of the log; if only the velocities are swapped: --velocity derived",
+            )
+
+
+def _correlation(log: Log, joints: NDArray[np.intp]) -> Floats:
+    """Return how the change of position of each joint correlates with the measured velocity of each, (k, k)."""
+    assert log.qd is not None
+    k = len(joints)
+    total, square = np.zeros(2 * k), np.zeros((2 * k, 2 * k))
+    for part, v in speeds(log):
+        x = np.hstack([v[:, joints], log.qd[part][:, joints]])
+        total += x.sum(axis=0)
+        square += x.T @ x
+    covariance = square - np.outer(total, total) / len(log)
+    size = np.sqrt(np.diagonal(covariance))
+    return np.asarray((covariance / np.outer(size, size))[:k, k:])
+
+
+def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return finding W308 for velocities that agree only roughly with the change of position.
+
+    Raises:
+        VelocityInconsistent: unit or sign is wrong.
+    """
+    findings = []
+    for joint, slope in zip(robot.joints, slopes(log, robot), strict=True):
+        if np.isnan(slope) or tuning.SLOPE_AGREES[0] <= slope <= tuning.SLOPE_AGREES[1]:
+            continue
+        if joint.revolute:
+            _check_unit(joint.name, float(slope), log, robot)
+        if tuning.SLOPE_REVERSED[0] <= slope <= tuning.SLOPE_REVERSED[1]:
+            raise VelocityInconsistent(
+                f"{joint.name} velocity has the opposite sign (slope {slope:.2f} to the change of position)",
+                where=log.topic,
+                fix="correct the sign of the velocity or of the position in the log, or use --velocity derived",
+            )
+        text = f"{joint.name} velocity is {slope:.2f} x the change of position; --velocity derived is better"
+        findings.append(Finding("W308", "warning", text, {"joint": joint.name, "slope": float(slope)}))
+    return tuple(findings)
+
+
+def _check_unit(name: str, slope: float, log: Log, robot: Robot) -> None:
+    declared = units(log, robot)["velocity"]
+    text = f"{name} velocity is {slope:.3g} x the change of position"
+    if tuning.SLOPE_DEGREES[0] <= abs(slope) <= tuning.SLOPE_DEGREES[1]:
+        raise VelocityInconsistent(f"{text}: deg/s", where=log.topic, fix=_fix(robot, "deg/s"))
+    if tuning.SLOPE_RADIANS[0] <= abs(slope) <= tuning.SLOPE_RADIANS[1]:
+        right = "rad/s" if declared == "deg/s" else ""
+        fix = (
+            _fix(robot, right)
+            if right
+            else "are positions in degrees? declare `units:` under `driver:` in the robot file"
+        )
+        raise VelocityInconsistent(f"{text}: rad/s, while positions are in degrees?", where=log.topic, fix=fix)
+
+
+def _fix(robot: Robot, unit: str) -> str:
+    return f"{unit_fix(robot, {'velocity': unit})}, or use --velocity derived"
+
+
+def beyond(joint: Joint, low: float, high: float) -> float:
+    """Return how far a joint that moves from ``low`` to ``high`` leaves its limits [rad or m], but for full turns."""
+    if joint.limits.position is None:
+        return 0.0
+    least, most = joint.limits.position
+    if joint.revolute:
+        turns = 2 * math.pi * round((least + most - low - high) / (4 * math.pi))
+        low, high = low + turns, high + turns
+    return float(max(0.0, least - low, high - most))
+
+
+def check_ranges(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return findings W332, one for each joint of a log in DH quantities that moves beyond its limits."""
+    findings = []
+    for joint, low, high in zip(robot.joints, *extremes(log.q), strict=True):
+        too_far = beyond(joint, float(low), float(high))
+        if too_far <= tuning.BEYOND_LIMITS:
+            continue
+        unit, factor = ("deg", math.degrees(1.0)) if joint.revolute else ("m", 1.0)
+        least, most = joint.limits.position or (0.0, 0.0)
+        quarters = (90, -90, 180) if joint.revolute else ()
+        fits = [q for q in quarters if not beyond(joint, *(np.array([low, high]) + math.radians(q)))]
+        text = (
+            f"{joint.name} moves from {factor * low:.3g} to {factor * high:.3g} {unit}, {factor * too_far:.3g} {unit} "
+            f"beyond its limits ({factor * least:.4g} to {factor * most:.4g}): its offset or these limits are wrong"
+        )
+        text += f"; an offset of {' or '.join(f'{q:+d}' for q in fits)} deg would fit" if fits else ""
+        findings.append(Finding("W332", "warning", text, {"joint": joint.name, "beyond": too_far}))
+    return tuple(findings)

@@ -1,10 +1,14 @@
-"""A driver's columns -> DH quantities of one robot: by name, in SI units, with sign, offset and coupling."""
+"""A driver's columns -> DH quantities of one robot: by name, in SI units, with sign, offset and coupling.
+
+Also what keeps or changes some of a log's samples; a long log is changed part by part (``dynid.longarrays``).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +16,13 @@ from numpy.typing import NDArray
 from dynid.drivers.registry import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import Log
+from dynid.longarrays import empty, spans, taken
 from dynid.robot import Robot
-from dynid.signals.pieces import changed
+from dynid.signals import tuning
 from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY
 
 Floats = NDArray[np.float64]
-
-#: Names that share this much are taken for the same joint.
-ALIKE = 0.6
 
 
 def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
@@ -65,7 +67,7 @@ def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
 
     likeness = np.array([[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names])
     rows, columns = linear_sum_assignment(-likeness)
-    if np.all(likeness[rows, columns] > ALIKE):
+    if np.all(likeness[rows, columns] > tuning.ALIKE_NAMES):
         return f"[{', '.join(yaml_word(names[k]) for k in columns)}]"
     places = ", ".join(f"<the column of {name}>" for name in robot.joint_names)
     return f"[{places}]   (the log's own order need not be that of the chain)"
@@ -190,3 +192,53 @@ def _with_gain(log: Log, robot: Robot) -> tuple[Floats, str]:
     if log.tau_unit != "A" or gain is None or any(value is None for value in gain):
         return log.tau, log.tau_unit
     return log.tau * np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"
+
+
+def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
+    """Return the log with some of its rows, in the given order."""
+    extra = {key: taken(value, keep) if has_rows(value, log) else value for key, value in log.extra.items()}
+    qd = taken(log.qd, keep) if log.qd is not None else None
+    return replace(log, t=taken(log.t, keep), q=taken(log.q, keep), tau=taken(log.tau, keep), qd=qd, extra=extra)
+
+
+def changed(log: Log, change: Callable[[Log], Log]) -> Log:
+    """Return a log after a change that treats each sample for itself; a long log is changed part by part.
+
+    Args:
+        log: the log.
+        change: makes of any part of it the same part of the result; arrays that it hands on as they are stay as they
+            are.
+    """
+    parts = list(spans(len(log)))
+    if len(parts) <= 1:
+        return change(log)
+    given, found, room = _arrays(log), log, dict[str, NDArray[Any]]()
+    for part in parts:
+        before = _part_of(log, part)
+        after = change(before)
+        old = _arrays(before)
+        for key, array in _arrays(after).items():
+            if np.may_share_memory(array, old.get(key, empty((0,)))):
+                room[key] = given[key]
+                continue
+            room.setdefault(key, empty((len(log), *array.shape[1:]), array.dtype))[part] = array
+        found = after
+    extra = {key: room.get(f"extra {key}", value) for key, value in found.extra.items()}
+    return replace(found, t=room["t"], q=room["q"], tau=room["tau"], qd=room.get("qd"), extra=extra)
+
+
+def _part_of(log: Log, part: slice) -> Log:
+    """Return samples of a log that follow each other, without a copy."""
+    extra = {key: value[part] if has_rows(value, log) else value for key, value in log.extra.items()}
+    qd = log.qd[part] if log.qd is not None else None
+    return replace(log, t=log.t[part], q=log.q[part], tau=log.tau[part], qd=qd, extra=extra)
+
+
+def _arrays(log: Log) -> dict[str, NDArray[Any]]:
+    found = {"t": log.t, "q": log.q, "tau": log.tau} | ({} if log.qd is None else {"qd": log.qd})
+    return found | {f"extra {key}": value for key, value in log.extra.items() if has_rows(value, log)}
+
+
+def has_rows(value: object, log: Log) -> bool:
+    """Return whether a value of ``extra`` has one row per sample."""
+    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(log)

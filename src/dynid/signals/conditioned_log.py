@@ -1,7 +1,7 @@
 """A conditioned log: motion and torques after the filters, from which the rows of the observation matrix are made.
 
 A prepared log (checked, in DH quantities) is freed of spikes, corrected for a known delay of its torques, filtered and
-differentiated (``dynid.signals.conditioning``). The torques of links that keep their prior values are subtracted, and
+differentiated. The torques of links that keep their prior values are subtracted, and
 the columns of the robot file's effects are evaluated: they depend on the order of the samples.
 """
 
@@ -9,32 +9,325 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, Finding
 from dynid.log import Log
-from dynid.longarrays import release
+from dynid.longarrays import empty, filled, release, samples_where, spans, taken
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.parameters import prior_vector
 from dynid.model.regressor import Model, prior_torques
 from dynid.progress import SILENT, Progress
-from dynid.signals.conditioning import Filter, Segment, choose_filter, condition
-from dynid.signals.cutoff import choose_cutoff
-from dynid.signals.delay import segment_without_delay, without_delay
-from dynid.signals.filters import decimate, despiked, lowpass_kernel
+from dynid.robot import Coulomb
+from dynid.signals import tuning
+from dynid.signals.filters import (
+    Filter,
+    VelocitySign,
+    choose_cutoff,
+    choose_filter,
+    choose_velocity_sign,
+    decimate,
+    despiked,
+    lowpass_kernel,
+    too_short,
+)
+from dynid.signals.motion import runs
 
 Floats = NDArray[np.float64]
 
-#: Parts that are kept of each interval of a long log: long ones, so that a motion that repeats in it is still found.
-STRETCHES = 4
-#: Samples of all logs together that are kept however long they take.
-FEW = 20_000
-#: Torques that are differentiated twice are smoothed beyond this [Hz]: they follow accelerations already, and above it
-#: the fourth derivative of the positions is their noise, which makes what is fitted to it too small.
-SMOOTH = 4.0
+
+@dataclass(frozen=True)
+class Segment:
+    """Part of a log without gaps, after the position filter; N samples of n joints.
+
+    Attributes:
+        t: time in the log's clock, (N,) [s].
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+        tau: torques under the same filter, (N, n) [N m, N or A].
+        usable: False where a sample under the filter was clipped, or the joint rests, (N, n).
+        raw_q: unfiltered position at the same times, (N, n) [rad or m].
+        raw_qd: unfiltered velocity: the driver's where there is one, otherwise differences, (N, n) [rad/s or m/s].
+        command_q: commanded positions under the same filter, (N, n) [rad or m]; (N, 0) where the log has none.
+        command_qd: commanded velocities, (N, n) [rad/s or m/s].
+        command_qdd: commanded accelerations, (N, n) [rad/s^2 or m/s^2].
+        effects: entries of the columns of added effects, (N, E) [N m or N per unit of the parameter].
+        elapsed: time since the log began, (N,) [s].
+        coulomb_sign: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); (N, 0) where it is
+            to be taken of ``qd``.
+        command_coulomb_sign: the same of the commanded motion, (N, n).
+    """
+
+    t: Floats
+    q: Floats
+    qd: Floats
+    qdd: Floats
+    tau: Floats
+    usable: NDArray[np.bool_]
+    raw_q: Floats
+    raw_qd: Floats
+    command_q: Floats
+    command_qd: Floats
+    command_qdd: Floats
+    effects: Floats
+    elapsed: Floats
+    coulomb_sign: Floats
+    command_coulomb_sign: Floats
+
+    @property
+    def command(self) -> tuple[Floats, Floats, Floats] | None:
+        """Commanded motion, None where the log has none."""
+        return (self.command_q, self.command_qd, self.command_qdd) if self.command_q.size else None
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t)
+
+
+def condition(
+    log: Log,
+    chosen: Filter,
+    *,
+    measured_velocity: bool = False,
+    coulomb: Coulomb | None = None,
+    rest_speed: Floats | None = None,
+) -> list[Segment]:
+    """Resample, filter and differentiate a log: one segment for each part without gaps.
+
+    Args:
+        log: a prepared log, in DH quantities of one robot.
+        chosen: the filters.
+        coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
+            sign to those who evaluate the columns.
+        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
+            [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
+        measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
+
+    Raises:
+        LogTooShort: no part is longer than the filters.
+    """
+    step = 1.0 / chosen.rate
+    cuts = (
+        samples_where(
+            len(log) - 1, lambda part: np.diff(log.t[part.start : part.stop + 1]) > (tuning.GAP_SAMPLES + 0.5) * step
+        )
+        + 1
+    )
+    needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
+    edges = [0, *cuts.tolist(), len(log)]
+    parts = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
+    segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb) for part in parts]
+    if not segments:
+        longest = max(end - start for start, end in pairwise(edges)) * step
+        raise too_short(log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step)
+    return segments if rest_speed is None else [_without_rests(segment, rest_speed) for segment in segments]
+
+
+def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
+    """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
+    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0]))) if len(segment) > 1 else 1
+    usable = segment.usable.copy()
+    for j in np.flatnonzero(rest_speed > 0.0):
+        still = np.concatenate([np.abs(segment.qd[part, j]) < rest_speed[j] for part in spans(len(segment))])
+        for rest in runs(still, least):
+            usable[rest, j] = False
+    return replace(segment, usable=usable)
+
+
+@dataclass(frozen=True)
+class _OnGrid:
+    """Part of a log without gaps, seen on an even grid.
+
+    Attributes:
+        log: the log.
+        part: its samples.
+        count: number of the grid's times.
+        rate: of the grid [Hz].
+        even: whether the samples lie on the grid as they are.
+    """
+
+    log: Log
+    part: slice
+    count: int
+    rate: float
+    even: bool
+
+    def times(self, wanted: slice) -> Floats:
+        """Return the times of part of the grid [s]."""
+        return np.asarray(
+            self.log.t[self.part.start] + np.arange(wanted.start, min(wanted.stop, self.count)) / self.rate
+        )
+
+    def column(self, x: NDArray[Any], wanted: slice) -> NDArray[Any]:
+        """Return a signal of the log on part of the grid."""
+        if self.even:
+            return x[self.part][wanted]
+        return resampled(self.log.t[self.part], x[self.part], self.times(wanted))
+
+
+def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
+    """Filter one part, block by block so that only the thinned result is stored."""
+    t = log.t[part]
+    count = round((t[-1] - t[0]) * chosen.rate) + 1
+    on_grid = _OnGrid(log, part, count, chosen.rate, even=True)
+    stray = [float(np.abs(t[some] - on_grid.times(some)).max()) for some in spans(min(count, len(t)))]
+    on_grid = replace(on_grid, even=count == len(t) and max(stray) < tuning.EVEN_STEP / chosen.rate)
+    kernels, step = chosen.first_kernels, chosen.first_step
+    taps = kernels.shape[1]
+    outputs = (count - taps) // step + 1
+    per_block = max(1, tuning.FILTER_BLOCK // step)
+    velocity_sign = None
+    if coulomb is not None:
+        some = on_grid.column(log.qd if measured and log.qd is not None else log.q, slice(0, tuning.SIGN_SAMPLES))
+        velocity_sign = choose_velocity_sign(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
+    # Why filled in place: of a long log, pieces and joined arrays would not fit into memory together.
+    joined: list[Any] = []
+    for first in range(0, outputs, per_block):
+        last = min(first + per_block, outputs)
+        wanted = slice(first * step, (last - 1) * step + taps)
+        block = _block(on_grid, wanted, kernels, step, measured, velocity_sign)
+        joined = joined or [empty((outputs, *x.shape[1:]), x.dtype) for x in block]
+        for whole, piece in zip(joined, block, strict=True):
+            whole[first:last] = piece
+        if outputs > per_block:
+            release()
+    elapsed = filled(outputs, lambda some: joined[0][some] - log.t[0])
+    joined[-2:-2] = [np.zeros((len(joined[0]), 0)), elapsed]
+    return Segment(*joined)
+
+
+def _block(
+    on_grid: _OnGrid, wanted: slice, kernels: Floats, step: int, measured: bool, velocity_sign: VelocitySign | None
+) -> tuple[NDArray[Any], ...]:
+    log, grid, taps = on_grid.log, on_grid.times(wanted), kernels.shape[1]
+    half = (taps - 1) // 2
+
+    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
+        """Return a signal on the grid under kernels, (K, n, M)."""
+        return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
+
+    q = on_grid.column(log.q, wanted)
+    motion = filtered(q, kernels)
+    if measured and log.qd is not None:
+        motion[1:] = filtered(on_grid.column(log.qd, wanted), kernels[:2])
+    count = motion.shape[2]
+    centres = slice(half, half + (count - 1) * step + 1, step)
+    clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
+    usable = np.ones((count, log.n), dtype=bool)
+    if clipped is not None and (some := on_grid.column(clipped, wanted)).any():
+        usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
+    raw_qd = on_grid.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
+    # Why: a command has no noise, but where it is a staircase its corners are no reversals.
+    sign_of_command = None if command is None or velocity_sign is None else replace(velocity_sign, measured=False)
+    commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid.column(command, wanted), kernels)
+    return (
+        grid[centres],
+        *(np.ascontiguousarray(x.T) for x in motion),
+        np.ascontiguousarray(filtered(on_grid.column(log.tau, wanted), kernels[:1])[0].T),
+        usable,
+        q[centres],
+        raw_qd[centres],
+        *(np.ascontiguousarray(x.T) for x in commanded),
+        _coulomb_sign(on_grid, log.qd if measured else log.q, wanted, kernels, step, velocity_sign),
+        _coulomb_sign(on_grid, command, wanted, kernels, step, sign_of_command),
+    )
+
+
+def _coulomb_sign(
+    on_grid: _OnGrid, x: Floats | None, wanted: slice, kernels: Floats, step: int, velocity_sign: VelocitySign | None
+) -> Floats:
+    """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without ``velocity_sign``."""
+    if velocity_sign is None or x is None:
+        return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
+    start = max(0, wanted.start - velocity_sign.margin)
+    around = on_grid.column(x, slice(start, wanted.stop + velocity_sign.margin))
+    signs = velocity_sign.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
+    return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
+
+
+def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
+    """Interpolate by time stamp with the cubic through the two samples before and the two after (Lagrange).
+
+    Args:
+        t: increasing time stamps, (N,) with N >= 4 [s].
+        x: signals of any unit, (N, C).
+        grid: times inside those of ``t``, (M,) [s].
+
+    Returns:
+        The signals at the times of the grid, (M, C).
+
+    Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
+    it is read whole or in pieces.
+    """
+    result = empty((len(grid), x.shape[1]))
+    for part in spans(len(grid)):
+        wanted = grid[part]
+        right = np.clip(np.searchsorted(t, wanted), 2, len(t) - 2)
+        nodes = right[:, None] + np.arange(-2, 2)
+        times, found = t[nodes], np.zeros((len(wanted), x.shape[1]))
+        for k in range(4):
+            others = [m for m in range(4) if m != k]
+            weight = np.prod([(wanted - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0)
+            found += weight[:, None] * x[nodes[:, k]]
+        result[part] = found
+    return result
+
+
+def without_delay(log: Log, delay: float) -> Log:
+    """Return a prepared log whose torque at t is the measured one at t + delay.
+
+    Args:
+        log: a prepared log.
+        delay: by how much the torques are late [s]; samples at the end without a torque are left out.
+    """
+    if delay == 0.0 or len(log) < 4:
+        return log
+    wanted = log.t + delay
+    rows = np.flatnonzero((wanted >= log.t[0]) & (wanted <= log.t[-1]))
+    right = np.clip(np.searchsorted(log.t, wanted[rows]), 1, len(log) - 1)
+    # Why: a torque from the middle of a gap was never measured; its samples count as little as clipped ones.
+    unknown = log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate
+
+    def kept(value: Any) -> Any:  # noqa: ANN401
+        return taken(value, rows) if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape else value
+
+    extra = {key: kept(value) for key, value in log.extra.items()}
+    clipped = log.extra.get("clipped")
+    late = empty((len(right), log.n), bool)
+    for part in spans(len(right)):
+        late[part] = unknown[part, None]
+        if clipped is not None:
+            late[part] |= clipped[right[part]] | clipped[right[part] - 1]
+    extra["clipped"] = late
+    tau = resampled(log.t, log.tau, wanted[rows])
+    return replace(log, t=log.t[rows], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
+
+
+def segment_without_delay(segment: Segment, delay: float) -> Segment:
+    """Return a segment whose torque at t is the filtered one at t + delay; the end is not usable any more.
+
+    Why a spline here: filtered torques are thinned, so that four samples no longer carry them, and a search over delays
+    needs a torque that is smooth in the delay.
+
+    Args:
+        segment: the segment.
+        delay: by how much the torques are late [s].
+    """
+    if not delay:
+        return segment
+    from scipy.interpolate import CubicSpline
+
+    t = segment.t + delay
+    inside = (t >= segment.t[0]) & (t <= segment.t[-1])
+    wanted = np.clip(t, segment.t[0], segment.t[-1])
+    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
+    return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
 
 
 @dataclass(frozen=True)
@@ -164,7 +457,7 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
 
     Args:
         logs: conditioned logs.
-        seconds: how long they may be together; a log of them keeps its share in ``STRETCHES`` parts.
+        seconds: how long they may be together; a log of them keeps its share in ``tuning.KEPT_STRETCHES`` parts.
 
     Returns:
         The logs, and in how many parts they are; 0 where they are whole.
@@ -172,13 +465,13 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
     rows = [sum(len(s) for s in log.segments) for log in logs]
     long = sum(n / log.filter.rate * log.filter.first_step for n, log in zip(rows, logs, strict=True))
     # Why rows too: a recording at a low rate is long in time alone.
-    share = max(seconds / max(long, 1e-9), FEW / max(sum(rows), 1))
+    share = max(seconds / max(long, 1e-9), tuning.KEPT_SAMPLES / max(sum(rows), 1))
     if share >= 1.0:
         return list(logs), 0
     found, parts = [], 0
     for log, total in zip(logs, rows, strict=True):
-        length, kept = round(total * share / STRETCHES), []
-        for start in np.linspace(0, total - length, STRETCHES).astype(int).tolist():
+        length, kept = round(total * share / tuning.KEPT_STRETCHES), []
+        for start in np.linspace(0, total - length, tuning.KEPT_STRETCHES).astype(int).tolist():
             first = 0
             for segment in log.segments:
                 part = slice(max(0, start - first), max(0, start + length - first))
@@ -263,7 +556,7 @@ def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: Refere
         model: the model.
         reference: torques that effects scale with.
     """
-    kernel = lowpass_kernel(min(SMOOTH, chosen.cutoff), chosen.rate / chosen.first_step)[None]
+    kernel = lowpass_kernel(min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), chosen.rate / chosen.first_step)[None]
 
     def smooth(x: Floats) -> Floats:
         half = (kernel.shape[1] - 1) // 2

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.log import Log
-from dynid.longarrays import USUAL, spans, spread
+from dynid.longarrays import USUAL, extremes, spans, spread
 from dynid.robot import Robot
-from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
+from dynid.signals import tuning
+from dynid.signals.checks import measurable, slopes, unwrapped
+from dynid.signals.columns import changed, in_si, matching_columns, robot_columns, take_samples, to_dh
 from dynid.signals.motion import speeds
-from dynid.signals.pieces import changed, extremes, take_samples
-from dynid.signals.stamps import GAP_SAMPLES, steps
-from dynid.signals.values import measurable, unwrapped
-from dynid.signals.velocity import slopes
+from dynid.signals.stamps import steps
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +87,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         duration=clean.duration,
         rate=1.0 / usual,
         jitter=float(high - low) / 2 / usual,
-        gaps=sum(int(np.sum(step[part] > GAP_SAMPLES * usual)) for part in spans(len(step))),
+        gaps=sum(int(np.sum(step[part] > tuning.GAP_SAMPLES * usual)) for part in spans(len(step))),
         longest_gap=float(step.max()),
         matched=tuple(log.names[i] for i in columns) if log.names else (),
         ignored=tuple(ignored),

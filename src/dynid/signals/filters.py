@@ -9,38 +9,27 @@ samples that no arm can have produced are replaced: a filter would smear a spike
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding
+from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, median, spans
-from dynid.signals.pieces import extremes
+from dynid.longarrays import empty, extremes, median, median_step, samples_where, spans, spread
+from dynid.model.effects.friction import coulomb_sign
+from dynid.robot import Coulomb, Robot
+from dynid.signals import tuning
+from dynid.signals.motion import bandwidth, per_joint
+from dynid.signals.stamps import steps
 
 Floats = NDArray[np.float64]
-
-#: Kaiser window for 60 dB: what is left of the stop band is a thousandth, below the noise of any joint sensor.
-KAISER_BETA = 5.65
-KAISER_TAPS = 3.6
-#: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
-_TOGETHER = 20
-#: Signals from which on each of their stretches is multiplied where it is.
-MANY_SIGNALS = 64
-#: Samples on either side that a torque sample is compared with.
-REACH = 2
-#: A spike is this many standard deviations of such differences away from the median, and this share of the joint's
-#: range: noise is not the first, what is not the second does no harm.
-DEVIATIONS, OF_RANGE = 8.0, 0.05
-#: Where more samples than this share look like it, they are no accidents.
-MOST = 0.03
-#: Samples that show how far from the median they usually are; a longer log is thinned for it.
-USUAL = 1 << 18
-#: The window is at most this share of the period of the cut-off: a slower log may show a motion in five samples.
-OF_PERIOD = 0.25
+#: What third differences make of white noise of unit variance: sqrt(1 + 9 + 9 + 1).
+_THIRD = 20**0.5
+#: Power of a Hann window.
+_HANN = 0.375
 
 
 @lru_cache(maxsize=32)
@@ -53,9 +42,9 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
     """
     if cutoff >= 0.5 * rate:
         return np.ones(1)
-    half = max(1, math.ceil(0.5 * KAISER_TAPS * rate / cutoff))
+    half = max(1, math.ceil(0.5 * tuning.KAISER_TAPS * rate / cutoff))
     k = np.arange(-half, half + 1)
-    kernel: Floats = np.sinc(2 * cutoff / rate * k) * np.kaiser(2 * half + 1, KAISER_BETA)
+    kernel: Floats = np.sinc(2 * cutoff / rate * k) * np.kaiser(2 * half + 1, tuning.KAISER_BETA)
     kernel /= kernel.sum()
     kernel.setflags(write=False)
     return kernel
@@ -63,7 +52,7 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
 
 def pulse_width(cutoff: float) -> float:
     """Return half the length of the low-pass kernel [s]."""
-    return 0.5 * KAISER_TAPS / cutoff
+    return 0.5 * tuning.KAISER_TAPS / cutoff
 
 
 def pulse(lag: Floats, cutoff: float) -> Floats:
@@ -85,8 +74,8 @@ def pulse_slope(lag: Floats, cutoff: float) -> Floats:
 
 @lru_cache(maxsize=1)
 def _pulse_table() -> tuple[Floats, Floats, Floats]:
-    times = np.linspace(-0.5 * KAISER_TAPS, 0.5 * KAISER_TAPS, 4001)
-    values = np.sinc(2 * times) * np.kaiser(len(times), KAISER_BETA)
+    times = np.linspace(-0.5 * tuning.KAISER_TAPS, 0.5 * tuning.KAISER_TAPS, 4001)
+    values = np.sinc(2 * times) * np.kaiser(len(times), tuning.KAISER_BETA)
     return times, values, np.gradient(values, times)
 
 
@@ -126,13 +115,13 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
         return np.empty((count, len(x), 0))
     if taps == 1 and step == 1:
         return np.ascontiguousarray(kernels[:, 0][:, None, None] * x)
-    together = min(_TOGETHER, outputs)
+    together = min(tuning.OUTPUTS_TOGETHER, outputs)
     width = (together - 1) * step + taps
     weights = np.zeros((width, together * count))
     for i in range(together):
         weights[i * step : i * step + taps, i * count : (i + 1) * count] = kernels.T
     chunks = -(-outputs // together)
-    if len(x) >= MANY_SIGNALS:
+    if len(x) >= tuning.MANY_SIGNALS:
         found = np.empty((count, len(x), outputs))
         for at in range(0, outputs, together):
             # Why not all windows in one array: it is twice as large as the signals, and takes longer than the product.
@@ -158,20 +147,22 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         log: a prepared log.
         cutoff: of the filter over the torques [Hz].
     """
-    if len(log) <= 2 * REACH or (2 * REACH + 1) * cutoff > OF_PERIOD * log.rate:
+    if len(log) <= 2 * tuning.SPIKE_REACH or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate:
         return log, ()
-    every = max(1, len(log) // USUAL)
+    every = max(1, len(log) // tuning.SPIKE_SAMPLES)
     # Why a copy: a slice would keep the whole piece in memory.
     usual = [np.abs(x - medians)[-part.start % every :: every].copy() for part, x, medians in _medians(log.tau)]
     low, high = extremes(log.tau)
-    least = np.maximum(DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0), OF_RANGE * (high - low))
+    least = np.maximum(
+        tuning.SPIKE_DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0), tuning.SPIKE_OF_RANGE * (high - low)
+    )
     found = []
     for part, x, medians in _medians(log.tau):
         row, joint = np.nonzero(np.abs(x - medians) > least)
         found.append((part.start + row, joint, medians[row, joint]))
     row, joint, usually = (np.concatenate(column) for column in zip(*found, strict=True))
     count = np.bincount(joint, minlength=log.n)
-    count[count > MOST * len(log)] = 0
+    count[count > tuning.SPIKE_MOST * len(log)] = 0
     if not count.any():
         return log, ()
     tau, kept = empty(log.tau.shape), count[joint] > 0
@@ -186,10 +177,14 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
 def _medians(x: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Yield samples of x, (N, n), piece by piece, with the median of each and its neighbours, (M, n)."""
     for part in spans(len(x)):
-        first, last = max(0, part.start - REACH), min(len(x), part.stop + REACH)
-        edges = REACH - (part.start - first), REACH - (last - part.stop)
+        first, last = max(0, part.start - tuning.SPIKE_REACH), min(len(x), part.stop + tuning.SPIKE_REACH)
+        edges = tuning.SPIKE_REACH - (part.start - first), tuning.SPIKE_REACH - (last - part.stop)
         padded = np.pad(x[first:last], (edges, (0, 0)), mode="edge")
-        yield part, x[part], _median_of_five(*(padded[k : k + part.stop - part.start] for k in range(2 * REACH + 1)))
+        yield (
+            part,
+            x[part],
+            _median_of_five(*(padded[k : k + part.stop - part.start] for k in range(2 * tuning.SPIKE_REACH + 1))),
+        )
 
 
 def _median_of_five(a: Floats, b: Floats, c: Floats, d: Floats, e: Floats) -> Floats:
@@ -202,3 +197,272 @@ def _median_of_five(a: Floats, b: Floats, c: Floats, d: Floats, e: Floats) -> Fl
     # The smallest and the largest of the first four are not the median; it is that of the two between and the fifth.
     low, high = np.maximum(a, c), np.minimum(b, d)
     return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e)))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the positions of a log.
+
+    Attributes:
+        level: standard deviation, (n,) [rad or m].
+        joint: the joint that it troubles most.
+        cutoff: highest cut-off at which it does no harm, or the one where it does least [Hz].
+        share: of noise in the accelerations of that joint, at ``cutoff``.
+    """
+
+    level: Floats
+    joint: int
+    cutoff: float
+    share: float
+
+    @property
+    def harmless(self) -> bool:
+        """Whether intervals hold at ``cutoff``."""
+        return self.share <= tuning.NOISE_SHARE
+
+
+def usual_cutoff(log: Log, robot: Robot) -> float:
+    """Return the cut-off that the band of a log's motion asks for [Hz]."""
+    return max(tuning.LOWEST_CUTOFF_HZ, tuning.CUTOFF_OVER_MOTION * bandwidth(log, robot))
+
+
+def choose_cutoff(logs: Sequence[Log], robot: Robot) -> float:
+    """Return one cut-off for several logs [Hz]: what the fastest motion asks for and the noisiest positions allow."""
+    noises = [position_noise(log, robot) for log in logs]
+    allowed = [noise.cutoff for noise in noises if noise is not None]
+    return min([max(usual_cutoff(log, robot) for log in logs), *allowed])
+
+
+def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    """Return finding W327 when positions scatter so much that the cut-off is chosen for it."""
+    noise = position_noise(log, robot)
+    if noise is None or (noise.harmless and noise.cutoff >= usual_cutoff(log, robot)):
+        return ()
+    joint = robot.joints[noise.joint]
+    what = f"{joint.name} position scatters by {noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
+    if noise.harmless:
+        text = f"{what}: everything is filtered at {noise.cutoff:.3g} Hz, below which it does not bias the parameters"
+    else:
+        text = (
+            f"{what}: parameters are biased by it and their intervals are too narrow; record the commanded positions "
+            "too (--method iv), or use a finer encoder"
+        )
+    evidence = {"noise": noise.level.tolist(), "cutoff_hz": noise.cutoff, "share_of_acceleration": noise.share}
+    return (Finding("W327", "warning", text, evidence),)
+
+
+def level_of(log: Log) -> Floats:
+    """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
+    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.CUTOFF_SAMPLES)]
+    return np.asarray(median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
+
+
+def position_noise(log: Log, robot: Robot) -> Noise | None:
+    """Return the noise of the positions where it is large enough for a cut-off of its own, else None.
+
+    Instruments from commanded positions are not biased by it: None for logs that have those.
+    """
+    if "q_ref" in log.extra:
+        return None
+    level = level_of(log)
+    if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
+        return None
+    cutoffs = np.arange(
+        tuning.LOWEST_TRIED_HZ,
+        max(0.45 * log.rate, tuning.LOWEST_TRIED_HZ) + tuning.TRIED_STEP_HZ / 2,
+        tuning.TRIED_STEP_HZ,
+    )
+    share, moves = _shares(log, level, cutoffs), _moves(log, robot, level)
+    if not moves.any():
+        return None
+    worst = np.where(moves, share, 0.0).max(axis=1)
+    quiet = np.flatnonzero(worst <= tuning.NOISE_SHARE)
+    best = int(quiet[-1]) if len(quiet) else int(np.argmin(worst))
+    joint = int(np.argmax(np.where(moves, share[best], 0.0)))
+    return Noise(level, joint, float(cutoffs[best]), float(worst[best]))
+
+
+def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
+    """Return the share of noise in what the accelerations below each cut-off are, (C, n)."""
+    power: Floats = np.zeros((len(cutoffs), log.n))
+    parts = spread(len(log), tuning.CUTOFF_SAMPLES)
+    for part in parts:
+        q = log.q[part] - log.q[part].mean(axis=0)
+        f = np.fft.rfftfreq(len(q), 1 / log.rate)
+        spectrum = np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0)) ** 2 * 2 / (_HANN * len(q) ** 2)
+        below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * spectrum, axis=0)
+        power += below[np.searchsorted(f, cutoffs) - 1] / len(parts)
+    noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
+    return np.asarray(noise / np.sqrt(np.maximum(power, noise**2)))
+
+
+def _moves(log: Log, robot: Robot, level: Floats) -> NDArray[np.bool_]:
+    """Return the joints that move by more than their noise, (n,)."""
+    span = np.ptp(log.q, axis=0)
+    return np.asarray((span > per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t)) | (span > 20 * level))
+
+
+def white_noise(x: Floats) -> Floats:
+    """Return the standard deviation of the white noise in slow signals x, (N, n), on an even grid, (n,) [unit of x]."""
+    some = x[: tuning.SIGN_SAMPLES]
+    if len(some) <= tuning.NOISE_ORDER:
+        return np.zeros(x.shape[1])
+    gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
+    return np.asarray(1.4826 * median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain)
+
+
+@dataclass(frozen=True)
+class VelocitySign:
+    """How the sign of the velocity is taken: under which low-pass, for each joint.
+
+    Attributes:
+        coulomb: shape of the sign.
+        cutoffs: cut-off of each joint's velocity, (n,) [Hz].
+        rate: sample rate [Hz].
+        measured: whether it is taken of velocities, and not of positions.
+    """
+
+    coulomb: Coulomb
+    cutoffs: tuple[float, ...]
+    rate: float
+    measured: bool
+
+    @property
+    def margin(self) -> int:
+        """Samples on either side that a sign depends on."""
+        return max(len(self._kernel(cutoff)) for cutoff in self.cutoffs) // 2
+
+    def _kernel(self, cutoff: float) -> Floats:
+        return _kernel(cutoff, self.rate, self.measured)
+
+    def coulomb_sign(self, x: Floats) -> Floats:
+        """Return the Coulomb signs, (N, n), of positions [rad or m], or velocities [rad/s or m/s], on an even grid."""
+        found = np.empty_like(x)
+        for j, cutoff in enumerate(self.cutoffs):
+            kernel = self._kernel(cutoff)
+            half = min(len(kernel) // 2, len(x) - 1)
+            # Why: reflected in its end points a motion goes on as fast as it was.
+            padded = np.pad(x[:, j], half, mode="reflect", reflect_type="odd")
+            found[:, j] = coulomb_sign(decimate(padded[None], kernel[None], 1)[0, 0], self.coulomb, j)
+        return found
+
+
+def choose_velocity_sign(x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool) -> VelocitySign:
+    """Choose for each joint the highest cut-off whose velocity noise is small beside the velocity of the Coulomb sign.
+
+    Args:
+        x: positions [rad or m], or measured velocities [rad/s or m/s], (N, n).
+        coulomb: shape of the sign.
+        rate: sample rate [Hz].
+        lowest: cut-off that is tried first, and taken where the noise allows none [Hz].
+        measured: whether x are velocities.
+    """
+    trials = [lowest]
+    while (trial := trials[-1] * tuning.SIGN_RATIO) <= min(tuning.SHARPEST_HZ, tuning.SIGN_OF_RATE * rate):
+        trials.append(trial)
+    gains = [float(np.linalg.norm(_kernel(trial, rate, measured))) for trial in trials]
+    chosen = []
+    for noise, velocity in zip(white_noise(x), coulomb.velocity, strict=True):
+        good = [
+            f for f, gain in zip(trials, gains, strict=True) if gain * noise <= tuning.NOISE_OVER_COULOMB * velocity
+        ]
+        chosen.append(max(good, default=lowest))
+    return VelocitySign(coulomb, tuple(chosen), rate, measured)
+
+
+def _kernel(cutoff: float, rate: float, measured: bool) -> Floats:
+    lowpass = lowpass_kernel(cutoff, rate)
+    return lowpass if measured else np.asarray(derivative_kernels(lowpass, rate)[1])
+
+
+@dataclass(frozen=True)
+class Filter:
+    """How a log was filtered.
+
+    Attributes:
+        rate: sample rate of the log [Hz].
+        cutoff: cut-off of the parallel filter over torque and columns [Hz].
+        first_step: thinning after the position filter.
+        second_step: thinning after the parallel filter.
+    """
+
+    rate: float
+    cutoff: float
+    first_step: int
+    second_step: int
+
+    @property
+    def position_cutoff(self) -> float:
+        """Cut-off of the position filter [Hz]."""
+        return tuning.POSITION_OVER_PARALLEL * self.cutoff
+
+    @property
+    def kept_rate(self) -> float:
+        """Rate of the rows that are fitted [Hz]."""
+        return self.rate / (self.first_step * self.second_step)
+
+    @property
+    def first_kernels(self) -> Floats:
+        """Kernels for q, qd and qdd, (3, taps)."""
+        return derivative_kernels(lowpass_kernel(self.position_cutoff, self.rate), self.rate)
+
+    @property
+    def second_kernel(self) -> Floats:
+        """Kernel of the parallel filter, (1, taps)."""
+        return lowpass_kernel(self.cutoff, self.rate / self.first_step)[None, :]
+
+
+def grid_rate(t: Floats) -> float:
+    """Return the rate of the even grid that samples are put on [Hz]; logs of one recorder get the same.
+
+    Args:
+        t: increasing time stamps, (N,) [s].
+    """
+    close, usual = steps(t), median_step(t)
+    far = samples_where(len(close), lambda part: close[part] >= tuning.GAP_SAMPLES * usual)
+    close = close if not len(far) else close[close < tuning.GAP_SAMPLES * usual]
+    share = max(_from_whole(close[part] / usual) for part in spans(len(close)))
+    if share < tuning.EVEN_STEP:
+        # Why: stamps in seconds since 1970 give rates such as 199.99999.
+        return float(f"{1 / usual:.6g}")
+    # Why not the median, and why round: uneven steps leave it open, and repeats on different grids would be no repeats.
+    blocks = np.add.reduceat(close, np.arange(0, len(close), tuning.RATE_STEPS))
+    for _ in range(2):
+        usual = float(blocks.sum() / max(1.0, np.round(blocks / usual).sum()))
+    return float(f"{1 / usual:.3g}")
+
+
+def _from_whole(x: Floats) -> float:
+    """Return how far numbers are from whole ones at most."""
+    return float(np.abs(x - np.round(x)).max(initial=0.0))
+
+
+def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:
+    """Choose the filters for a log.
+
+    Args:
+        log: a prepared log.
+        robot: its robot.
+        cutoff: cut-off of the parallel filter [Hz]; ``choose_cutoff`` when None.
+
+    Raises:
+        LogTooShort: the filters are longer than the log.
+    """
+    if cutoff is None:
+        cutoff = choose_cutoff([log], robot)
+    cutoff = min(cutoff, 0.45 * log.rate)
+    if 2.0 * pulse_width(cutoff) > log.duration:
+        raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, 2.0 * pulse_width(cutoff))
+    rate = grid_rate(log.t)
+    first = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
+    second = max(1, int(rate / first / (tuning.KEPT_PER_CUTOFF * cutoff)))
+    return Filter(rate, cutoff, first, second)
+
+
+def too_short(log: Log, what: str, cutoff: float, needed: float) -> LogTooShort:
+    """Return the error of a log that is shorter than its filters [Hz, s]."""
+    return LogTooShort(
+        f"{what}; the filters at {cutoff:.3g} Hz need {needed:.2f} s",
+        where=str(log.source or ""),
+        fix="record a longer motion, or raise --cutoff",
+    )

@@ -1,4 +1,4 @@
-"""How a log moves: speed, which samples move or rest, how fast the motion changes, how much of it there is."""
+"""How a log moves: speed, which samples move or rest, how much motion there is, and whether two logs have the same."""
 
 from __future__ import annotations
 
@@ -10,38 +10,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import limits
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, release, spans
+from dynid.longarrays import by_column, empty, extremes, release, samples_where, spans
 from dynid.robot import Robot
-from dynid.signals.pieces import by_column, extremes
+from dynid.signals import tuning
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 T = TypeVar("T")
-
-#: Half of the time [s] that a speed is taken over: encoder steps vanish, the fastest arm motions (3 Hz) do not.
-SPEED_WINDOW = 0.05
-#: Faster than this the joint moves [rad/s, m/s]: ten times what encoder noise makes over the window.
-MOVING_SPEED = (0.02, 0.002)
-#: Slower than this it rests [rad/s, m/s].
-REST_SPEED = (0.01, 0.001)
-#: A rest shorter than this [s] still has the arm's own vibration in it.
-LEAST_REST = 0.3
-#: A joint that spans less [rad, m] has not moved: Coulomb friction is not even broken loose.
-STILL_SPAN = (0.01, 0.001)
-#: Share of the velocity's power that defines the fastest motion.
-POWER_SHARE = 0.99
-#: Swings (from one reversal to the next, summed over joints) below this share of the number of parameters are too few:
-#: each swing gives about four independent numbers (two accelerations, speed, position). One per parameter is plenty.
-FEW_SWINGS_PER_PARAMETER = 0.4
-#: Below this share, about one swing a joint, or with less motion [s], no prior makes an identification of it.
-SWINGS_PER_PARAMETER, LEAST_MOTION = 0.1, 1.0
-GOOD_SWINGS_PER_PARAMETER = 1.0
-#: Samples whose spectrum is taken at once; a longer log has the mean of several [samples].
-SPECTRUM = 1 << 20
-#: Base parameters of the rigid bodies per joint, on average; a seven-joint arm has 48.
-BASE_PER_JOINT = 7
 
 
 def once(function: Callable[[Log, Robot], T]) -> Callable[[Log, Robot], T]:
@@ -50,7 +28,7 @@ def once(function: Callable[[Log, Robot], T]) -> Callable[[Log, Robot], T]:
 
     @wraps(function)
     def asked(log: Log, robot: Robot) -> T:
-        least = per_joint(MOVING_SPEED, robot).tobytes()
+        least = per_joint(tuning.MOVING_SPEED, robot).tobytes()
         known[:] = [each for each in known if each[0]() is not None]
         for q, t, same, found in known:
             if q() is log.q and t() is log.t and same == least:
@@ -72,7 +50,7 @@ def speeds(log: Log) -> Iterator[tuple[slice, Floats]]:
 
     Of sliding joints [m/s]. Needs increasing time.
     """
-    half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (len(log) - 1) // 2))
+    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
     for part in spans(len(log)):
         position, time = (_change(x, part, half) for x in (log.q, log.t))
         position /= time[:, None]
@@ -98,7 +76,7 @@ def speed(log: Log) -> Floats:
 
 def moving(log: Log, robot: Robot) -> Flags:
     """Return which joints move at which sample, (N, n)."""
-    found, least = empty(log.q.shape, bool), per_joint(MOVING_SPEED, robot)
+    found, least = empty(log.q.shape, bool), per_joint(tuning.MOVING_SPEED, robot)
     for part, v in speeds(log):
         np.greater(np.abs(v), least, out=found[part])
     return found
@@ -107,7 +85,7 @@ def moving(log: Log, robot: Robot) -> Flags:
 @once
 def any_moves(log: Log, robot: Robot) -> Flags:
     """Return at which samples a joint moves, (N,)."""
-    least = per_joint(MOVING_SPEED, robot)
+    least = per_joint(tuning.MOVING_SPEED, robot)
     found = np.concatenate([np.any(np.abs(v) > least, axis=1) for _, v in speeds(log)])
     found.setflags(write=False)
     return found
@@ -125,21 +103,21 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
 @once
 def rest_slices(log: Log, robot: Robot) -> list[slice]:
     """Return the samples in which no joint moves, without the first and last tenth of a second of each rest."""
-    slow = per_joint(REST_SPEED, robot)
+    slow = per_joint(tuning.REST_SPEED, robot)
     still = np.concatenate([np.all(np.abs(v) < slow, axis=1) for _, v in speeds(log)])
     margin = round(0.1 * log.rate)
     found = [slice(rest.start + margin, rest.stop - margin) for rest in runs(still)]
-    return [part for part in found if part.stop - part.start >= max(2, (LEAST_REST - 0.2) * log.rate)]
+    return [part for part in found if part.stop - part.start >= max(2, (tuning.ARM_REST_S - 0.2) * log.rate)]
 
 
 @once
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
-    v, least = speed(log), per_joint(MOVING_SPEED, robot)
+    v, least = speed(log), per_joint(tuning.MOVING_SPEED, robot)
     alive = np.any([by_column(np.max, np.abs(v[part])) > least for part in spans(len(v))], axis=0)
     if not alive.any():
         return 0.0
-    several = -(-len(v) // SPECTRUM)
+    several = -(-len(v) // tuning.SPECTRUM_SAMPLES)
     length = len(v) // several
     frequency, window, found = np.fft.rfftfreq(length, 1.0 / log.rate), np.hanning(length), []
     for j in np.flatnonzero(alive):
@@ -149,14 +127,14 @@ def bandwidth(log: Log, robot: Robot) -> float:
             power += waves.real**2 + waves.imag**2
             release()
         share = np.cumsum(power) / np.sum(power)
-        found.append(float(frequency[np.searchsorted(share, POWER_SHARE)]))
+        found.append(float(frequency[np.searchsorted(share, tuning.POWER_SHARE)]))
     return max(found)
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     """Return how many times each joint swings from one reversal to the next, (n,)."""
     fastest = np.max([by_column(np.max, np.abs(v)) for _, v in speeds(log)], axis=0)
-    least = np.maximum(per_joint(MOVING_SPEED, robot), 0.05 * fastest)
+    least = np.maximum(per_joint(tuning.MOVING_SPEED, robot), 0.05 * fastest)
     counts, before = np.zeros(log.n, dtype=np.int64), np.zeros(log.n)
     for _, v in speeds(log):
         for j in range(log.n):
@@ -174,7 +152,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
         LogTooShort: hardly any motion.
     """
     span = np.max([np.subtract(*extremes(log.q)[::-1]) for log in logs], axis=0)
-    still = span < per_joint(STILL_SPAN, robot)
+    still = span < per_joint(tuning.STILL_SPAN, robot)
     if still.any() and not still.all():
         j = int(np.flatnonzero(still)[0])
         unit = "rad" if robot.joints[j].revolute else "m"
@@ -186,13 +164,93 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
             where=logs[0].topic,
         )
     seconds = sum(float(np.sum(any_moves(log, robot))) / log.rate for log in logs)
-    wanted = sum(BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
+    wanted = sum(tuning.BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
     count = sum(int(np.sum(swings(log, robot))) for log in logs)
-    if count >= FEW_SWINGS_PER_PARAMETER * wanted:
+    if count >= tuning.FEW_SWINGS_PER_PARAMETER * wanted:
         return ()
-    enough = seconds * GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
+    enough = seconds * tuning.GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
     about = f"about {enough:.0f} s here" if count else "a motion of every joint"
     text = f"{seconds:.1f} s of motion; about {wanted} parameters need {about}"
-    if count < SWINGS_PER_PARAMETER * wanted or seconds < LEAST_MOTION:
+    if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:
         raise LogTooShort(text, where=logs[0].topic)
     return (Finding("W313", "warning", f"{text}; what it leaves open comes from the prior", {"seconds": seconds}),)
+
+
+def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
+    """Return positions at the rate at which motions are compared, with short pauses, (M, n) [rad or m].
+
+    Args:
+        t: time, (N,) [s].
+        q: positions, (N, n) [rad or m].
+        rate: [Hz].
+    """
+    pauses = samples_where(len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]) > tuning.MOTION_PAUSE_S)
+    lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
+    ends = t[pauses + 1] - lost[1:]
+    limits.check("samples", (t[-1] - lost[-1] - t[0]) * rate, "a log")
+    grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / rate)
+    found = np.empty((len(grid), q.shape[1]))
+    for start in range(0, len(grid), tuning.MOTION_CHUNK):
+        part = grid[start : start + tuning.MOTION_CHUNK]
+        part = part + lost[np.searchsorted(ends, part, side="right")]
+        near = slice(max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1)
+        found[start : start + tuning.MOTION_CHUNK] = np.column_stack(
+            [np.interp(part, t[near], column) for column in q[near].T]
+        )
+        release()
+    return found
+
+
+def same_motion(one: Floats, other: Floats) -> bool:
+    """Return whether two motions are one command, at whatever time either recording began.
+
+    Args:
+        one: positions from ``sampled``, (M, n) [rad or m].
+        other: the same of another recording, (K, n).
+    """
+    if one.shape[1] != other.shape[1] or min(len(one), len(other)) < 2:
+        return False
+    reach = np.maximum(np.ptp(one, axis=0), np.ptp(other, axis=0))
+    moving = reach > tuning.SAME_STILL * max(float(reach.max()), 1e-12)
+    # Why from the middle: squares of what both have in common would drown what differs.
+    middle = one[:, moving].mean(axis=0)
+    a, b = ((x[:, moving] - middle) / reach[moving] for x in (one, other))
+    needed = max(2, int(np.ceil(tuning.SAME_OVERLAP * min(len(a), len(b)))))
+    lags = np.arange(needed - len(b), len(a) - needed + 1)
+    first = np.maximum(0, lags)
+    count = np.minimum(len(a), lags + len(b)) - first
+    for x, y in zip(a.T, b.T, strict=True):
+        squares = _sums(x, first, count) + _sums(y, first - lags, count) - 2.0 * _products(x, y)[lags]
+        alike = squares < tuning.SAME_MOTION**2 * count
+        if not alike.any():
+            return False
+        lags, first, count = lags[alike], first[alike], count[alike]
+    return True
+
+
+def _sums(x: Floats, first: NDArray[np.intp], count: NDArray[np.intp]) -> Floats:
+    """Return sums of squares of one joint over so many rows from each place, (lags,)."""
+    total = np.concatenate([[0.0], np.cumsum(x**2)])
+    return np.asarray(total[first + count] - total[first])
+
+
+def _products(a: Floats, b: Floats) -> Floats:
+    """Return sums of products of two motions of a joint by how many rows the second is moved, negative from the end."""
+    size = len(a) + len(b)
+    return np.asarray(np.fft.irfft(np.fft.rfft(a, size) * np.fft.rfft(b, size).conj(), size))
+
+
+def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:
+    """Return the number of the motion that each recording is of: equal numbers, equal commands.
+
+    Args:
+        motions: positions of each recording from ``sampled``.
+    """
+    firsts: list[int] = []
+    numbers = []
+    for k, motion in enumerate(motions):
+        same = next((n for n, first in enumerate(firsts) if same_motion(motions[first], motion)), len(firsts))
+        if same == len(firsts):
+            firsts.append(k)
+        numbers.append(same)
+    return tuple(numbers)

@@ -1,4 +1,8 @@
-"""Checks of the time stamps: order, duplicates, gaps, rate."""
+"""Time stamps and samples: order, duplicates, gaps and rate; samples that were not measured again.
+
+Samples that the driver held, stored twice, or that another recording has too look like independent measurements: they
+make every interval too narrow, and a held position is a velocity of zero followed by a jump. They are left out.
+"""
 
 from __future__ import annotations
 
@@ -13,39 +17,14 @@ from dynid import limits
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
-from dynid.longarrays import PIECE, USUAL, empty, filled, median, median_step, spans, spread
+from dynid.longarrays import PIECE, USUAL, empty, filled, median, median_step, samples_where, spans, spread
 from dynid.robot import Robot
-from dynid.signals.motion import any_moves, bandwidth
-from dynid.signals.pieces import samples_where, take_samples
+from dynid.signals import tuning
+from dynid.signals.columns import take_samples
+from dynid.signals.motion import any_moves, bandwidth, moving, runs
 
 Floats = NDArray[np.float64]
-
-#: A step of this many sample times is a gap: the low-pass, about five samples long, cannot bridge more.
-GAP_SAMPLES = 5.0
-#: With more than one sample in twenty missing the resampled grid is mostly interpolation where it matters.
-LOST_SHARE = 0.05
-#: A step longer than this [s] is a pause of the recording, not samples that were lost.
-PAUSE = 0.5
-#: Between two pauses at least this long [s], on average, a recording is in segments and not in tatters.
-LEAST_SEGMENT = 5.0
-#: Two stamps in a hundred may fall together on a busy machine; one in five means that the clock is too coarse.
-DUPLICATE_SHARE = 0.2
-#: Below this rate [Hz] the step of the friction at a reversal falls between two samples.
-LEAST_RATE = 20.0
-#: The low-pass keeps five times the fastest motion and must stay below 80 % of half the rate: 5 * 2 / 0.8.
-SAMPLES_PER_PERIOD = 12.5
-#: Rate [Hz] that is comfortable for an arm, named in the advice.
-GOOD_RATE = 50.0
-#: Fewer samples than this are no recording.
-LEAST_SAMPLES = 20
-#: No clock shows a later time [s]: 30 000 years.
-LATEST = 1e12
-#: A step further than this from a whole number of sample times leaves open which sample it belongs to.
-UNCLEAR = 0.4
-#: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
-STRAIGHTER = 0.5
-#: Stamps that stray by less than this share of a sample time are corrected without a finding.
-WORTH_SAYING = 0.05
+Flags = NDArray[np.bool_]
 
 
 def with_rising_time(log: Log, *, sort_time: bool) -> Log:
@@ -56,7 +35,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         TimeNotIncreasing: time goes back, or stands still in many samples.
         LogTooShort: hardly any samples.
     """
-    bad = samples_where(len(log), lambda part: ~(np.abs(log.t[part]) < LATEST))
+    bad = samples_where(len(log), lambda part: ~(np.abs(log.t[part]) < tuning.LATEST_S))
     if len(bad):
         text = f"the time is not a number, or none that a clock shows, in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
@@ -74,7 +53,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         return log
     twice = ~fresh[1:] & same_rows(log.q) & same_rows(log.tau)
     # Why: a sample that is stored twice leaves nothing open; two samples with one stamp do.
-    if repeated - int(twice.sum()) > DUPLICATE_SHARE * len(log):
+    if repeated - int(twice.sum()) > tuning.DUPLICATE_SHARE * len(log):
         text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
         raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
     first = float(log.t[np.flatnonzero(~fresh)[0]])
@@ -87,8 +66,10 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
 
 
 def _check_length(log: Log) -> None:
-    if len(log) < LEAST_SAMPLES:
-        raise LogTooShort(f"{len(log)} samples are no recording; at least {LEAST_SAMPLES} are needed", where=log.topic)
+    if len(log) < tuning.LEAST_SAMPLES:
+        raise LogTooShort(
+            f"{len(log)} samples are no recording; at least {tuning.LEAST_SAMPLES} are needed", where=log.topic
+        )
 
 
 def steps(t: Floats) -> Floats:
@@ -137,7 +118,7 @@ def with_even_clock(log: Log) -> Log:
     sample lies on the line between its neighbours but for the curvature, if its time is right.
     """
     step = steps(log.t)
-    if len(step) < LEAST_SAMPLES:
+    if len(step) < tuning.LEAST_SAMPLES:
         return log
     count = _samples_between(step)
     if count is None:
@@ -145,17 +126,17 @@ def with_even_clock(log: Log) -> Log:
     number = _sums(count, len(log))
     slope, start = _line(number, log.t)
     t = filled(len(log), lambda part: start + slope * number[part])
-    if max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log))) > GAP_SAMPLES * slope:
+    if max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log))) > tuning.GAP_SAMPLES * slope:
         return log
     close = (count[:-1] == 1) & (count[1:] == 1)
     given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
     moves = given > 0
-    if not moves.any() or float(np.mean(even[moves] / given[moves])) > STRAIGHTER:
+    if not moves.any() or float(np.mean(even[moves] / given[moves])) > tuning.STRAIGHTER:
         return log
     mean = sum(float(np.sum(log.t[part] - t[part])) for part in spans(len(log))) / len(log)
     square = sum(float(np.sum((log.t[part] - t[part] - mean) ** 2)) for part in spans(len(log))) / len(log)
     late = float(np.sqrt(square))
-    if late < WORTH_SAYING * slope:
+    if late < tuning.STRAY_WORTH_SAYING * slope:
         return replace(log, t=t)
     text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
     return with_findings(
@@ -172,13 +153,14 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     away = filled(len(step), lambda part: away[part] / usual)
     slope, start = _line(number, away)
     left = filled(len(step), lambda part: away[part] - (start + slope * number[part]))
-    if float(np.ptp(_block_medians(left, max(4, len(step) // 25)))) < UNCLEAR:
+    if float(np.ptp(_block_medians(left, max(4, len(step) // 25)))) < tuning.UNCLEAR_STEP:
         return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
     count = filled(len(step), lambda part: np.round(step[part] / usual))
-    unclear = samples_where(
-        len(step), lambda part: (np.abs(step[part] / usual - count[part]) > UNCLEAR) & (count[part] < GAP_SAMPLES)
-    )
-    return None if any(np.any(count[part] < 1) for part in spans(len(count))) or len(unclear) else count
+    for part in spans(len(step)):
+        unclear = np.abs(step[part] / usual - count[part]) > tuning.UNCLEAR_STEP
+        if np.any(count[part] < 1) or np.any(unclear & (count[part] < tuning.GAP_SAMPLES)):
+            return None
+    return count
 
 
 def _sums(x: NDArray[Any], count: int) -> Floats:
@@ -266,9 +248,11 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     wanted = np.zeros(len(step), dtype=bool)
     for start, end in exclude:
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
-    pauses = samples_where(len(step), lambda part: (step[part] > max(PAUSE, GAP_SAMPLES * usual)) & ~wanted[part])
-    recorded = sum(float(np.sum(step[part][step[part] <= PAUSE])) for part in spans(len(step)))
-    if recorded < LEAST_SEGMENT * (len(pauses) + 1):
+    pauses = samples_where(
+        len(step), lambda part: (step[part] > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted[part]
+    )
+    recorded = sum(float(np.sum(step[part][step[part] <= tuning.PAUSE_S])) for part in spans(len(step)))
+    if recorded < tuning.LEAST_SEGMENT_S * (len(pauses) + 1):
         pauses = pauses[:0]
     counted = ~wanted
     counted[pauses] = False
@@ -280,11 +264,11 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
     lost = min(lost, max(0.0, total / usual - int(counted.sum())))
     share = lost / (lost + len(log))
-    gaps = samples_where(len(step), lambda part: (step[part] > GAP_SAMPLES * usual) & ~wanted[part])
+    gaps = samples_where(len(step), lambda part: (step[part] > tuning.GAP_SAMPLES * usual) & ~wanted[part])
     tops = [part.start + int(np.argmax(np.where(wanted[part], 0.0, step[part]))) for part in spans(len(step))]
     longest = int(gaps[np.argmax(step[gaps])]) if len(gaps) else max(tops, key=lambda k: float(step[k]))
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
-    if share > LOST_SHARE:
+    if share > tuning.LOST_SHARE:
         raise TooManyLost(
             f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be",
             where=log.topic,
@@ -311,11 +295,11 @@ def check_rate(log: Log, robot: Robot) -> None:
     if not any_moves(log, robot).any():
         return
     fastest = bandwidth(log, robot)
-    needed = max(LEAST_RATE, SAMPLES_PER_PERIOD * fastest)
+    needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_PERIOD * fastest)
     if log.rate < needed:
         raise RateTooLow(
             f"joint states arrive at {log.rate:.1f} Hz; "
-            f"the fastest motion, {fastest:.1f} Hz, needs >= {max(GOOD_RATE, needed):.0f} Hz",
+            f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
             where=log.topic,
             fix=driver_of(robot).rate_fix,
         )
@@ -324,3 +308,137 @@ def check_rate(log: Log, robot: Robot) -> None:
 def with_findings(log: Log, *findings: Finding) -> Log:
     """Return the log with further findings."""
     return replace(log, findings=(*log.findings, *findings))
+
+
+def without_stale(log: Log, robot: Robot) -> Log:
+    """Return the log without samples that repeat the one before them while the arm moves (W325).
+
+    Args:
+        log: with increasing time and finite columns, in SI units.
+        robot: its robot.
+    """
+    busy = any_moves(log, robot)[1:]
+    same_q = same_rows(log.q)
+    stale = same_q & same_rows(log.tau)
+    if not _counts(stale & busy, busy) and _held(log, robot, busy, same_q):
+        stale = same_q
+    share = float(np.sum(stale & busy) / max(1, busy.sum()))
+    if not _counts(stale & busy, busy):
+        return log
+    # Why also at rest: the samples of a driver that holds them are as far apart there.
+    kept = take_samples(log, np.flatnonzero(np.concatenate([[True], ~stale | ~_near_motion(busy)])))
+    if len(kept) < tuning.LEAST_SAMPLES:
+        raise LogTooShort(f"only {len(kept)} of {len(log)} samples are not repeats of the one before", where=log.topic)
+    fresh = log.rate * (1 - share)
+    text = (
+        f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "
+        f"new ones come at {fresh:.0f} Hz"
+    )
+    return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": fresh}))
+
+
+def _counts(stale: Flags, busy: Flags) -> bool:
+    return bool(busy.any()) and float(stale.sum()) > tuning.STALE_SHARE * float(busy.sum())
+
+
+def _near_motion(busy: Flags) -> Flags:
+    """Return the steps between the first and the last one in motion."""
+    where = np.flatnonzero(busy)
+    near = np.zeros(len(busy), dtype=bool)
+    near[where[0] : where[-1] + 1] = True
+    return near
+
+
+def _held(log: Log, robot: Robot, busy: Flags, same_q: Flags) -> bool:
+    """Return whether positions are held as a whole: where any joint changes, those that move change nearly all."""
+    if not _counts(same_q & busy, busy):
+        return False
+    alive, changes, count = moving(log, robot), 0, 0
+    for part in spans(len(busy)):
+        after = slice(part.start + 1, part.stop + 1)
+        several = (alive[after].sum(axis=1) >= 2) & ~same_q[part]
+        moved = (log.q[after] != log.q[part])[several][alive[after][several]]
+        changes, count = changes + int(moved.sum()), count + len(moved)
+    return changes > tuning.CHANGE_TOGETHER * count
+
+
+def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
+    """Return logs without the samples that an earlier one, or an earlier part of the same one, has too (W326).
+
+    Args:
+        logs: checked logs of one arm; those of which nothing is left are dropped.
+    """
+    kept: list[Log] = []
+    findings: list[Finding] = []
+    seen = _Seen()
+    for number, log in enumerate(logs, start=1):
+        keys = _keys(log)
+        copied = _copied(keys, seen)
+        if number < len(logs):
+            seen.add(keys[~copied])
+        if not copied.any():
+            kept.append(log)
+            continue
+        share = float(np.mean(copied))
+        text = (
+            f"{100 * share:.0f} % of the samples of {log.name} (log {number}) are in an earlier recording too: "
+            "a copy tells nothing new, they are left out"
+        )
+        findings.append(Finding("W326", "warning", text, {"log": number, "share": share}))
+        rest = np.flatnonzero(~copied)
+        if len(rest) >= tuning.COPIED_ROWS:
+            kept.append(replace(take_samples(log, rest), findings=log.findings))
+    return kept, tuple(findings)
+
+
+class _Seen:
+    """Keys of samples in rising arrays, each twice as long as the next at least: none is sorted often, however many."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray[np.uint64]] = []
+
+    def add(self, keys: NDArray[np.uint64]) -> None:
+        """Add keys, (N,)."""
+        if not len(keys):
+            return
+        latest = np.sort(keys)
+        while self._arrays and len(self._arrays[-1]) < 2 * len(latest):
+            latest = np.concatenate([self._arrays.pop(), latest])
+            latest.sort(kind="stable")  # which merges what rises already
+        self._arrays.append(latest)
+
+    def has(self, keys: NDArray[np.uint64]) -> Flags:
+        """Return which of some keys were added, (N,)."""
+        found = np.zeros(len(keys), dtype=bool)
+        for array in self._arrays:
+            place = np.minimum(np.searchsorted(array, keys), len(array) - 1)
+            found |= array[place] == keys
+        return found
+
+
+def _copied(keys: NDArray[np.uint64], seen: _Seen) -> Flags:
+    """Return which samples with such keys, (N,), are copies of samples with keys that were seen before, or before."""
+    copied = np.zeros(len(keys), dtype=bool)
+    rising = np.sort(keys)
+    repeats = any(np.any(rising[part.start + 1 : part.stop + 1] == rising[part]) for part in spans(len(keys) - 1))
+    del rising
+    again = seen.has(keys)
+    if not repeats and not again.any():
+        return copied
+    inside = np.ones(len(keys), dtype=bool)
+    inside[np.unique(keys, return_index=True)[1]] = False
+    for run in runs(again | inside, tuning.COPIED_ROWS):
+        copied[run] = len(np.unique(keys[run])) >= tuning.COPIED_DISTINCT * (run.stop - run.start)
+    return copied
+
+
+def _keys(log: Log) -> NDArray[np.uint64]:
+    """Return a hash of the positions and torques of each sample, (N,)."""
+    # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
+    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    found = empty((len(log),), np.uint64)
+    for part in spans(len(log)):
+        rows = np.ascontiguousarray(np.hstack([log.q[part], log.tau[part]]) + 0.0).view(np.uint64)
+        mixed = rows ^ (rows >> np.uint64(29))
+        found[part] = np.sum(mixed * factors, axis=1, dtype=np.uint64)
+    return found

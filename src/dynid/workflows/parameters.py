@@ -11,7 +11,7 @@ from dynid.errors import Finding, LogNotFound, NotAnArtifact
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
-from dynid.signals.repeats import without_copies
+from dynid.signals.stamps import without_copies
 from dynid.threads import one_thread
 from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, read_log
 from dynid.workflows.model import base_model
@@ -185,7 +185,7 @@ def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, *, name: str
 
 def shared_cutoff(logs: Sequence[Log], robot: Robot, options: LogOptions) -> float:
     """Return the cut-off that serves several checked logs [Hz]: what was asked for, or what their motion asks for."""
-    from dynid.signals.cutoff import choose_cutoff
+    from dynid.signals.filters import choose_cutoff
 
     return choose_cutoff(logs, robot) if options.cutoff is None else options.cutoff
 

@@ -254,8 +254,8 @@ def look(arm: Arm, path: Path, alone: bool) -> Looked:
         DynidError: it is unfit.
     """
     from dynid.estimation.estimate import LONGEST_MOTION
-    from dynid.signals.conditioning import choose_filter
-    from dynid.signals.same_motion import sampled
+    from dynid.signals.filters import choose_filter
+    from dynid.signals.motion import sampled
 
     log, base = checked(arm, path, alone), model_of(arm)
     return Looked(
@@ -347,7 +347,7 @@ def model_of(arm: Arm) -> BaseModel:
 def conditioned(arm: Arm, stretch: Stretch) -> ConditionedLog:
     """Return a stretch of a log after the filters; its neighbours lend what the filters take at its ends."""
     from dynid.signals.conditioned_log import condition_log
-    from dynid.signals.conditioning import choose_filter
+    from dynid.signals.filters import choose_filter
 
     log, base = checked(arm, stretch.path, alone=False), model_of(arm)
     chosen = choose_filter(log, base.robot, stretch.cutoff)

@@ -270,7 +270,7 @@ def validate(
     from dynid.estimation import prediction
     from dynid.estimation.estimate import log_motion
     from dynid.estimation.stack import LogRows, scaled
-    from dynid.signals.same_motion import same_motion
+    from dynid.signals.motion import same_motion
 
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
     base = base or base_model_of(result)

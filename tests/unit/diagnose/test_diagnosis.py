@@ -14,8 +14,7 @@ from dynid.files.robotfile import load_robot
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
-from dynid.signals.columns import in_si, robot_columns
-from dynid.signals.stamps import take_samples
+from dynid.signals.columns import in_si, robot_columns, take_samples
 from makelogs import lwr, lwr_log, shared_data
 
 

@@ -17,8 +17,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model.rough_weight import expected_torque
 from dynid.robot import Body, Joint, Prior, Robot, TorqueSource
-from dynid.signals.checks import prepare
-from dynid.signals.values import check_zero
+from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 

@@ -13,9 +13,8 @@ from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.delay import without_delay
+from dynid.signals.conditioned_log import ConditionedLog, condition, without_delay
+from dynid.signals.filters import choose_filter
 
 
 @pytest.fixture(scope="module")

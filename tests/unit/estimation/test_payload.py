@@ -13,8 +13,8 @@ from dynid.estimation.stack import stack_logs
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import reduce
-from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.conditioned_log import ConditionedLog, condition
+from dynid.signals.filters import choose_filter
 
 
 @pytest.fixture(scope="module")

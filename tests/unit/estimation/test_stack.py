@@ -19,8 +19,8 @@ from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters, prior_parameters
 from dynid.model.reduce import reduce
-from dynid.signals.conditioned_log import ConditionedLog, without_known
-from dynid.signals.conditioning import choose_filter, condition
+from dynid.signals.conditioned_log import ConditionedLog, condition, without_known
+from dynid.signals.filters import choose_filter
 
 RATE = 100.0
 
@@ -88,7 +88,7 @@ def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
     observer = base.model.observer(base.reduction.base)
     whole = np.concatenate([r.W for r in rows_of(source, observer)])
     monkeypatch.setattr("dynid.estimation.observation_rows.EVALUATED", 150)
-    monkeypatch.setattr("dynid.signals.conditioning.BLOCK", 300)
+    monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 300)
     pieces = ConditionedLog(condition(log, chosen), chosen, "log")
     assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(whole, abs=1e-9)
 

@@ -9,7 +9,7 @@ from dynid.errors import LogLayout, WrongUsage
 from dynid.files.convert import WRITERS, write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
-from dynid.signals.stamps import take_samples
+from dynid.signals.columns import take_samples
 from dynid.workflows.check import inspected
 from dynid.workflows.convert import convert
 from dynid.workflows.logs import LogOptions

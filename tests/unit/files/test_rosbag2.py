@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import DynidError, WrongMessageType
 from dynid.files.logs import read_log
-from dynid.signals.stamps import take_samples
+from dynid.signals.columns import take_samples
 from makelogs import joint_state, lwr, lwr_log
 from makelogs import write_bag as write_ros1
 from recordings import (

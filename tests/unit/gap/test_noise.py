@@ -131,7 +131,7 @@ def test_rows_tell_the_same_as_long_as_they_go_on():
 
 def test_noise_without_repeats_is_no_larger_than_what_is_left():
     """Slow residuals have hardly any power at the upper end of the pass band, and what there is leaks from below."""
-    from dynid.signals.conditioning import Filter
+    from dynid.signals.filters import Filter
 
     t = np.arange(4000) / RATE
     rows = Rows(motion(t))
@@ -144,7 +144,7 @@ def test_noise_without_repeats_is_no_larger_than_what_is_left():
 @pytest.mark.parametrize("second_step", [3, 4, 5, 8])
 def test_noise_of_the_fewest_rows_is_a_number(second_step):
     """Of 16 rows, no frequency may lie at the upper end of the pass band."""
-    from dynid.signals.conditioning import Filter
+    from dynid.signals.filters import Filter
 
     rows = Rows(motion(np.arange(16) / RATE))
     rows.log = SimpleNamespace(filter=Filter(240.0, 10.0, 1, second_step))
@@ -154,7 +154,7 @@ def test_noise_of_the_fewest_rows_is_a_number(second_step):
 
 
 def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
-    from dynid.signals.conditioning import Filter
+    from dynid.signals.filters import Filter
 
     rng = np.random.default_rng(8)
     rows = Rows(motion(np.arange(4000) / RATE))

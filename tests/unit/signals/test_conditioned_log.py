@@ -12,8 +12,7 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.parameters import prior_parameters
-from dynid.signals.conditioned_log import condition_log, condition_logs, known_torque, stretches
-from dynid.signals.conditioning import Segment
+from dynid.signals.conditioned_log import Segment, condition_log, condition_logs, known_torque, stretches
 
 RATE = 200.0
 
@@ -80,7 +79,7 @@ def test_logs_of_few_samples_stay_whole_however_long_they_take(model):
 
 
 def test_stretches_of_a_log_of_many_segments_keep_their_share(model, monkeypatch):
-    monkeypatch.setattr("dynid.signals.conditioned_log.FEW", 0)
+    monkeypatch.setattr("dynid.signals.tuning.KEPT_SAMPLES", 0)
     (whole,) = condition_logs([log(model, seconds=24.0)], model)
     (segment,) = whole.segments
     cuts = np.linspace(0, len(segment), 61).astype(int)
@@ -94,7 +93,7 @@ def test_stretches_of_a_log_of_many_segments_keep_their_share(model, monkeypatch
 
 
 def test_stretches_of_long_logs_are_spread_evenly_and_short_logs_stay_whole(model, monkeypatch):
-    monkeypatch.setattr("dynid.signals.conditioned_log.FEW", 0)
+    monkeypatch.setattr("dynid.signals.tuning.KEPT_SAMPLES", 0)
     logs = condition_logs([log(model, seconds=12.0), log(model, seconds=24.0)], model)
     assert stretches(logs, 60.0) == (logs, 0)
     found, parts = stretches(logs, 18.0)

@@ -8,7 +8,8 @@ from scipy.signal import butter, sosfiltfilt
 from signal_cases import robot
 
 from dynid.log import Log
-from dynid.signals.cutoff import LOWEST_CUTOFF_HZ, MOST_SHARE, check_position_noise, choose_cutoff, position_noise
+from dynid.signals import tuning
+from dynid.signals.filters import check_position_noise, choose_cutoff, position_noise
 
 RATE, SECONDS = 200.0, 60.0
 T = np.arange(round(RATE * SECONDS)) / RATE
@@ -34,7 +35,7 @@ def test_share_of_noise_at_the_chosen_cutoff_is_what_a_filter_leaves_of_it(noise
     clean, noisy = (acceleration_below(slow_log(size).q, found.cutoff)[:, j] for size in (0.0, noise))
     share = np.std(noisy - clean) / np.std(noisy)
     assert found.share == pytest.approx(share, rel=0.15)
-    assert MOST_SHARE / 2 < share < 1.15 * MOST_SHARE
+    assert tuning.NOISE_SHARE / 2 < share < 1.15 * tuning.NOISE_SHARE
 
 
 @pytest.mark.parametrize(("noise", "said"), [(1e-5, False), (1e-4, False), (2e-3, True), (8e-3, True)])
@@ -42,7 +43,7 @@ def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
     log = slow_log(noise)
     found = check_position_noise(log, robot())
     assert [finding.code for finding in found] == (["W327"] if said else [])
-    assert (choose_cutoff([log], robot()) < LOWEST_CUTOFF_HZ) == said
+    assert (choose_cutoff([log], robot()) < tuning.LOWEST_CUTOFF_HZ) == said
 
 
 def test_noise_that_no_cutoff_takes_away_is_called_so():
@@ -54,7 +55,7 @@ def test_commanded_positions_beside_them_make_noise_harmless():
     log = slow_log(2e-3)
     log = replace(log, extra={"q_ref": slow_log(0.0).q})
     assert check_position_noise(log, robot()) == ()
-    assert choose_cutoff([log], robot()) >= LOWEST_CUTOFF_HZ
+    assert choose_cutoff([log], robot()) >= tuning.LOWEST_CUTOFF_HZ
 
 
 def test_of_several_logs_the_noisiest_says_how_high_the_cutoff_may_be():

@@ -7,8 +7,8 @@ import pytest
 
 from dynid.log import Log
 from dynid.robot import Joint, Robot
-from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.filters import decimate, derivative_kernels, despiked, lowpass_kernel
+from dynid.signals.conditioned_log import condition
+from dynid.signals.filters import choose_filter, decimate, derivative_kernels, despiked, lowpass_kernel
 from dynid.signals.stamps import without_intervals
 
 ARM = Robot("two", "standard", (Joint("first"), Joint("second")))

@@ -12,10 +12,11 @@ from dynid.errors import JointStill, LogTooShort
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
+from dynid.signals import tuning
 from dynid.signals.checks import prepare
+from dynid.signals.columns import take_samples
 from dynid.signals.describe import describe
-from dynid.signals.motion import SPEED_WINDOW, bandwidth, check_amount, once, rest_slices, speed, swings
-from dynid.signals.stamps import take_samples
+from dynid.signals.motion import bandwidth, check_amount, once, rest_slices, speed, swings
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 ONE = replace(lwr(), joints=lwr().joints[:1], driver=None)
@@ -39,7 +40,7 @@ def test_the_speed_at_the_ends_is_that_of_half_a_window(samples, monkeypatch):
         np.random.default_rng(0).random((samples, 2)),
         np.zeros((samples, 2)),
     )
-    half = min(max(1, round(SPEED_WINDOW * log.rate)), max(1, (samples - 1) // 2))
+    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (samples - 1) // 2))
     first, last = np.maximum(np.arange(samples) - half, 0), np.minimum(np.arange(samples) + half, samples - 1)
     expected = (log.q[last] - log.q[first]) / (log.t[last] - log.t[first])[:, None]
     monkeypatch.setattr("dynid.signals.motion.spans", lambda n: (slice(k, min(k + 8, n)) for k in range(0, n, 8)))

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.log import Log
 from dynid.robot import Limits
-from dynid.signals.ranges import check_ranges
+from dynid.signals.checks import check_ranges
 from makelogs import lwr
 
 

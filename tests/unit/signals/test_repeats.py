@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from signal_cases import RNG, moving_log, robot
 
-from dynid.signals.repeats import without_copies, without_stale
-from dynid.signals.stamps import with_rising_time
+from dynid.signals.stamps import with_rising_time, without_copies, without_stale
 
 
 @pytest.mark.parametrize("every", [2, 4, 7])

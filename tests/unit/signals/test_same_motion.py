@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynid.signals.same_motion import motion_numbers, same_motion, sampled
+from dynid.signals.motion import motion_numbers, same_motion, sampled
 
 
 def motion(seed, seconds=25.0, begin=0.0, speed=1.0, noise=0.0):

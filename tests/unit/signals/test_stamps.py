@@ -11,7 +11,8 @@ import pytest
 from dynid.errors import LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.signals.checks import prepare
-from dynid.signals.stamps import take_samples, with_even_clock
+from dynid.signals.columns import take_samples
+from dynid.signals.stamps import with_even_clock
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from dynid.log import Log
 from dynid.robot import Coulomb, Joint, Robot
-from dynid.signals.conditioning import choose_filter, condition
-from dynid.signals.filters import lowpass_kernel
-from dynid.signals.velocity_sign import NOISE_OVER_COULOMB, choose_velocity_sign, white_noise
+from dynid.signals import tuning
+from dynid.signals.conditioned_log import condition
+from dynid.signals.filters import choose_filter, choose_velocity_sign, lowpass_kernel, white_noise
 
 RATE = 1000.0
 SIGN = Coulomb("smooth", (0.01,))
@@ -35,8 +35,8 @@ def test_the_velocity_is_as_sharp_as_its_noise_allows(noise):
     spectrum = np.fft.rfft(lowpass_kernel(chosen.cutoffs[0], RATE), 1 << 14)
     slope = 2 * np.pi * np.fft.rfftfreq(1 << 14, 1 / RATE) * np.abs(spectrum)
     spread = noise * np.sqrt(np.mean(slope**2))
-    assert spread < 1.2 * NOISE_OVER_COULOMB * 0.01 or chosen.cutoffs[0] == 5.0
-    assert chosen.cutoffs[0] > 70 or 2**1.5 * spread > NOISE_OVER_COULOMB * 0.01
+    assert spread < 1.2 * tuning.NOISE_OVER_COULOMB * 0.01 or chosen.cutoffs[0] == 5.0
+    assert chosen.cutoffs[0] > 70 or 2**1.5 * spread > tuning.NOISE_OVER_COULOMB * 0.01
 
 
 def test_a_filtered_sign_turns_when_the_joint_does():
@@ -55,6 +55,6 @@ def test_pieces_of_a_long_log_join_without_a_seam(monkeypatch):
     log = Log(T, q[:, None], speed[:, None], ("j",))
     chosen = choose_filter(log, robot, 5.0)
     (whole,) = condition(log, chosen, coulomb=SIGN)
-    monkeypatch.setattr("dynid.signals.conditioning.BLOCK", 1000)
+    monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 1000)
     (pieces,) = condition(log, chosen, coulomb=SIGN)
     assert np.allclose(whole.coulomb_sign, pieces.coulomb_sign, atol=1e-12)

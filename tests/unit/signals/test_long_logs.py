@@ -11,13 +11,11 @@ from dynid import longarrays
 from dynid.errors import DynidError
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.signals import pieces
 from dynid.signals.checks import prepare
 from dynid.signals.conditioned_log import condition_log
 from dynid.signals.describe import describe
-from dynid.signals.motion import check_amount
-from dynid.signals.repeats import without_copies
-from dynid.signals.same_motion import sampled
+from dynid.signals.motion import check_amount, sampled
+from dynid.signals.stamps import without_copies
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
@@ -73,10 +71,9 @@ def models():
     ["", "spikes", "clipped", "turns", "held", "stray", "twice", "degrees", "pause"],
     ids=lambda kind: kind or "as it is",
 )  # fmt: skip
-def test_a_log_in_pieces_gives_what_the_whole_one_gives(monkeypatch, models, robot, log, kind):
+def test_a_log_in_parts_gives_what_the_whole_one_gives(monkeypatch, models, robot, log, kind):
     model, given = models[robot().name], spoilt(log(), kind)
     findings, arrays, summary = answer(given, robot(), model)
-    monkeypatch.setattr(pieces, "PIECE", 700)
     monkeypatch.setattr(longarrays, "PIECE", 700)
     monkeypatch.setattr(longarrays, "IN_MEMORY", 1000)
     again, pieced, said = answer(given, robot(), model)
@@ -89,9 +86,8 @@ def test_a_log_in_pieces_gives_what_the_whole_one_gives(monkeypatch, models, rob
         assert getattr(said, key) == (pytest.approx(value, rel=1e-9) if number else value)
 
 
-def test_copies_are_found_in_pieces(monkeypatch):
+def test_copies_are_found_in_parts(monkeypatch):
     log = prepare(lwr_log(), lwr(), identify=False)
-    monkeypatch.setattr(pieces, "PIECE", 700)
     (kept,), (finding,) = without_copies([log, log])
     assert len(kept) == len(log)
     assert finding.code == "W326"
@@ -105,18 +101,18 @@ def test_the_rate_of_a_long_log_is_that_of_samples_spread_over_it(monkeypatch):
     assert Log(t, zeros, zeros).rate == pytest.approx(whole, rel=5e-3)
 
 
-def test_positions_are_looked_up_in_pieces_as_they_are_whole(monkeypatch):
+def test_positions_are_looked_up_in_parts_as_they_are_whole(monkeypatch):
     t = np.cumsum(np.random.default_rng(4).uniform(0.5, 1.5, 5000)) / 100
     q = np.column_stack([np.sin(t), np.cos(3 * t)])
     whole = sampled(t, q)
-    monkeypatch.setattr("dynid.signals.same_motion.TOGETHER", 7)
+    monkeypatch.setattr("dynid.signals.tuning.MOTION_CHUNK", 7)
     np.testing.assert_array_equal(sampled(t, q), whole)
 
 
 @pytest.mark.parametrize("shape", [(1, 7), (63, 7), (64, 7), (1000, 3), (200,)])
 def test_columns_are_reduced_as_one_by_one(shape):
     x = np.random.default_rng(0).standard_normal(shape)
-    low, high = pieces.extremes(x)
+    low, high = longarrays.extremes(x)
     assert np.array_equal(low, x.min(axis=0))
     assert np.array_equal(high, x.max(axis=0))
-    np.testing.assert_allclose(pieces.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(longarrays.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)
