@@ -76,6 +76,8 @@ class DynidError(Exception):
         self.what, self.where = bounded(what), bounded(where)
         self.why, self.fix = bounded(why or type(self).why), bounded(fix or type(self).fix)
         super().__init__(self.what)
+        # Why: a notebook shows a traceback, whose last lines these are.
+        self.add_note(f"fix: {self.fix}")
 
 
 def bounded(text: str) -> str:

@@ -272,7 +272,6 @@ def obtain_result(
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result as results
     from dynid.workflows.identify import identify, save_result
-    from dynid.workflows.logs import read_log
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe
 
@@ -287,8 +286,6 @@ def obtain_result(
         terminal.findings((*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings))
         return stored, base, []
     logs = recordings.read()
-    if isinstance(options.holdout, Path):
-        options = replace(options, holdout=read_log(options.holdout, robot, options))
     facts = common.header(inputs)
     with terminal.progress() as progress:
         if logs:

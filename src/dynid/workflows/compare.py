@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import WrongUsage
 from dynid.options import share_or_none
 from dynid.table import Table
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from dynid.estimation.compare import Change, Comparison, FigureOfMerit
     from dynid.estimation.result import Identification
+    from dynid.workflows.arguments import ResultLike
 
 
 @dataclass(frozen=True)
@@ -196,11 +198,11 @@ class RunComparison:
         )
 
 
-@one_thread
+@public
 def compare(
-    results: Sequence[Identification],
+    results: ResultLike | Sequence[ResultLike],
     *,
-    baseline: Identification | None = None,
+    baseline: ResultLike | None = None,
     tolerance: float | str | None = None,
     names: Sequence[str] = (),
     baseline_name: str = "",
@@ -208,7 +210,7 @@ def compare(
     """Put results side by side, and say what changed against a baseline, or against the first of them.
 
     Args:
-        results: the results.
+        results: the results, their folders or their files.
         baseline: what they are judged against, None for the first result, which judges nothing.
         tolerance: largest change of any number that counts as none, as ``0.01`` or ``"1%"``; None to measure by the
             noise.
@@ -216,19 +218,28 @@ def compare(
         baseline_name: name of the baseline.
 
     Raises:
-        WrongUsage: a tolerance is given without a baseline, or a result has other parameters than the baseline.
+        WrongUsage: there is no result, a tolerance is given without a baseline, a result has other parameters than the
+            baseline, or an argument is something else than what is wanted (E101).
+
+    Example:
+        dynid.compare(["out/monday", "out/friday"], baseline="out/golden", tolerance="1%")
     """
     from dynid.estimation.compare import compare as compared
     from dynid.estimation.compare import same_parameters
 
+    given = arguments.results(results)
+    baseline = None if baseline is None else arguments.result(baseline, "baseline")
+    baseline_name = arguments.instance(baseline_name, str, "baseline_name", "a word")
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = share_or_none(tolerance, "--tolerance")
-    shown = list(names) or short_names([result.path for result in results])
-    first = baseline or results[0]
+    shown = list(arguments.words(names, "names")) or short_names([result.path for result in given])
+    if len(shown) != len(given):
+        raise arguments.refused("names", f"one name for each of {len(given)} results", names)
+    first = baseline or given[0]
     reference = (baseline_name or short_names([first.path])[0]) if baseline else shown[0]
     runs = []
-    for name, result in zip(shown, results, strict=True):
+    for name, result in zip(shown, given, strict=True):
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError
-from dynid.log import Log
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress
 from dynid.robot import Robot
 from dynid.table import Table
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 from dynid.workflows.logs import LogOptions
 from dynid.workflows.parameters import observe
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.arguments import LogsLike, RobotLike
 
 #: Share of each log that is held out to compare estimators.
 HELD_OUT = 0.2
@@ -131,30 +131,41 @@ class MethodComparison:
         }
 
 
-@one_thread
+@public
 def compare_methods(
-    robot: Robot,
-    logs: Log | Sequence[Log],
-    options: LogOptions = LogOptions(),  # noqa: B008
+    robot: RobotLike,
+    logs: LogsLike,
+    options: LogOptions | None = None,
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> MethodComparison:
     """Identify from the same logs with every estimator that they allow.
 
     Args:
-        robot: the arm.
-        logs: one or several logs, as read or checked.
+        robot: the arm, its name, or the path of its file.
+        logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
         progress: told which estimators are not possible.
+        changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+        DynidError: the first serious fault of a log.
+
+    Example:
+        dynid.compare_methods("kuka_lwr4plus", "run1.bag")
     """
     from dynid.estimation.compare import biased, differing
     from dynid.estimation.estimate import estimate, last_share
     from dynid.estimation.estimators import METHODS, choose
     from dynid.estimation.physical_parameters import is_possible
 
-    seen = observe(robot, logs, options, base=base, progress=progress)
+    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    robot = arguments.robot(robot)
+    seen = observe(robot, arguments.logs(logs, robot, options), options, base=base, progress=progress)
     stack, base, header = seen.stack, seen.base, seen.header()
     holdout = last_share(stack, HELD_OUT)
     chosen, why = choose(stack)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
 from dynid.log import Log
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress
 from dynid.robot import Robot
-from dynid.threads import one_thread
-from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
+    from dynid.workflows.arguments import LogLike, LogsLike, RobotLike
 
 
 def needs_gains(robot: Robot, log: Log) -> bool:
@@ -28,36 +29,48 @@ def needs_gains(robot: Robot, log: Log) -> bool:
     return robot.torque.source == "motor_current" or in_amperes(log, robot)
 
 
-@one_thread
+@public
 def find_drive_gains(
-    robot: Robot,
-    logs: Log | Sequence[Log],
-    options: LogOptions = LogOptions(),  # noqa: B008
+    robot: RobotLike,
+    logs: LogsLike,
+    options: LogOptions | None = None,
     *,
-    loaded: Log | None = None,
+    loaded: LogLike | None = None,
     load_mass: float | None = None,
-    folder: Path | None = None,
-    progress: Progress = SILENT,
+    folder: str | Path | None = None,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> Gains:
     """Find the gains of all drives [N m per A] from logs of motor currents.
 
     Args:
-        robot: the arm; gains that it knows stay as they are.
-        logs: logs of currents, as read.
+        robot: the arm, its name, or the path of its file; gains that it knows stay as they are.
+        logs: logs of currents, or their paths.
         options: how they are checked and filtered.
         loaded: a further log with a body of known mass on the last link.
         load_mass: the mass of that body [kg]; None for the tool of the robot file.
         folder: where the model is kept.
         progress: told how far the work is.
+        changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:
-        WrongUsage: the gains cannot be found for this arm, or the load is not known.
+        WrongUsage: the gains cannot be found for this arm, the load is not known, or an argument is something else
+            than what is wanted (E101).
+
+    Example:
+        dynid.find_drive_gains("my_arm.yaml", "empty.csv", loaded="loaded.csv", load_mass=2.0)
     """
     import numpy as np
 
     from dynid.estimation.drive_gains import find_gains, known_load
     from dynid.estimation.stack import stack_logs
 
+    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    robot = arguments.robot(robot)
+    plain = arguments.logs(logs, robot, options)
+    loaded = None if loaded is None else arguments.log(loaded, robot, options, "loaded")
+    load_mass = None if load_mass is None else arguments.number(load_mass, "load_mass", "a mass in kg")
+    folder = None if folder is None else arguments.path(folder, "folder")
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
             "gains cannot be found with coupled motors or with some links only",
@@ -66,7 +79,6 @@ def find_drive_gains(
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
     base = base_model(robot, folder, progress)
     known = np.array([np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n])
-    plain = as_list(logs)
     checked = [checked_log(log, robot, options) for log in (*plain, *([loaded] if loaded is not None else ()))]
     conditioned = condition_logs(checked, base.model, options, progress)
     stack = stack_logs(conditioned[: len(plain)], base, progress)

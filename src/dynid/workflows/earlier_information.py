@@ -35,6 +35,8 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.workflows.logs import read_log
 
+    # Why: a recording of rosbag2 is a folder as well.
+    path = path / "parameters.npz" if (path / "parameters.npz").is_file() else path
     header = read_header(path) if path.suffix == ".npz" else None
     schema = str((header or {}).get("schema", "")).rsplit("/", 1)[0]
     if schema == "dynid/identification":

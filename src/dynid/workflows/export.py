@@ -11,13 +11,15 @@ from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.arguments import ResultLike
 
 #: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
 SUFFIXES = {
@@ -153,22 +155,23 @@ class ExportedModel:
         }
 
 
-@one_thread
+@public
 def export(
-    result: Identification,
+    result: ResultLike,
     path: Path | str,
-    options: ExportOptions = ExportOptions(),
+    options: ExportOptions | None = None,
     *,
-    formats: Iterable[str] = (),
+    formats: str | Sequence[str] = (),
     base: BaseModel | None = None,
     seed: int = 0,
     write: Callable[[Path, str], object] | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> ExportedModel:
     """Write an identified model, load each file in every engine that is installed, and compare torques.
 
     Args:
-        result: identified parameters.
+        result: identified parameters, their folder or their file.
         path: the file, whose suffix names the format: .urdf, .xml (MJCF), .sdf, .yaml, .c, .py, .m; or a folder,
             when ``formats`` are given.
         options: which parameters are written, and into which URDF.
@@ -177,15 +180,25 @@ def export(
         seed: seed of the random states that torques are compared on.
         write: writes a text to a file; None overwrites what is there.
         progress: told what is compared.
+        changes: single options by name, such as ``urdf="arm.urdf"``; see ``dynid.ExportOptions``.
 
     Raises:
-        WrongUsage: the suffix is that of no format, or a URDF was given without the format.
+        WrongUsage: the suffix is that of no format, a URDF was given without the format, or an argument is something
+            else than what is wanted (E101).
         NotPhysical: no body has the parameters, and the format needs bodies.
+
+    Example:
+        dynid.export("out/kuka_lwr4plus", "arm.xml")
     """
     from dynid.exporters import FORMATS
     from dynid.files.artifact import write_text
 
-    path, wanted = Path(path), tuple(formats)
+    options, progress = arguments.options(ExportOptions, options, changes), arguments.progress(progress)
+    result, base = arguments.result(result), arguments.base_model(base)
+    path, seed = arguments.path(path, "path"), arguments.whole(seed, "seed")
+    wanted = arguments.words(formats, "formats", FORMATS)
+    if write is not None and not callable(write):
+        raise arguments.refused("write", "None or a function of path and text", write)
     names = wanted or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")

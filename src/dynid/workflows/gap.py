@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynid.log import Log
-from dynid.progress import SILENT, Progress
-from dynid.threads import one_thread
+from dynid.progress import Progress
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.gap_options import GapOptions, selection_options
 from dynid.workflows.gap_result import VERDICTS, Gap, with_methods
-from dynid.workflows.logs import as_list, checked_log, condition_logs, load_log
+from dynid.workflows.logs import checked_log, condition_logs, load_log
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel
     from dynid.signals.conditioned_log import ConditionedLog
+    from dynid.workflows.arguments import LogsLike, ResultLike
 
 #: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
 EXTRAPOLATES = 1.5
@@ -34,38 +36,48 @@ LONGEST = 480.0
 TOLD_MASS = 2.0
 
 
-@one_thread
+@public
 def find_gap(
-    result: Identification,
-    logs: Log | Sequence[Log],
-    options: GapOptions = GapOptions(),
+    result: ResultLike,
+    logs: LogsLike,
+    options: GapOptions | None = None,
     *,
-    earlier: Sequence[Log] = (),
+    earlier: LogsLike = (),
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> Gap:
     """Find where a model and recordings disagree, which effect is missing, and how much smaller the gap is with it.
 
     Args:
-        result: identified parameters.
-        logs: one or several recordings, as read or checked; each motion twice, so that the noise is known.
+        result: identified parameters, their folder or their file.
+        logs: one or several recordings, or their paths; each motion twice, so that the noise is known.
         options: what is searched and how.
         earlier: logs that the model was identified from (``earlier_logs``), to find what has changed since.
         base: the result's base model, where it is there already.
         progress: told how far the work is.
+        changes: single options by name, such as ``joints="2-4"``; see ``dynid.GapOptions``.
 
     Raises:
-        WrongUsage: there is no effect or no joint of a name that was given.
+        WrongUsage: there is no effect or no joint of a name that was given, or an argument is something else than what
+            is wanted (E101).
         DynidError: the first serious fault of a log.
+
+    Example:
+        dynid.find_gap("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
-    question, base = options.question, base or base_model_of(result)
+    options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
+    result = arguments.result(result)
+    recordings = arguments.logs(logs, result.robot, options)
+    known = arguments.logs(earlier, result.robot, options, "earlier", empty=True)
+    question, base = options.question, arguments.base_model(base) or base_model_of(result)
     search = _Search(result, base, selection_options(base.robot, options), options, progress)
-    new = search.checked(as_list(logs))
-    before = search.checked(earlier) if question in ("auto", "changed") else []
+    new = search.checked(recordings)
+    before = search.checked(known) if question in ("auto", "changed") else []
     if question != "auto":
         return search.ask(question, new, before, "as asked")
-    known = {sha for sha in result.log_sha256 if sha}
-    if any(log.sha256 in known for log in new):
+    fitted = {sha for sha in result.log_sha256 if sha}
+    if any(log.sha256 in fitted for log in new):
         return search.of_the_arm(new, "the model was identified from these logs, so nothing can have changed")
     if not before:
         why = "the logs that the model was identified from are not at hand, so nothing can be said about changes"
@@ -273,8 +285,13 @@ def signals_of(result: Identification, options: GapOptions, question: str) -> Ga
     return replace(options, cutoff=cutoff, delay=delay if options.delay is None else options.delay)
 
 
+@public
 def earlier_logs(
-    result: Identification, logs: Sequence[Log], options: GapOptions = GapOptions(), progress: Progress = SILENT
+    result: ResultLike,
+    logs: LogsLike,
+    options: GapOptions | None = None,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> list[Log]:
     """Return the recordings that a result was identified from, where their files are still what they were.
 
@@ -282,14 +299,23 @@ def earlier_logs(
     that is one of them cannot be compared with itself.
 
     Args:
-        result: the result.
-        logs: the new recordings.
+        result: the result, its folder or its file.
+        logs: the new recordings, or their paths.
         options: how recordings are read.
         progress: told what is not at hand.
+        changes: single options by name; see ``dynid.GapOptions``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+
+    Example:
+        dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
     from dynid.files.artifact import sha256
 
-    new = {log.sha256 for log in logs if log.sha256}
+    options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
+    result = arguments.result(result)
+    new = {log.sha256 for log in arguments.logs(logs, result.robot, options, empty=True) if log.sha256}
     before = [(Path(name), sha) for name, sha in zip(result.header.get("logs", []), result.log_sha256, strict=False)]
     own = new & {sha for _, sha in before}
     if own:

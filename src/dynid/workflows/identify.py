@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,12 +11,13 @@ from dynid.errors import WrongUsage
 from dynid.log import Log
 from dynid.options import option, share
 from dynid.progress import SILENT, Progress
-from dynid.robot import Robot
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 from dynid.workflows.diagnosis import identified
-from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
 from dynid.workflows.prior import PriorOptions, with_prior
+from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.arguments import LogsLike, ResultLike, RobotLike
 
 METHODS = ("auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge")
 #: What the estimators are, for people.
@@ -88,40 +89,54 @@ class IdentifyOptions(PriorOptions, LogOptions):
     drop_weak: bool = option(False, "Go on when the log does not determine all parameters, or only just.")
 
 
-@one_thread
+@public
 def identify(
-    robot: Robot,
-    logs: Log | Sequence[Log] | Observations,
-    options: IdentifyOptions = IdentifyOptions(),
+    robot: RobotLike,
+    logs: LogsLike | Observations,
+    options: IdentifyOptions | None = None,
     *,
     base: BaseModel | None = None,
-    update: Identification | None = None,
-    like: Identification | None = None,
-    progress: Progress = SILENT,
+    update: ResultLike | None = None,
+    like: ResultLike | None = None,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> Identification:
     """Identify the base parameters of an arm, with robust error bars and a held-out figure.
 
     Args:
-        robot: the arm.
-        logs: one or several logs, as read or checked; or what ``observe`` made of them.
+        robot: the arm, its name, or the path of its file.
+        logs: one or several logs, or their paths; or what ``observe`` made of them.
         options: estimator, hold-out, prior, filter.
         base: the arm's base model, where it is there already.
         update: an earlier result whose logs are added to these, without reading them again.
         like: a result of the same arm whose residual model is as large.
         progress: told how far the work is.
+        changes: single options by name, such as ``method="wls"``; see ``dynid.IdentifyOptions``.
 
     Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
         DynidError: a log is unfit, or determines fewer parameters than the arm has (E301 to E406).
+
+    Example:
+        dynid.identify("kuka_lwr4plus", "run1.bag", holdout="run2.bag")
     """
     from dynid.estimation.estimate import estimate
 
-    robot = with_prior(robot, options)
+    options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
+    robot = with_prior(arguments.robot(robot), options)
+    base = arguments.base_model(base)
+    update = None if update is None else arguments.result(update, "update")
+    like = None if like is None else arguments.result(like, "like")
     if robot.torque.relative and options.feasible is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
         options = replace(options, feasible=False)
     if update is not None:
         options = signals_as(options, update)
-    seen = logs if isinstance(logs, Observations) else observe(robot, logs, options, base=base, progress=progress)
+    if isinstance(logs, Observations):
+        seen = logs
+    else:
+        recordings = arguments.logs(logs, robot, options)
+        seen = observe(robot, recordings, options, base=base, progress=progress)
     base, stack, header = replace(seen.base, model=replace(seen.base.model, robot=robot)), seen.stack, seen.header()
     if update is not None:
         stack, header = updated(stack, header, update, options)
@@ -219,8 +234,8 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
         return last_motion(stack, AUTO_SHARE)
     if isinstance(kept, float):
         return last_share(stack, kept)
-    assert isinstance(kept, Log), "a held-out log is read before it gets here"
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
+    kept = arguments.log(kept, base.robot, same, "holdout")
     conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
     test = folded(scaled(conditioned, base, stack.first_fit.theta), base, progress)
     return HoldOut(stack, test, str(kept.source or "log"))
@@ -280,8 +295,8 @@ def answer_of(found: Identification) -> dict[str, Any]:
     }
 
 
-@one_thread
-def find_payload(loaded: Identification, unloaded: Identification) -> IdentifiedPayload:
+@public
+def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
     """Return the body that the loaded arm has in addition on its last link.
 
     Args:
@@ -290,36 +305,50 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
 
     Raises:
         WrongUsage: the results are of different arms, or the last link is not identified.
+
+    Example:
+        dynid.find_payload("out/loaded", "out/empty")
     """
     from dynid.estimation import payload
 
-    return payload.find_payload(loaded, unloaded)
+    return payload.find_payload(arguments.result(loaded, "loaded"), arguments.result(unloaded, "unloaded"))
 
 
-@one_thread
+@public
 def sensitivity(
-    result: Identification,
-    logs: Log | Sequence[Log],
-    options: IdentifyOptions = IdentifyOptions(),
+    result: ResultLike,
+    logs: LogsLike,
+    options: IdentifyOptions | None = None,
     *,
-    base: BaseModel,
-    progress: Progress = SILENT,
+    base: BaseModel | None = None,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> list[dict[str, Any]]:
     """Identify again with other cut-offs and another delay, and return how far the parameters move.
 
     Args:
-        result: what is compared with.
-        logs: the logs it was made from.
+        result: what is compared with, its folder or its file.
+        logs: the logs it was made from, or their paths.
         options: those of the result.
-        base: its base model.
+        base: its base model, where it is there already.
         progress: told which variants are not possible.
+        changes: single options by name, such as ``exclude="3.2-3.4"``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+
+    Example:
+        dynid.sensitivity("out/kuka_lwr4plus", "run1.bag")
     """
     import numpy as np
 
     from dynid.errors import DynidError
     from dynid.estimation.estimate import estimate, last_share
 
-    checked = [checked_log(log, base.robot, options) for log in as_list(logs)]
+    options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
+    result = arguments.result(result)
+    base = arguments.base_model(base) or base_model_of(result)
+    checked = [checked_log(log, base.robot, options) for log in arguments.logs(logs, base.robot, options)]
     sure = np.isfinite(result.std_error) & (result.std_error > 0)
     rows: list[dict[str, Any]] = []
     for name, cutoff, delay in _variants(result):

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from dynid.errors import DynidError, Finding, WrongUsage
+from dynid.errors import DynidError, Finding
 from dynid.log import Log
 from dynid.options import Options, delay_or_auto, frequency_or_auto, intervals, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from dynid.model.regressor import Model
     from dynid.signals.conditioned_log import ConditionedLog
+    from dynid.workflows.arguments import LogLike, RobotLike
 
 
 @dataclass(frozen=True)
@@ -73,20 +76,34 @@ def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions())
         return logs.read_log(Path(path), robot=robot, topic=options.topic, rate=options.rate)
 
 
-@one_thread
-def load_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True) -> Log:
+@public
+def load_log(
+    path: LogLike,
+    robot: RobotLike,
+    options: LogOptions | None = None,
+    *,
+    identify: bool = True,
+    **changes: Any,  # noqa: ANN401
+) -> Log:
     """Return a recording in DH quantities of an arm, checked; its ``findings`` say what was noticed.
 
     Args:
-        path: bag, text folder, CSV or npz file.
-        robot: the arm.
+        path: bag, text folder, CSV or npz file; or a log made from arrays.
+        robot: the arm, its name, or the path of its file.
         options: how to read it.
         identify: refuse logs that are too short or too still to identify from (E313, E401).
+        changes: single options by name, such as ``sort_time=True``; see ``dynid.LogOptions``.
 
     Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
         DynidError: the first serious fault of the log (E301 to E401).
+
+    Example:
+        dynid.load_log("run1.bag", "kuka_lwr4plus", exclude="3.2-3.4")
     """
-    return checked_log(read_log(path, robot, options), robot, options, identify=identify)
+    options, robot = arguments.options(LogOptions, options, changes), arguments.robot(robot)
+    identify = arguments.instance(identify, bool, "identify", "True or False")
+    return checked_log(arguments.log(path, robot, options, "path"), robot, options, identify=identify)
 
 
 @one_thread
@@ -141,21 +158,6 @@ def condition_logs(
         measured_velocity=options.velocity == "measured",
         progress=progress,
     )
-
-
-def as_list(logs: Log | Iterable[Log]) -> list[Log]:
-    """Return one or several logs as a list.
-
-    Raises:
-        WrongUsage: there are none, or something else is among them.
-    """
-    found = [logs] if isinstance(logs, Log) else list(logs)
-    for each in found:
-        if not isinstance(each, Log):
-            raise WrongUsage(f"{each!r:.60} is no log", fix="dynid.load_log(path, robot)")
-    if not found:
-        raise WrongUsage("no log is given", fix="[dynid.load_log(path, robot)]")
-    return found
 
 
 @contextmanager

@@ -12,11 +12,13 @@ from dynid.options import Options, option
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.text import whole_number
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
     from dynid.model.regressor import Model
+    from dynid.workflows.arguments import RobotLike
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
@@ -273,19 +275,33 @@ def reduce_model(
     return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
 
 
-@one_thread
+@public
 def base_model(
-    robot: Robot, folder: Path | None = None, progress: Progress = SILENT, *, options: ModelOptions = ModelOptions()
+    robot: RobotLike,
+    folder: str | Path | None = None,
+    progress: Progress | None = None,
+    *,
+    options: ModelOptions | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> BaseModel:
     """Return the regressor of an arm with its base parameters, derived when it is not there yet or stale.
 
     Args:
-        robot: the arm.
+        robot: the arm, its name, or the path of its file.
         folder: where regressor.npz and fullregressor.npz are kept; None keeps the model in memory only.
         progress: told when it was derived.
         options: what differs from the robot file, and how the base parameters are found.
+        changes: single options by name, such as ``links="4-7"``; see ``dynid.ModelOptions``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+
+    Example:
+        dynid.base_model("kuka_lwr4plus")
     """
-    robot = adapted(robot, options)
+    options, progress = arguments.options(ModelOptions, options, changes), arguments.progress(progress)
+    robot = adapted(arguments.robot(robot), options)
+    folder = None if folder is None else arguments.path(folder, "folder")
     progress.stage("model")
     if folder is None:
         return _in_memory(robot, options)

@@ -13,13 +13,16 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals.stamps import without_copies
 from dynid.threads import one_thread
-from dynid.workflows.logs import LogOptions, as_list, checked_log, condition_logs, read_log
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
     from dynid.estimation.delay import Delay
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.arguments import LogsLike, RobotLike
 
 
 @dataclass(frozen=True)
@@ -124,31 +127,39 @@ class Observations:
         return path
 
 
-@one_thread
+@public
 def observe(
-    robot: Robot,
-    logs: Log | Sequence[Log],
-    options: LogOptions = LogOptions(),  # noqa: B008
+    robot: RobotLike,
+    logs: LogsLike,
+    options: LogOptions | None = None,
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> Observations:
     """Filter logs, stack the base regressor over them, and correct the delay of the torques when it is clear.
 
     Args:
-        robot: the arm.
-        logs: one or several logs, as read or checked.
+        robot: the arm, its name, or the path of its file.
+        logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
         progress: told how far the work is.
+        changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
         DynidError: the first serious fault of a log.
+
+    Example:
+        dynid.observe("kuka_lwr4plus", ["run1.bag", "run2.bag"])
     """
     from dynid.signals.motion import check_amount
 
-    base = base or base_model(robot, progress=progress)
-    several = as_list(logs)
+    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    robot = arguments.robot(robot)
+    several = arguments.logs(logs, robot, options)
+    base = arguments.base_model(base) or base_model(robot, progress=progress)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)

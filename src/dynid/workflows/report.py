@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.progress import SILENT, Progress
-from dynid.threads import one_thread
+from dynid.progress import Progress
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
     from dynid.reports.sections.verdict import Light
+    from dynid.workflows.arguments import ResultLike
 
 
 @dataclass(frozen=True)
@@ -58,20 +59,27 @@ class Report:
         return f"{sentences}<ul>{lights}</ul>"
 
 
-@one_thread
-def report(result: Identification, *, progress: Progress = SILENT) -> Report:
+@public
+def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     """Make the report of a result and of what lies beside its file: validations, stack, search for missing effects.
 
     Args:
-        result: identified parameters, as ``dynid.load`` returns them; a new result that was not saved has a report
-            without validations.
+        result: identified parameters, their folder or their file; a new result that was not saved has a report without
+            validations.
         progress: told that the report is made.
+
+    Raises:
+        WrongUsage: an argument is something else than what is wanted (E101).
+
+    Example:
+        dynid.report("out/kuka_lwr4plus").save("out/kuka_lwr4plus")
     """
     from dynid.reports.evidence import gather
     from dynid.reports.page import page, summary
     from dynid.reports.sections.verdict import lights, sentences
 
-    progress.stage("report")
+    result = arguments.result(result)
+    arguments.progress(progress).stage("report")
     evidence = gather(result)
     return Report(
         result.robot.name,

@@ -3,28 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from dynid.errors import NotAnArtifact
 from dynid.progress import SILENT, Progress
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
+    from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.gap_result import Gap
+
+T = TypeVar("T")
 
 
-def load(path: Path | str) -> Any:  # noqa: ANN401
+@overload
+def load(path: Path | str) -> Identification | Gap | StoredTrajectory: ...
+@overload
+def load(path: Path | str, kind: type[T]) -> T: ...
+@public
+def load(path: Path | str, kind: type[Any] = object) -> Any:
     """Return what is in a result file: the object whose ``save`` wrote it, or the stored motion of a plan.
 
     Args:
         path: a file such as parameters.npz, or the folder of a run, whose parameters.npz is read.
+        kind: the type that is expected, such as ``dynid.Identification``; it is the type of what is returned.
 
     Raises:
+        WrongUsage: an argument is something else than what is wanted, or the file holds another type (E101).
         NotAnArtifact: the file is none of dynid's, or is damaged (E3xx).
+
+    Example:
+        dynid.load("out/kuka_lwr4plus", dynid.Identification)
     """
+    arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
+    found = _read(parameters_of(arguments.path(path, "path")))
+    if not isinstance(found, kind):
+        raise arguments.refused("path", f"a file with an object of type {kind.__name__}", found)
+    return found
+
+
+def _read(path: Path) -> Identification | Gap | StoredTrajectory:
     from dynid.files.artifact import read_header
 
-    path = parameters_of(Path(path))
     schema = str((read_header(path) or {}).get("schema", ""))
     kind = schema.rsplit("/", 1)[0]
     if kind == "dynid/identification":

@@ -4,28 +4,44 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynid.errors import WrongUsage
 from dynid.robot import Robot
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
+
+if TYPE_CHECKING:
+    from dynid.workflows.arguments import RobotLike
 
 URDF = ".urdf"
 
 
-def load_robot(source: str | Path, *, base: str | None = None, tip: str | None = None) -> Robot:
+@public
+def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = None) -> Robot:
     """Return an arm.
 
     Args:
         source: name of a robot file that comes with dynid, path of a robot file, or path of a URDF; ``arm.urdf#link``
-            names the last link of the arm as well.
+            names the last link of the arm as well; or an arm, which is returned.
         base: first link of the arm in a URDF; None for its root.
         tip: last link of the arm in a URDF; None for where the chain ends.
 
     Raises:
+        WrongUsage: an argument is something else than what is wanted (E101).
         RobotNotFound: there is no such file (E205).
         DynidError: the file has a mistake (E201 to E207), or the URDF does not say which chain is the arm.
+
+    Example:
+        dynid.load_robot("kuka_lwr4plus")
     """
     from dynid.files import robotfile
 
+    if not isinstance(source, (str, Path)):
+        return arguments.robot(source, "source")
+    arguments.path(source, "source")
+    base = arguments.optional(base, str, "base", "the name of a link")
+    tip = arguments.optional(tip, str, "tip", "the name of a link")
     file, mark, link = str(source).rpartition("#")
     path = Path(file if mark and file.lower().endswith(URDF) else source)
     if path.suffix.lower() != URDF:

@@ -15,13 +15,15 @@ from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
 from dynid.log import Log
 from dynid.motion import Motion
 from dynid.options import MOST, Options, option
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.text import whole_number
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
+    from dynid.workflows.arguments import MotionLike, RobotLike
 
 Floats = NDArray[np.float64]
 
@@ -92,27 +94,35 @@ class Simulation:
         }
 
 
-@one_thread
+@public
 def simulate(
-    robot: Robot,
-    motion: Motion,
-    options: SimulateOptions = SimulateOptions(),
+    robot: RobotLike,
+    motion: MotionLike,
+    options: SimulateOptions | None = None,
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Simulation:
     """Simulate the log of an arm that follows a motion exactly.
 
     Args:
-        robot: the arm; its prior are the true bodies.
-        motion: what it does, evenly sampled.
+        robot: the arm, its name, or the path of its file; its prior are the true bodies.
+        motion: what it does, evenly sampled; or a plan, a log, or the path of either.
         options: friction, effects and sensors.
         base: the arm's base model, where it is there already; needed for effects and without a simulator.
         progress: told what is computed.
-        changes: single options by name, such as ``payload=2.0``.
+        changes: single options by name, such as ``payload=2.0``; see ``dynid.SimulateOptions``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+
+    Example:
+        dynid.simulate("kuka_lwr4plus", "out/kuka_lwr4plus/trajectory.npz", payload=2.0)
     """
-    options = replace(options, **changes)
+    options, progress = arguments.options(SimulateOptions, options, changes), arguments.progress(progress)
+    robot, base = arguments.robot(robot), arguments.base_model(base)
+    motion = arguments.motion(motion, robot)
     if options.payload:
         if robot.tool is not None:
             raise WrongUsage("the robot file has a tool already", fix="add the load to `tool:` in the robot file")
@@ -238,13 +248,14 @@ def motion_of(path: Path, robot: Robot) -> Motion:
     try:
         return read_trajectory(path, robot).motion
     except (NotAnArtifact, KeyError):
-        return _motion_of_log(path, robot)
+        return motion_of_log(path, robot)
 
 
-def _motion_of_log(path: Path, robot: Robot) -> Motion:
+def motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
+    """Return the motion that a log went through, evenly sampled."""
     from dynid.workflows.logs import load_log
 
-    log = load_log(path, robot)
+    log = load_log(recording, robot)
     t = log.t - log.t[0]
     even = np.linspace(0.0, float(t[-1]), len(t))
     step, orders = float(even[1]), []

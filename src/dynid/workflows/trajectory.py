@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import PlanTeachesLittle
-from dynid.files.planfile import Waypoints
-from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.estimation.result import Identification
+from dynid.files.planfile import Waypoints, read_waypoints
+from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
+from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
-from dynid.threads import one_thread
 from dynid.trajectory.options import PlanOptions
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 from dynid.workflows.earlier_information import (
     Earlier,
     believed,
     earlier_information,
+    read_earlier,
     require_same_arm,
     torque_noise,
     unexplained,
@@ -34,6 +38,10 @@ from dynid.workflows.gap_experiment import GapExperiment
 from dynid.workflows.plan import Plan, SearchRecord, scene_facts, show_in_window
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from numpy.typing import ArrayLike
+
     from dynid.gap.record import GapRecord
     from dynid.model.base_model import BaseModel
     from dynid.trajectory.limits import LimitCheck
@@ -41,6 +49,9 @@ if TYPE_CHECKING:
     from dynid.trajectory.plan import Trajectory
     from dynid.trajectory.planning import Clearance, PlanningContext, Proposal
     from dynid.trajectory.preview import Drawing
+    from dynid.workflows.arguments import RobotLike
+
+    EarlierLike: TypeAlias = Earlier | Plan | str | Path
 
 Floats = NDArray[np.float64]
 
@@ -50,40 +61,91 @@ FILES = 0.05
 SHORT = 10.0
 
 
-@one_thread
+def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
+    """Return logs, results and motions, each given by itself or by its path."""
+    kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion; or a list of them"
+    found: list[Earlier] = []
+    for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
+        if isinstance(each, (str, Path)):
+            found.append(read_earlier(arguments.path(each, "earlier"), robot))
+        elif isinstance(each, kinds):
+            found.append(each.stored() if isinstance(each, Plan) else each)
+        else:
+            raise arguments.refused("earlier", wanted, each)
+    return found
+
+
+def _path_of(given: StoredTrajectory | Plan | str | Path, robot: Robot) -> StoredTrajectory | Plan:
+    """Return an earlier plan given by itself or by its file."""
+    if isinstance(given, (str, Path)):
+        return read_trajectory(arguments.path(given, "path"), robot)
+    if not isinstance(given, (StoredTrajectory, Plan)):
+        raise arguments.refused("path", "a plan, or the path of its trajectory.npz", given)
+    return given
+
+
+def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
+    """Return waypoints given by themselves, as rows, or by the path of a CSV file."""
+    if isinstance(given, (str, Path)):
+        return read_waypoints(arguments.path(given, "waypoints"), robot)
+    if isinstance(given, Waypoints):
+        return given
+    try:
+        points = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != robot.n or len(points) < 2 or not np.all(np.isfinite(points)):
+        raise arguments.refused("waypoints", f"at least 2 rows of {robot.n} numbers", given)
+    return Waypoints(points)
+
+
+def _gap_of(given: GapRecord | str | Path) -> GapRecord:
+    """Return a gap search given by itself or by its file."""
+    from dynid.gap.record import GapRecord, read_record
+
+    if isinstance(given, (str, Path)):
+        return read_record(arguments.path(given, "for_gap"))
+    return arguments.instance(given, GapRecord, "for_gap", "what dynid.find_gap returns, or the path of its gap.npz")
+
+
+@public
 def plan_trajectory(
-    robot: Robot,
-    options: PlanOptions = PlanOptions(),  # noqa: B008
+    robot: RobotLike,
+    options: PlanOptions | None = None,
     *,
-    waypoints: Waypoints | Floats | None = None,
-    path: StoredTrajectory | Plan | None = None,
-    earlier: Sequence[Earlier | Plan] = (),
-    urdf: Path | None = None,
+    waypoints: Waypoints | ArrayLike | None = None,
+    path: StoredTrajectory | Plan | str | Path | None = None,
+    earlier: EarlierLike | Sequence[EarlierLike] = (),
+    urdf: str | Path | None = None,
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
-    for_gap: GapRecord | None = None,
-    progress: Progress = SILENT,
+    for_gap: GapRecord | str | Path | None = None,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Plan:
     """Plan a motion that keeps all limits and stays clear, and predict what a log of it will tell.
 
     Args:
-        robot: the arm.
+        robot: the arm, its name, or the path of its file.
         options: what is wanted.
         waypoints: points that the motion goes through instead of a search, (K, n) [rad or m].
-        path: an earlier plan whose path runs at ``options.alpha`` instead of a search.
-        earlier: logs, results and motions whose information the motion completes.
+        path: an earlier plan, or its trajectory.npz, whose path runs at ``options.alpha`` instead of a search.
+        earlier: logs, results and motions, or their paths, whose information the motion completes.
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw; without it PyBullet is used where it is installed.
         for_gap: a gap search; the motion answers what it left open.
         progress: told how far the search is.
-        changes: single options by name, such as ``duration=10.0``.
+        changes: single options by name, such as ``duration=10.0``; see ``dynid.PlanOptions``.
 
     Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
         LimitBroken: no motion keeps all limits (E501).
         Collision: something comes too near (E502).
         PlanTeachesLittle: what the search found excites too little (E511).
+
+    Example:
+        dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
     from dynid.trajectory.planning import (
         first_accepted,
@@ -98,10 +160,16 @@ def plan_trajectory(
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
-    options = replace(options, **changes)
+    options, progress = arguments.options(PlanOptions, options, changes), arguments.progress(progress)
+    robot = arguments.robot(robot)
+    before = _earlier_of(earlier, robot)
+    path = None if path is None else _path_of(path, robot)
+    waypoints = None if waypoints is None else _waypoints_of(waypoints, robot)
+    urdf = None if urdf is None else arguments.path(urdf, "urdf")
+    drawing = arguments.optional(drawing, Drawing, "drawing", "dynid.trajectory.preview.Drawing")
+    for_gap = None if for_gap is None else _gap_of(for_gap)
     begin = time.monotonic()
-    base = _plain(base or base_model(robot, progress=progress), progress)
-    before = [known.stored() if isinstance(known, Plan) else known for known in earlier]
+    base = _plain(arguments.base_model(base) or base_model(robot, progress=progress), progress)
     require_same_arm(before, robot)
     noise, source = torque_noise(robot, options.noise, before, options.rate)
     known = earlier_information(base, before, noise, progress)
@@ -177,7 +245,7 @@ def _plain(base: BaseModel, progress: Progress) -> BaseModel:
 
 
 def _given_path(
-    context: PlanningContext, waypoints: Waypoints | Floats | None, path: StoredTrajectory | Plan | None
+    context: PlanningContext, waypoints: Waypoints | None, path: StoredTrajectory | Plan | None
 ) -> Iterable[Proposal] | None:
     """Return the motion through waypoints, or on the path of an earlier plan; None to search."""
     from dynid.trajectory.plan import through_waypoints
@@ -188,8 +256,7 @@ def _given_path(
         return [Proposal(replace(trajectory_of(path), alpha=alpha))]
     if waypoints is None:
         return None
-    points = waypoints if isinstance(waypoints, Waypoints) else Waypoints(np.asarray(waypoints, dtype=float))
-    return [Proposal(through_waypoints(points.q, context.limits, points.times).slowed(alpha))]
+    return [Proposal(through_waypoints(waypoints.q, context.limits, waypoints.times).slowed(alpha))]
 
 
 def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:

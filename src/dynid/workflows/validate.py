@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import SameRecording
-from dynid.log import Log
 from dynid.options import option
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress
 from dynid.table import Table
-from dynid.threads import one_thread
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
 from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dynid.model.regressor import Observer
     from dynid.robot import Robot
     from dynid.signals.conditioned_log import ConditionedLog
+    from dynid.workflows.arguments import LogLike, ResultLike
 
 
 #: A torque error within this factor of the expected one is as expected.
@@ -245,35 +246,44 @@ class Validation:
         return write_motion_figures(folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}")
 
 
-@one_thread
+@public
 def validate(
-    result: Identification,
-    log: Log,
-    options: ValidateOptions = ValidateOptions(),
+    result: ResultLike,
+    log: LogLike,
+    options: ValidateOptions | None = None,
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
+    **changes: Any,  # noqa: ANN401
 ) -> Validation:
     """Compare predicted with measured torques on a recording that the model has not seen.
 
     Args:
-        result: identified parameters.
-        log: the recording, as read or checked.
+        result: identified parameters, their folder or their file.
+        log: the recording, or its path.
         options: how it is checked and filtered.
         base: the result's base model, where it is there already.
         progress: told how far the work is.
+        changes: single options by name, such as ``cutoff=5``; see ``dynid.ValidateOptions``.
 
     Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
         SameRecording: the result was identified from this log.
         DynidError: the first serious fault of the log.
+
+    Example:
+        dynid.validate("out/kuka_lwr4plus", "run2.bag", cutoff=5)
     """
     from dynid.estimation import prediction
     from dynid.estimation.estimate import log_motion
     from dynid.estimation.stack import LogRows, scaled
     from dynid.signals.motion import same_motion
 
+    options, progress = arguments.options(ValidateOptions, options, changes), arguments.progress(progress)
+    result = arguments.result(result)
+    log = arguments.log(log, result.robot, options)
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
-    base = base or base_model_of(result)
+    base = arguments.base_model(base) or base_model_of(result)
     theta = result.theta
     options = replace(
         options,

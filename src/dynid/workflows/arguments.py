@@ -1,0 +1,263 @@
+"""What public functions take: objects and paths alike, options as keywords or as an object, and a sentence otherwise.
+
+A public function is decorated with ``public`` and begins with one line for each argument, such as
+``robot = arguments.robot(robot)``. After it the argument is an object, or ``WrongUsage`` was raised, which says what
+was given, what would be right, and shows the call of the function's docstring after ``Example:``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import fields, replace
+from functools import wraps
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from dynid.errors import WrongUsage
+from dynid.files.yamlfile import closest
+from dynid.log import Log
+from dynid.motion import Motion
+from dynid.options import Options
+from dynid.progress import SILENT, Progress
+from dynid.robot import Robot
+from dynid.threads import one_thread
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from dynid.estimation.result import Identification
+    from dynid.files.trajectoryfile import StoredTrajectory
+    from dynid.model.base_model import BaseModel
+    from dynid.workflows.logs import LogOptions
+    from dynid.workflows.plan import Plan
+
+    # What stands for an arm, a recording, several of them, a result, and a motion.
+    RobotLike: TypeAlias = Robot | str | Path
+    LogLike: TypeAlias = Log | str | Path
+    LogsLike: TypeAlias = LogLike | Sequence[LogLike]
+    ResultLike: TypeAlias = Identification | str | Path
+    MotionLike: TypeAlias = Motion | StoredTrajectory | Plan | Log | str | Path
+
+P = ParamSpec("P")
+T = TypeVar("T")
+O = TypeVar("O", bound=Options)
+
+_ROBOT = "an arm: a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
+_LOG = "a log: its path, or what dynid.load_log returns"
+_RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
+_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of a log"
+
+#: The public function that runs.
+_running: ContextVar[Callable[..., Any] | None] = ContextVar("running", default=None)
+
+
+def public(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``."""
+    computing, signature = one_thread(function), inspect.signature(function)
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        token = _running.set(function)
+        try:
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise _call_refused(str(error), signature, kwargs) from None
+            return computing(*args, **kwargs)
+        finally:
+            _running.reset(token)
+
+    return called
+
+
+def _call_refused(text: str, signature: inspect.Signature, given: Mapping[str, Any]) -> WrongUsage:
+    for name in given:
+        if name not in signature.parameters:
+            return _wrong(f"there is no argument '{name}'{closest(name, signature.parameters)}")
+    return _wrong(text)
+
+
+def _wrong(what: str) -> WrongUsage:
+    """Return a refusal that shows how the function is called."""
+    function = _running.get()
+    if function is None:
+        return WrongUsage(what)
+    lines = (function.__doc__ or "").partition("Example:\n")[2].strip().splitlines()
+    fix = f"such as {lines[0].strip()}" if lines else f"help(dynid.{function.__name__})"
+    return WrongUsage(what, where=f"dynid.{function.__name__}", why="the function needs another value there", fix=fix)
+
+
+def refused(name: str, wanted: str, value: object) -> WrongUsage:
+    """Return what to raise when an argument is something else than what is wanted."""
+    shape = getattr(value, "shape", None)
+    if value is None or isinstance(value, (str, int, float)):
+        given = f"{value!r:.60}"
+    elif isinstance(shape, tuple):
+        given = f"an array of shape {shape}"
+    elif isinstance(value, (list, tuple)):
+        given = f"a {type(value).__name__} of {len(value)}"
+    else:
+        given = f"an object of type {type(value).__name__}"
+    return _wrong(f"{name} must be {wanted}; given is {given}")
+
+
+# ---------------------------------------------------------------- nouns
+def robot(value: RobotLike, name: str = "robot") -> Robot:
+    """Return an arm given by itself, by name, or by the path of its file."""
+    if isinstance(value, (str, Path)):
+        from dynid.workflows.robots import load_robot
+
+        return load_robot(str(path(value, name)))
+    return instance(value, Robot, name, _ROBOT)
+
+
+def base_model(value: BaseModel | None) -> BaseModel | None:
+    """Return a base model, or None where it is not there yet."""
+    from dynid.model.base_model import BaseModel
+
+    return optional(value, BaseModel, "base", "what dynid.base_model returns")
+
+
+def log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
+    """Return a log given by itself, or by its path."""
+    if isinstance(value, (str, Path)):
+        from dynid.workflows.logs import read_log
+
+        return read_log(path(value, name), arm, options)
+    return instance(value, Log, name, _LOG)
+
+
+def logs(value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False) -> list[Log]:
+    """Return one or several logs, each given by itself or by its path; no log at all only where that is allowed."""
+    items = several(value, (Log, str, Path), name, f"{_LOG}; or a list of them", empty=empty)
+    return [log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name) for k, each in enumerate(items)]
+
+
+def result(value: ResultLike, name: str = "result") -> Identification:
+    """Return a result given by itself, by its folder, or by its file."""
+    from dynid.estimation.result import Identification
+
+    if isinstance(value, (str, Path)):
+        from dynid.workflows.results import load_run
+
+        return load_run(path(value, name))
+    return instance(value, Identification, name, _RESULT)
+
+
+def results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
+    """Return one or several results, each given by itself, by its folder, or by its file."""
+    from dynid.estimation.result import Identification
+
+    items = several(value, (Identification, str, Path), "results", f"{_RESULT}; or a list of them")
+    return [result(each, f"results[{k}]") for k, each in enumerate(items)]
+
+
+def motion(value: MotionLike, arm: Robot) -> Motion:
+    """Return a motion given by itself, in a plan or a log, or by the path of its file."""
+    from dynid.files.trajectoryfile import StoredTrajectory
+    from dynid.workflows.plan import Plan
+    from dynid.workflows.simulate import motion_of, motion_of_log
+
+    if isinstance(value, (str, Path)):
+        found = motion_of(path(value, "motion"), arm)
+    elif isinstance(value, Log):
+        found = motion_of_log(value, arm)
+    else:
+        held = value.motion if isinstance(value, (StoredTrajectory, Plan)) else value
+        found = instance(held, Motion, "motion", _MOTION)
+    if found.q.shape[1] != arm.n:
+        raise _wrong(f"motion has {found.q.shape[1]} joints, and {arm.name} has {arm.n}")
+    return found
+
+
+# ---------------------------------------------------------------- everything else
+def options(kind: type[O], given: Options | None, changes: Mapping[str, Any]) -> O:
+    """Return options given as an object, as single keywords, or both.
+
+    Args:
+        kind: the options of the function.
+        given: the object, of this kind or of one that it extends; None where there is none.
+        changes: single options by name, which go before those of the object.
+    """
+    function = _running.get()
+    known = [each.name for each in fields(kind)]
+    for name in changes:
+        if name not in known:
+            arguments = list(inspect.signature(function).parameters) if function else []
+            raise _wrong(f"there is no argument or option '{name}'{closest(name, [*known, *arguments])}")
+    if given is None:
+        return kind(**changes)
+    if not isinstance(given, kind):
+        instance(given, Options, "options", f"dynid.{kind.__name__}, or single options by name")
+        if not issubclass(kind, type(given)):
+            raise refused("options", f"dynid.{kind.__name__}", given)
+        given = kind(**{each.name: getattr(given, each.name) for each in fields(given)})
+    return replace(given, **changes) if changes else given
+
+
+def progress(value: Progress | None) -> Progress:
+    """Return what is told about long work; None tells nobody."""
+    if value is None:
+        return SILENT
+    if not all(callable(getattr(value, word, None)) for word in ("stage", "advance", "findings")):
+        raise refused("progress", "None, or an object with the methods stage, advance and findings", value)
+    return value
+
+
+def path(value: str | Path, name: str) -> Path:
+    """Return a path given as text or as a path."""
+    if not isinstance(value, (str, Path)) or not str(value).strip() or "\0" in str(value):
+        raise refused(name, "a path", value)
+    return Path(value)
+
+
+def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return one or several words, of those that are known where there are any."""
+    found = several(value, (str,), name, "a word or a list of words", empty=True)
+    for word in found:
+        if not isinstance(word, str) or (known and word not in known):
+            among = f"one of {', '.join(known)}" if known else "words"
+            raise refused(name, f"{among}{closest(str(word), known)}", word)
+    return tuple(found)
+
+
+def number(value: Any, name: str, wanted: str) -> float:  # noqa: ANN401
+    """Return a finite number."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise refused(name, wanted, value)
+    return float(value)
+
+
+def whole(value: Any, name: str) -> int:  # noqa: ANN401
+    """Return a whole number that is not negative."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < 0:
+        raise refused(name, "a whole number from 0", value)
+    return int(value)
+
+
+def instance(value: Any, kind: type[T], name: str, wanted: str) -> T:  # noqa: ANN401
+    """Return an argument that is of a type."""
+    if not isinstance(value, kind):
+        raise refused(name, wanted, value)
+    return value
+
+
+def optional(value: Any, kind: type[T], name: str, wanted: str) -> T | None:  # noqa: ANN401
+    """Return an argument that is of a type, or None."""
+    return None if value is None else instance(value, kind, name, f"None or {wanted}")
+
+
+def several(value: Any, single: tuple[type, ...], name: str, wanted: str, *, empty: bool = False) -> list[Any]:  # noqa: ANN401
+    """Return the items of a list, for which a single one may stand."""
+    if isinstance(value, single):
+        return [value]
+    if not isinstance(value, Iterable) or isinstance(value, (str, bytes, Mapping)) or hasattr(value, "shape"):
+        raise refused(name, wanted, value)
+    found = list(value)
+    if not found and not empty:
+        raise _wrong(f"{name} is empty: it must be {wanted}")
+    return found
