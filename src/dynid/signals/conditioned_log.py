@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -557,11 +558,13 @@ def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: Refere
         reference: torques that effects scale with.
     """
     kernel = lowpass_kernel(min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), chosen.rate / chosen.first_step)[None]
-
-    def smooth(x: Floats) -> Floats:
-        half = (kernel.shape[1] - 1) // 2
-        return np.asarray(decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0])
-
+    smooth = partial(_smoothed, kernel)
     return ArmMotion(
         segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign
     )
+
+
+def _smoothed(kernel: Floats, x: Floats) -> Floats:
+    """Return a signal without what the kernel takes away, (N,)."""
+    half = (kernel.shape[1] - 1) // 2
+    return np.asarray(decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0])

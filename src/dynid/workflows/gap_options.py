@@ -55,17 +55,15 @@ class GapOptions(LogOptions):
     )
     max_effects: int = option(3, "Largest number of effects that are selected.", shown="", kind="count")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ask not in ("auto", self.question):
+            raise WrongUsage(f"--mode {self.mode} is --ask {self.question}, but --ask {self.ask} was given too")
+
     @property
     def question(self) -> str:
-        """What is asked.
-
-        Raises:
-            WrongUsage: two different questions were given.
-        """
-        asked = MODES[self.mode] if self.mode else self.ask
-        if self.ask not in ("auto", asked):
-            raise WrongUsage(f"--mode {self.mode} is --ask {asked}, but --ask {self.ask} was given too")
-        return asked
+        """What is asked."""
+        return MODES[self.mode] if self.mode else self.ask
 
 
 def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:

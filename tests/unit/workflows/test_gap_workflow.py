@@ -157,9 +157,9 @@ def test_options_make_sense_or_say_why_not(result):
     with pytest.raises(WrongUsage, match="--mode 'frosen'"):
         GapOptions(mode="frosen")
     with pytest.raises(WrongUsage, match="did you mean 'stribeck'"):
-        find_gap(result, [], GapOptions(effects="stribek"))
+        find_gap(result, log(1, 1), effects="stribek")
     with pytest.raises(WrongUsage, match="no joint 'elbov'"):
-        find_gap(result, [], GapOptions(joints="elbov"))
+        find_gap(result, log(1, 1), joints="elbov")
 
 
 def test_joints_are_names_numbers_and_ranges():
@@ -227,10 +227,10 @@ def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_
     assert "the kept model misses" in changed.asked
 
 
-def test_two_different_questions_at_once_are_refused(result):
+def test_two_different_questions_at_once_are_refused():
     assert GapOptions(mode="frozen").question == GapOptions(ask="changed").question == "changed"
     with pytest.raises(WrongUsage, match="--mode refit is --ask numbers, but --ask changed was given too"):
-        find_gap(result, [], GapOptions(mode="refit", ask="changed"))
+        GapOptions(mode="refit", ask="changed")
 
 
 def carried_logs():
