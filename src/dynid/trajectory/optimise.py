@@ -8,16 +8,12 @@ which ``Search.replay`` makes it again.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import queue
-import signal
-import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +21,6 @@ from numpy.typing import NDArray
 
 from dynid import children
 from dynid.errors import WrongUsage
-from dynid.model.regressor import Model
 from dynid.progress import SILENT, Progress
 from dynid.trajectory.feasible import Shaping
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
@@ -100,6 +95,10 @@ class BestMotion:
     evaluation: int
 
 
+#: Sends the best so far of a start, None when the start is through.
+Send = Callable[[tuple[int, BestMotion | None]], None]
+
+
 def optimise(
     problem: PlanProblem, search: PlanOptions, progress: Progress = SILENT, limit: float | None = None
 ) -> SearchOutcome:
@@ -122,16 +121,17 @@ def optimise(
     limit = (search.seconds if limit is None else limit) if search.replay is None else np.inf
     with _workers(problem, search) as (reports, running):
         try:
-            while any(process.is_alive() for process in running) or not reports.empty():
+            while any(worker.running() for worker in running) or not reports.empty():
                 left = begin + limit - time.monotonic()
                 # Why: in the first seconds of a very short search there may be nothing yet to keep.
                 if left <= 0 and best:
                     ended = "time"
                     break
                 with suppress(queue.Empty):
-                    start, met = reports.get(timeout=min(max(left, 0.1), 0.5))
-                    if isinstance(met, Exception):
-                        raise met
+                    report = reports.get(timeout=min(max(left, 0.1), 0.5))
+                    if isinstance(report, Exception):
+                        raise report
+                    start, met = report
                     if met is None:
                         finished.add(start)
                     else:
@@ -177,69 +177,34 @@ def describe(problem: PlanProblem, value: float) -> str:
 
 
 @contextmanager
-def _workers(problem: PlanProblem, search: PlanOptions) -> Iterator[tuple[Any, list[Any]]]:
+def _workers(
+    problem: PlanProblem, search: PlanOptions
+) -> Iterator[tuple[queue.SimpleQueue[Any], list[children.Worker]]]:
     """Run the search in processes that end with the block."""
-    context = multiprocessing.get_context("spawn")
-    reports = context.Queue()
-    # Why: the effect columns of a model are functions, which do not travel between processes; they are made anew.
-    sent = replace(problem, model=Model(problem.model.robot, problem.model.rigid))
+    reports: queue.SimpleQueue[Any] = queue.SimpleQueue()
     most = LANES if search.replay is None else 1
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts, most))
-    running = [context.Process(target=_work, args=(sent, search, k, count, reports), daemon=True) for k in range(count)]
-    with _modest_children():
-        for process in running:
-            process.start()
+    running: list[children.Worker] = []
     try:
+        running += [children.Worker(_search, (problem, search, k, count), reports) for k in range(count)]
         yield reports, running
     finally:
-        for process in running:
-            process.terminate()
-        for process in running:
-            process.join()
-        reports.cancel_join_thread()
-        reports.close()
+        for worker in running:
+            worker.end()
 
 
-@contextmanager
-def _modest_children() -> Iterator[None]:
-    """Let new processes do linear algebra in one thread, and leave Ctrl-C to the one that shows the progress.
-
-    Matrices are small, and threads would fight for the cores. Ctrl-C reaches every process of the terminal; a child
-    that is still importing would answer it with a traceback.
-    """
-    wanted = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    wanted |= children.variables()
-    before = {name: os.environ.get(name) for name in wanted}
-    os.environ.update(wanted)
-    main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    try:
-        yield
-    finally:
-        if main:
-            signal.signal(signal.SIGINT, handler)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _work(problem: PlanProblem, search: PlanOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
-    """Search from the starts of every ``step``-th lane and report the best so far of each."""
-    children.end_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        _search(problem, search, first, step, reports)
-    except Exception:  # noqa: BLE001 - Why all: a search that nobody hears of would look like one that found nothing.
-        reports.put((first, RuntimeError(traceback.format_exc())))
-
-
-def _search(problem: PlanProblem, search: PlanOptions, first: int, step: int, reports: Any) -> None:  # noqa: ANN401
+def _search(
+    problem: PlanProblem,
+    search: PlanOptions,
+    first: int,
+    step: int,
+    send: Callable[[tuple[int, BestMotion | None]], None],
+) -> None:
+    """Search from the starts of every ``step``-th lane and send the best so far of each, None when one is through."""
     if search.replay is not None:
         start, last = search.replay
         objective = ExcitationObjective(problem.of_start(start))
-        reports.put((start, descend(objective, start_variables(objective, search.seed, start), last=last)))
+        send((start, descend(objective, start_variables(objective, search.seed, start), last=last)))
         return
     best = np.full(LANES, np.inf)
     for start in range(search.restarts):
@@ -247,8 +212,8 @@ def _search(problem: PlanProblem, search: PlanOptions, first: int, step: int, re
         if lane % step == first:
             objective = ExcitationObjective(problem.of_start(start))
             x = start_variables(objective, search.seed, start)
-            best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, reports)).value)
-            reports.put((start, None))
+            best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, send)).value)
+            send((start, None))
 
 
 def start_variables(objective: ExcitationObjective, seed: int, start: int) -> Floats:
@@ -259,15 +224,15 @@ def start_variables(objective: ExcitationObjective, seed: int, start: int) -> Fl
 class _Report:
     """Sends improvements of one start, not more often than a person can read."""
 
-    def __init__(self, start: int, reports: Any) -> None:  # noqa: ANN401
-        self._start, self._reports = start, reports
+    def __init__(self, start: int, send: Send) -> None:
+        self._start, self._send = start, send
         self._best, self._sent = np.inf, 0.0
 
     def __call__(self, met: BestMotion, *, last: bool) -> None:
         now = time.monotonic()
         if met.value < self._best and (last or now - self._sent > REPORT):
             self._best, self._sent = met.value, now
-            self._reports.put((self._start, met))
+            self._send((self._start, met))
 
 
 class _Enough(Exception):
