@@ -141,6 +141,7 @@ class Observer:
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
+        self._made_of = model, columns
         links, robot = model.link_columns, model.robot
         rigid, plain = columns < len(links), columns < model.plain_size
         program = model.rigid.restricted(links[columns[rigid]])
@@ -156,6 +157,10 @@ class Observer:
         self.cols = _joined([np.flatnonzero(rigid)[program.cols], *places, *([k] * len(added[c]) for k, c in wanted)])
         self.shape = (robot.n, len(columns))
         self._plain = len(self.rows) - len(self.added_entries)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without compiled functions, which cannot be."""
+        return Observer, self._made_of
 
     def blocks(
         self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
