@@ -16,8 +16,8 @@ from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
+from dynid.sim.arm import track
 from dynid.sim.plant import Sensors, read_plant
-from dynid.sim.track import track
 from dynid.trajectory.basis import Quintic, basis_from
 from dynid.trajectory.feasible import Shaping, bounds
 from dynid.trajectory.plan import Trajectory

@@ -1,6 +1,7 @@
-"""One arm in PyBullet that is stepped by joint torques, with friction and rotor inertia that Bullet does not know.
+"""One simulated arm that is stepped by joint torques, with friction and rotors that the physics engines do not know.
 
-Nothing here uses dynid's own equations of motion. Bullet's damping is off and its inertias are the given ones.
+The engine is PyBullet, or MuJoCo where PyBullet is missing or refuses the arm; both sit behind ``Engine``. Nothing here
+uses dynid's own equations of motion. Damping of the engines is off and inertias are the given ones.
 """
 
 from __future__ import annotations
@@ -11,25 +12,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing
 from dynid.model.parameters import prior_bodies
+from dynid.motion import Motion
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.scratch import scratch_folder
-from dynid.sim.urdf import without_stops, write_urdf
+from dynid.sim import tuning
+from dynid.sim.urdf import urdf_text, without_stops, write_urdf
 
 Floats = NDArray[np.float64]
 
-#: How PyBullet is installed: it has wheels up to Python 3.11.
-GET_BULLET = "pip install pybullet (Python 3.12 and later: built from source in about 8 minutes, with a C++ compiler)"
-#: Largest moment of inertia that Bullet is given [kg m^2].
-LARGEST = 0.5
-#: Step of the physics where none is given [s].
-STEP = 5e-4
+#: How an engine is installed: PyBullet has wheels up to Python 3.11.
+GET_ENGINE = "pip install mujoco, or pybullet up to Python 3.11"
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,173 @@ class Friction:
         return np.asarray(np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness)
 
 
+class Engine(Protocol):
+    """The rigid bodies of an arm in a physics engine, without friction, rotors and stops."""
+
+    name: str
+
+    def reset(self, q: Floats, qd: Floats) -> None:
+        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
+
+    def state(self) -> tuple[Floats, Floats]:
+        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
+
+    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the torques of a motion, (n,) [N m or N]."""
+
+    def mass_matrix(self, q: Floats) -> Floats:
+        """Return the mass matrix, (n, n) [kg m^2 or kg]."""
+
+    def step(self, tau: Floats) -> None:
+        """Apply torques, (n,) [N m or N], for one step of the physics."""
+
+    def close(self) -> None:
+        """Free what it holds."""
+
+
+class BulletEngine:
+    """An arm in a physics server of PyBullet.
+
+    Args:
+        robot: geometry and gravity.
+        bodies: body of each link in its DH frame.
+        dt: step of the physics [s].
+
+    Raises:
+        PackageMissing: PyBullet is not installed, or refuses the bodies.
+    """
+
+    name = "PyBullet"
+
+    def __init__(self, robot: Robot, bodies: Sequence[Body], dt: float) -> None:
+        self._bullet = bullet = _bullet()
+        self._server = {"physicsClientId": bullet.connect(bullet.DIRECT)}
+        self._scale, self._joints = _scale(bodies), list(range(robot.n))
+        # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
+        flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        with scratch_folder() as folder:
+            path = Path(folder) / "arm.urdf"
+            write_urdf(without_stops(robot), [_lighter(body, self._scale) for body in bodies], path)
+            self._body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._server)
+        bullet.setGravity(*_world_gravity(robot).tolist(), **self._server)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, **self._server)
+        for link in (-1, *self._joints):
+            free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
+            bullet.changeDynamics(self._body, link, **free, **self._server)
+        # Why: Bullet holds every joint with a motor of its own until told otherwise.
+        idle = {"controlMode": bullet.VELOCITY_CONTROL, "forces": [0.0] * robot.n}
+        bullet.setJointMotorControlArray(self._body, self._joints, **idle, **self._server)
+        try:
+            self.inverse_dynamics(*np.zeros((3, robot.n)))
+        except SystemError as error:
+            # Why: links whose inertia is small beside their mass, such as a heavy point, are too much for it.
+            self.close()
+            raise PackageMissing("PyBullet refuses the bodies of the arm") from error
+
+    def close(self) -> None:
+        """Close the physics server."""
+        self._bullet.disconnect(**self._server)
+
+    def reset(self, q: Floats, qd: Floats) -> None:
+        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
+        for joint, position, speed in zip(self._joints, q, qd, strict=True):
+            self._bullet.resetJointState(self._body, joint, float(position), float(speed), **self._server)
+
+    def state(self) -> tuple[Floats, Floats]:
+        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
+        rows = self._bullet.getJointStates(self._body, self._joints, **self._server)
+        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the torques of a motion, (n,) [N m or N]."""
+        torques = self._bullet.calculateInverseDynamics(
+            self._body, q.tolist(), qd.tolist(), qdd.tolist(), **self._server
+        )
+        return self._scale * np.array(torques)
+
+    def mass_matrix(self, q: Floats) -> Floats:
+        """Return the mass matrix, (n, n) [kg m^2 or kg]."""
+        return self._scale * np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), **self._server))
+
+    def step(self, tau: Floats) -> None:
+        """Apply torques, (n,) [N m or N], for one step of the physics."""
+        forces = {"controlMode": self._bullet.TORQUE_CONTROL, "forces": (tau / self._scale).tolist()}
+        self._bullet.setJointMotorControlArray(self._body, self._joints, **forces, **self._server)
+        self._bullet.stepSimulation(**self._server)
+
+
+class MujocoEngine:
+    """An arm in MuJoCo.
+
+    Args:
+        robot: geometry and gravity.
+        bodies: body of each link in its DH frame.
+        dt: step of the physics [s].
+
+    Raises:
+        PackageMissing: MuJoCo is not installed, or refuses the bodies.
+    """
+
+    name = "MuJoCo"
+
+    def __init__(self, robot: Robot, bodies: Sequence[Body], dt: float) -> None:
+        try:
+            import mujoco
+        except ImportError as error:
+            raise PackageMissing("neither PyBullet nor MuJoCo is installed", fix=GET_ENGINE) from error
+        try:
+            self._arm = mujoco.MjModel.from_xml_string(urdf_text(without_stops(robot), bodies))
+        except ValueError as error:
+            raise PackageMissing(f"MuJoCo refuses the bodies of the arm: {error}") from error
+        self._mujoco, options = mujoco, self._arm.opt
+        options.timestep, options.gravity = dt, _world_gravity(robot)
+        options.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        self._data, self._still = mujoco.MjData(self._arm), np.zeros(robot.n)
+        #: Why another: questions about other states must not disturb the motion.
+        self._asked = mujoco.MjData(self._arm)
+
+    def close(self) -> None:
+        """Do nothing: MuJoCo has no server."""
+
+    def reset(self, q: Floats, qd: Floats) -> None:
+        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
+        self._data.qpos, self._data.qvel = q, qd
+
+    def state(self) -> tuple[Floats, Floats]:
+        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
+        return self._data.qpos.copy(), self._data.qvel.copy()
+
+    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the torques of a motion, (n,) [N m or N]."""
+        asked = self._asked
+        asked.qpos, asked.qvel, asked.qacc = q, qd, qdd
+        self._mujoco.mj_inverse(self._arm, asked)
+        return np.array(asked.qfrc_inverse)
+
+    def mass_matrix(self, q: Floats) -> Floats:
+        """Return the mass matrix, (n, n) [kg m^2 or kg], column by column."""
+        weight = self.inverse_dynamics(q, self._still, self._still)
+        columns = [self.inverse_dynamics(q, self._still, unit) - weight for unit in np.eye(len(q))]
+        return np.stack(columns, axis=1)
+
+    def step(self, tau: Floats) -> None:
+        """Apply torques, (n,) [N m or N], for one step of the physics."""
+        self._data.qfrc_applied = tau
+        self._mujoco.mj_step(self._arm, self._data)
+
+
+def engine_of(robot: Robot, bodies: Sequence[Body], dt: float) -> Engine:
+    """Return the arm in PyBullet, else in MuJoCo.
+
+    Raises:
+        PackageMissing: neither is installed, or the last one refuses the bodies.
+    """
+    try:
+        return BulletEngine(robot, bodies, dt)
+    except PackageMissing:
+        return MujocoEngine(robot, bodies, dt)
+
+
 class SimulatedArm:
     """A simulated arm; ``step`` moves it, ``state`` reads it.
 
@@ -74,6 +240,12 @@ class SimulatedArm:
         rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg]; none when None.
         dt: step of the physics [s].
         extra: further torque that the drives need, of time, positions and velocities: (float, (n,), (n,)) -> (n,).
+
+    Attributes:
+        engine: the rigid bodies.
+
+    Raises:
+        PackageMissing: there is no physics engine.
     """
 
     def __init__(
@@ -82,18 +254,15 @@ class SimulatedArm:
         bodies: Sequence[Body] | None = None,
         friction: Friction | None = None,
         rotor_inertia: Sequence[float] | None = None,
-        dt: float = STEP,
+        dt: float = tuning.PHYSICS_STEP_S,
         extra: Callable[[float, Floats, Floats], Floats] | None = None,
     ) -> None:
         self.robot = robot
         self.friction = friction or Friction.none(robot.n)
         self.rotor_inertia = np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
         self.dt, self.time, self.extra = dt, 0.0, extra
-        self._bullet = _bullet()
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        bodies = prior_bodies(robot) if bodies is None else bodies
-        self._scale = _scale(bodies)
-        self._body, self._joints = self._load([_lighter(body, self._scale) for body in bodies])
+        self.engine = engine_of(robot, prior_bodies(robot) if bodies is None else bodies, dt)
+        self.state, self.inverse_dynamics = self.engine.state, self.engine.inverse_dynamics
 
     def __enter__(self) -> SimulatedArm:
         """Return itself."""
@@ -102,59 +271,17 @@ class SimulatedArm:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the physics server."""
-        self.close()
-
-    def close(self) -> None:
-        """Close the physics server."""
-        self._bullet.disconnect(self._client)
-
-    def _load(self, bodies: Sequence[Body]) -> tuple[int, list[int]]:
-        bullet, client = self._bullet, self._client
-        # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
-        flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        with scratch_folder() as folder:
-            path = Path(folder) / "arm.urdf"
-            write_urdf(without_stops(self.robot), bodies, path)
-            body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
-        gravity = rotation_rpy(self.robot.base_rpy) @ np.array(self.robot.gravity)
-        bullet.setGravity(*gravity.tolist(), physicsClientId=client)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, numSubSteps=0, physicsClientId=client)
-        joints = list(range(self.robot.n))
-        for link in (-1, *joints):
-            free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
-            bullet.changeDynamics(body, link, **free, physicsClientId=client)
-        # Why: Bullet holds every joint with a motor of its own until told otherwise.
-        idle = {"controlMode": bullet.VELOCITY_CONTROL, "forces": [0.0] * len(joints)}
-        bullet.setJointMotorControlArray(body, joints, **idle, physicsClientId=client)
-        return body, joints
+        """Free what the engine holds."""
+        self.engine.close()
 
     def reset(self, q: Floats, qd: Floats | None = None) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s], at rest when None."""
-        speeds = np.zeros(self.robot.n) if qd is None else qd
-        for joint, position, speed in zip(self._joints, q, speeds, strict=True):
-            self._bullet.resetJointState(self._body, joint, float(position), float(speed), physicsClientId=self._client)
-
-    def state(self) -> tuple[Floats, Floats]:
-        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
-        rows = self._bullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
-        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-
-    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return Bullet's rigid-body torques without friction and rotors, (n,) [N m or N]."""
-        inputs = (q.tolist(), qd.tolist(), qdd.tolist())
-        torques = self._bullet.calculateInverseDynamics(self._body, *inputs, physicsClientId=self._client)
-        return self._scale * np.array(torques)
-
-    def mass_matrix(self, q: Floats) -> Floats:
-        """Return Bullet's mass matrix without rotors, (n, n) [kg m^2 or kg]."""
-        found = self._bullet.calculateMassMatrix(self._body, q.tolist(), physicsClientId=self._client)
-        return self._scale * np.array(found)
+        self.engine.reset(q, np.zeros(self.robot.n) if qd is None else qd)
 
     def step(self, tau: Floats) -> None:
         """Apply drive torques for one step of the physics.
 
-        Bullet knows neither rotors nor our friction, so it gets the torque that is left for the links:
+        An engine knows neither rotors nor our friction, so it gets the torque that is left for the links:
         tau - friction - Im qdd, with qdd from (M + Im + dt dF/dqd) qdd = tau - friction - h. The last term on the left
         takes friction at the end of the step, which keeps the steep Coulomb part stable on light links.
 
@@ -168,12 +295,12 @@ class SimulatedArm:
         if self.extra is not None:
             drive = drive - self.extra(self.time, q, qd)
         self.time += self.dt
-        qdd = np.linalg.solve(self.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
-        left = drive - (self.rotor_inertia + slope) * qdd
-        bullet = self._bullet
-        forces = {"controlMode": bullet.TORQUE_CONTROL, "forces": (left / self._scale).tolist()}
-        bullet.setJointMotorControlArray(self._body, self._joints, **forces, physicsClientId=self._client)
-        bullet.stepSimulation(physicsClientId=self._client)
+        qdd = np.linalg.solve(self.engine.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
+        self.engine.step(drive - (self.rotor_inertia + slope) * qdd)
+
+
+def _world_gravity(robot: Robot) -> Floats:
+    return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
 
 
 def _scale(bodies: Sequence[Body]) -> float:
@@ -183,7 +310,8 @@ def _scale(bodies: Sequence[Body]) -> float:
     rounding. An arm whose masses and torques are all a power of two smaller moves alike, to the last digit.
     """
     largest = max((float(np.abs(body.tensor).max()) for body in bodies), default=0.0)
-    return 2.0 ** max(0, int(np.ceil(np.log2(largest / LARGEST)))) if largest > LARGEST else 1.0
+    beyond = largest / tuning.LARGEST_BULLET_INERTIA
+    return float(2.0 ** np.ceil(np.log2(beyond))) if beyond > 1.0 else 1.0
 
 
 def _lighter(body: Body, scale: float) -> Body:
@@ -201,10 +329,74 @@ def _bullet() -> Any:  # noqa: ANN401 - the module has no types
     try:
         import pybullet
     except ImportError as error:
-        raise PackageMissing("pybullet is not installed", fix=GET_BULLET) from error
+        raise PackageMissing("pybullet is not installed", fix=GET_ENGINE) from error
     finally:
         for k, stream in zip((1, 2), kept, strict=True):
             os.dup2(stream, k)
             os.close(stream)
         os.close(nowhere)
     return pybullet
+
+
+# ---------------------------------------------------------------- the closed loop
+@dataclass(frozen=True)
+class ComputedTorque:
+    """Computed torque from the commanded motion with feedback that makes each joint a second-order system.
+
+    Friction is not compensated, as on a real arm, so the arm lags a little where friction turns.
+
+    Attributes:
+        frequency: natural frequency of the error [Hz].
+        damping: damping ratio of the error.
+    """
+
+    frequency: float = tuning.CONTROLLER_FREQUENCY_HZ
+    damping: float = 1.0
+
+    def torque(self, arm: SimulatedArm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]) -> Floats:
+        """Return drive torques, (n,) [N m or N], for a state and a commanded position, velocity and acceleration."""
+        omega = 2 * np.pi * self.frequency
+        aim = target[2] + 2 * self.damping * omega * (target[1] - qd) + omega**2 * (target[0] - q)
+        return arm.inverse_dynamics(q, qd, aim) + arm.rotor_inertia * aim
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """What a simulated arm did, without sensor errors.
+
+    Attributes:
+        t: (N,) [s].
+        q: (N, n) [rad or m].
+        qd: (N, n) [rad/s or m/s].
+        tau: drive torques, (N, n) [N m or N].
+        q_ref: commanded positions, (N, n).
+    """
+
+    t: Floats
+    q: Floats
+    qd: Floats
+    tau: Floats
+    q_ref: Floats
+
+
+def track(arm: SimulatedArm, motion: Motion, every: int = 1, controller: ComputedTorque | None = None) -> SimulatedRun:
+    """Let an arm follow a motion.
+
+    Args:
+        arm: the arm; it is put at the motion's first state.
+        motion: sampled at the steps of the arm's physics, ``arm.dt`` apart.
+        every: keep every so many steps.
+        controller: the feedback; the default one when None.
+    """
+    controller = controller or ComputedTorque()
+    arm.reset(motion.q[0], motion.qd[0])
+    kept = len(range(0, len(motion), every))
+    q, qd, tau = (np.empty((kept, arm.robot.n)) for _ in range(3))
+    for k, target in enumerate(zip(motion.q, motion.qd, motion.qdd, strict=True)):
+        state = arm.state()
+        torque = controller.torque(arm, *state, target)
+        if k % every == 0:
+            row = k // every
+            (q[row], qd[row]), tau[row] = state, torque
+        arm.step(torque)
+    return SimulatedRun(motion.t[::every], q, qd, tau, motion.q[::every])

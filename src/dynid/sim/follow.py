@@ -10,6 +10,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.sim import tuning
+
 Floats = NDArray[np.float64]
 T = TypeVar("T")
 
@@ -36,20 +38,15 @@ class Follower(ABC, Generic[T]):
         hardest_stop: ... while it braked after a stop, (n,).
     """
 
-    PERIOD = 0.01
-    LENGTH = 2000
-    #: Time after a stop that is counted as braking [s].
-    BRAKING = 0.5
-
-    def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
+    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
         self.dt = dt
         self.goal, self.speed = q.copy(), np.zeros_like(q)
         self.stopped = False
         self.longest = 0
         self._q, self._qd = q.copy(), np.zeros_like(q)
         self._omega = 2 * np.pi * frequency
-        self._queue: deque[T] = deque(maxlen=self.LENGTH)
-        self._every = max(1, round(self.PERIOD / dt))
+        self._queue: deque[T] = deque(maxlen=tuning.QUEUE_LENGTH)
+        self._every = max(1, round(tuning.COMMAND_PERIOD_S / dt))
         self._count = 0
         self._bridged = 0
         self._braking = 0
@@ -82,7 +79,7 @@ class Follower(ABC, Generic[T]):
         """Erase the queue and stay here."""
         self._queue.clear()
         self._bridged = 0
-        self._braking = round(self.BRAKING / self.dt)
+        self._braking = round(tuning.BRAKING_S / self.dt)
         self.speed = np.zeros_like(self.goal)
 
     def start(self) -> None:
@@ -127,10 +124,7 @@ class VelocityFollower(Follower[Floats]):
     Faster publishing fills the queue, and the arm moves on after the stream has ended.
     """
 
-    #: Periods that the last velocity is held when no message came.
-    PATIENCE = 5
-
-    def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
+    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
         super().__init__(q, dt, frequency)
         self._wanted = np.zeros_like(q)
 
@@ -148,7 +142,7 @@ class VelocityFollower(Follower[Floats]):
 
     def bridge(self, periods: int) -> None:
         """Keep the velocity for a short while, then stop: silence is the usual end of a motion."""
-        if periods > self.PATIENCE:
+        if periods > tuning.VELOCITY_HELD_PERIODS:
             self._wanted = np.zeros_like(self.goal)
             self._bridged = 0
 
@@ -165,7 +159,7 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
     It has no queue: a new point replaces the last one at once.
     """
 
-    def __init__(self, q: Floats, dt: float, frequency: float = 5.0) -> None:
+    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
         super().__init__(q, dt, frequency)
         self._from = self._to = (q.copy(), np.zeros_like(q))
         self._length = self._elapsed = dt

@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 from dynid.log import Log
 from dynid.motion import Motion
 from dynid.robot import Robot
-from dynid.sim.arm import SimulatedArm
+from dynid.sim import tuning
+from dynid.sim.arm import SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Plant
 from dynid.sim.sines import SineSpec, sines
-from dynid.sim.track import SimulatedRun, track
 
 Floats = NDArray[np.float64]
 Law = Callable[[float, Floats, Floats], float]
 
-#: Step of the physics [s], and steps per sample of the log. With steps of 2.5 ms Bullet's own error passes the noise.
-STEP, EVERY = 1.25e-3, 4
 #: Laws that are in no catalogue.
 OUTSIDE = ("knock", "contact")
 
@@ -87,8 +85,8 @@ class _Bristle:
 
     def __call__(self, t: float, q: Floats, v: Floats) -> float:
         speed = float(v[self._j])
-        rate = abs(speed) * STEP / self._length
-        self._z = (self._z + speed * STEP / self._length) / (1 + rate)
+        rate = abs(speed) * tuning.HIDDEN_STEP_S / self._length
+        self._z = (self._z + speed * tuning.HIDDEN_STEP_S / self._length) / (1 + rate)
         return self._a * (self._z - math.tanh(speed / 0.01))
 
 
@@ -100,7 +98,7 @@ class _Ringing:
 
     def __call__(self, t: float, q: Floats, v: Floats) -> float:
         sign = math.copysign(1.0, float(v[self._j]))
-        self._elapsed = 0.0 if sign != self._sign else self._elapsed + STEP
+        self._elapsed = 0.0 if sign != self._sign else self._elapsed + tuning.HIDDEN_STEP_S
         self._sign = sign
         if self._elapsed >= 2:
             return 0.0
@@ -140,7 +138,7 @@ def hidden_logs(
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
     logs: list[Log] = []
-    with SimulatedArm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=STEP) as arm:
+    with SimulatedArm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=tuning.HIDDEN_STEP_S) as arm:
         law = law_of(hidden, arm, rng)
         if law is not None:
 
@@ -151,7 +149,7 @@ def hidden_logs(
 
             arm.extra = extra
         for _ in range(motions):
-            motion = sines(robot, spec, STEP, rng)
+            motion = sines(robot, spec, tuning.HIDDEN_STEP_S, rng)
             for _ in range(repeats):
                 logs.append(_log(arm, motion, hidden, plant, rng, len(logs) * (seconds + 1.0)))
     return logs
@@ -171,5 +169,6 @@ def _log(
         tau[:, j] += hidden.size * (start + done.t) / 60
     elif hidden.name == "torque_delay":
         tau = np.stack([np.interp(done.t - hidden.size, done.t, column) for column in tau.T], axis=1)
-    truth = SimulatedRun(done.t[::EVERY] + start, done.q[::EVERY], done.qd[::EVERY], tau[::EVERY], done.q_ref[::EVERY])
+    every = tuning.HIDDEN_STEPS_A_SAMPLE
+    truth = SimulatedRun(done.t[::every] + start, done.q[::every], done.qd[::every], tau[::every], done.q_ref[::every])
     return replace(plant.sensors.measure(truth, arm.robot.joint_names, rng), dh=True)

@@ -15,8 +15,8 @@ from dynid.files.yamlfile import Value, read_yaml
 from dynid.log import Log
 from dynid.model.parameters import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
-from dynid.sim.arm import STEP, Friction, SimulatedArm
-from dynid.sim.track import SimulatedRun
+from dynid.sim import tuning
+from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun
 
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _PLANT = ("robot", "links", "rotor_inertia", "friction", "sensors")
@@ -78,8 +78,8 @@ class Plant:
     friction: Friction
     sensors: Sensors
 
-    def arm(self, robot: Robot, dt: float = STEP) -> SimulatedArm:
-        """Return the arm in PyBullet, with this step of the physics [s]."""
+    def arm(self, robot: Robot, dt: float = tuning.PHYSICS_STEP_S) -> SimulatedArm:
+        """Return the simulated arm, with this step of the physics [s]."""
         return SimulatedArm(robot, self.bodies, self.friction, self.rotor_inertia, dt=dt)
 
     def parameters(self) -> dict[str, float]:

@@ -1,8 +1,8 @@
-"""Replay an identified model in PyBullet: measured torques in, positions out, in short windows from measured states.
+"""Replay an identified model in a physics engine: measured torques in, positions out, in short windows.
 
-Bullet carries the state and integrates it; the arm that it carries is the identified one, whose base parameters need
-not belong to any set of bodies that Bullet would accept. So Bullet's own arm gets, at each step, the torques that make
-it accelerate as the identified model does.
+The engine carries the state and integrates it; the arm that it carries is the identified one, whose base parameters
+need not belong to any set of bodies that an engine would accept. So the engine's own arm gets, at each step, the
+torques that make it accelerate as the identified model does.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.robot import Robot
+from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
 
 Floats = NDArray[np.float64]
-
-#: Length of a window [s]: long enough for an effect to move the arm, short enough that errors stay in the linear range.
-WINDOW = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def replay(
     """Replay measured torques through a model.
 
     Args:
-        robot: the arm, for Bullet.
+        robot: the arm.
         acceleration: the model: times (B,), positions, velocities and torques (B, n) -> accelerations (B, n).
         t: times, evenly spaced, (N,) [s].
         q: measured positions, (N, n).
@@ -57,7 +55,7 @@ def replay(
         windows: number of windows, spread evenly.
     """
     dt = float(t[1] - t[0])
-    length = max(2, round(WINDOW / dt))
+    length = max(2, round(tuning.REPLAY_WINDOW_S / dt))
     starts = np.linspace(0, len(t) - length - 1, max(1, min(windows, (len(t) - 1) // length))).astype(int)
     x, v = q[starts].copy(), qd[starts].copy()
     errors = np.zeros((len(starts), robot.n))

@@ -30,14 +30,11 @@ from dynid.drivers.joint_state import Columns
 from dynid.drivers.kinova_gen2 import kinova_message, kinova_service
 from dynid.drivers.ros import Node, import_ros
 from dynid.robot import Robot
-from dynid.sim.command_log import CommandLog
-from dynid.sim.driver_loop import DriverLoop, Measured
+from dynid.sim import tuning
+from dynid.sim.driver_loop import CommandLog, DriverLoop, Measured
 from dynid.sim.follow import PointFollower, VelocityFollower
 
 Floats = NDArray[np.float64]
-
-#: FRI sends no velocity; CentroEPiaggio's node differentiates and smooths with this share of the new value.
-SMOOTHING = 0.2
 
 
 class SimulatedDriver(ABC):
@@ -318,7 +315,7 @@ class SimulatedLwr(SimulatedController):
             self._before = (elapsed, q, np.zeros_like(q))
         then, old, speed = self._before
         if elapsed > then:
-            speed = SMOOTHING * (q - old) / (elapsed - then) + (1 - SMOOTHING) * speed
+            speed = tuning.FRI_SMOOTHING * (q - old) / (elapsed - then) + (1 - tuning.FRI_SMOOTHING) * speed
         self._before = (elapsed, q, speed)
         return speed
 

@@ -12,16 +12,9 @@ from dynid.errors import LimitBroken
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.robot import Joint, Robot
+from dynid.sim import tuning
 
 Floats = NDArray[np.float64]
-
-#: Sines of each joint, and the highest harmonic of the period among them.
-SINES, HIGHEST = 6, 14
-#: The window rises over this time [s] after a rest of the other one, and falls likewise.
-RISE, REST = 2.5, 0.5
-#: A sliding or turning joint without limits gets half a turn, or 0.3 m, to either side.
-FREE_REACH = {True: math.pi, False: 0.3}
-_TRIES = 300
 
 
 @dataclass(frozen=True)
@@ -53,22 +46,24 @@ def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> 
     """
     t = np.arange(0.0, spec.duration, dt)
     window = _window(t, spec.duration)
-    for _ in range(_TRIES):
+    for _ in range(tuning.RANDOM_MOTIONS):
         shapes = [_shape(t, window, spec.period, rng) for _ in robot.joints]
         columns = [_fitted(joint, shape, spec) for joint, shape in zip(robot.joints, shapes, strict=True)]
         q, qd, qdd = (np.column_stack(parts) for parts in zip(*columns, strict=True))
         coarse = max(1, round(0.05 / dt))
         if lowest_point(robot, q[::coarse]) > spec.floor:
             return Motion(t, q, qd, qdd)
-    raise LimitBroken(f"{_TRIES} random motions came lower than {spec.floor:g} m", fix="lower the floor or the reach")
+    raise LimitBroken(
+        f"{tuning.RANDOM_MOTIONS} random motions came lower than {spec.floor:g} m", fix="lower the floor or the reach"
+    )
 
 
 def _window(t: Floats, duration: float) -> tuple[Floats, Floats, Floats]:
     """Return a smooth 0-1-0 window with its first two derivatives, (N,) each."""
-    rising = np.clip((t - REST) / RISE, 0.0, 1.0)
-    falling = np.clip((duration - REST - t) / RISE, 0.0, 1.0)
+    rising = np.clip((t - tuning.WINDOW_REST_S) / tuning.WINDOW_RISE_S, 0.0, 1.0)
+    falling = np.clip((duration - tuning.WINDOW_REST_S - t) / tuning.WINDOW_RISE_S, 0.0, 1.0)
     s = np.minimum(rising, falling)
-    sign = np.where(rising < falling, 1.0, -1.0) / RISE
+    sign = np.where(rising < falling, 1.0, -1.0) / tuning.WINDOW_RISE_S
     value = s**3 * (10 - 15 * s + 6 * s**2)
     return value, sign * 30 * s**2 * (1 - s) ** 2, sign**2 * 60 * s * (1 - s) * (1 - 2 * s)
 
@@ -77,9 +72,11 @@ def _shape(
     t: Floats, window: tuple[Floats, Floats, Floats], period: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
     """Return one windowed sum of sines of arbitrary size with its derivatives, (N,) each."""
-    omega = 2 * np.pi / period * rng.choice(np.arange(1, HIGHEST + 1), SINES, replace=False)
-    size = rng.uniform(0.3, 1.0, SINES) / omega
-    phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, SINES)
+    omega = (
+        2 * np.pi / period * rng.choice(np.arange(1, tuning.HIGHEST_HARMONIC + 1), tuning.SINES_A_JOINT, replace=False)
+    )
+    size = rng.uniform(0.3, 1.0, tuning.SINES_A_JOINT) / omega
+    phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, tuning.SINES_A_JOINT)
     s, sd, sdd = np.sin(phase) @ size, np.cos(phase) @ (size * omega), -np.sin(phase) @ (size * omega**2)
     w, wd, wdd = window
     return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
@@ -88,7 +85,7 @@ def _shape(
 def _fitted(joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec) -> tuple[Floats, Floats, Floats]:
     """Scale a shape to the first limit it meets, about the middle of the joint's travel."""
     limits = joint.limits
-    free = FREE_REACH[joint.revolute]
+    free = tuning.FREE_TURN_RAD if joint.revolute else tuning.FREE_SLIDE_M
     lower, upper = limits.position or (-free, free)
     allowed = (
         spec.reach * (upper - lower) / 2,

@@ -22,7 +22,6 @@ from dynid.model.parameters import DEFAULT_CYLINDERS, prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
-from dynid.sim.arm import GET_BULLET
 from dynid.trajectory.basis import Basis, Fourier, Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
@@ -372,8 +371,8 @@ def require_clear_motion(
         pictures = _drawn(
             still, lambda: sketch(path, trajectory, context.capsules, found.least, drawing.title), progress
         )
-    what = "and the picture is a drawing" if pictures else "and nothing was drawn"
-    text = f"PyBullet is missing: distances were measured on capsules along the links, {what}; {GET_BULLET}"
+    what = "the picture is a drawing" if pictures else "nothing was drawn"
+    text = f"PyBullet is missing: distances are those of capsules along the links, {what}"
     return Clearance(found.least, found.left_out, pictures, (Finding("W605", "warning", text),))
 
 

@@ -23,7 +23,6 @@ from dynid.motion import Motion
 from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.scratch import scratch_folder
-from dynid.sim.arm import GET_BULLET
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
 from dynid.trajectory.clearance import Capsules
@@ -379,7 +378,7 @@ def _failure(status: int, log: str, urdf: Path) -> Exception:
     if "No module named 'pybullet'" in log:
         return PackageMissing(
             "the preview needs PyBullet, which is not installed",
-            fix=f"{GET_BULLET}; or use --preview none",
+            fix="pip install pybullet, which has wheels up to Python 3.11; or use --preview none",
         )
     if "Cannot load URDF" in log or "cannot" in log.lower():
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "")

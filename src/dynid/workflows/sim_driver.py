@@ -16,8 +16,7 @@ from dynid.robot import Robot
 from dynid.sim.driver_loop import FAULTS
 
 if TYPE_CHECKING:
-    from dynid.sim.command_log import CommandLog
-    from dynid.sim.driver_loop import Imperfections
+    from dynid.sim.driver_loop import CommandLog, Imperfections
     from dynid.sim.plant import Plant
 
 Floats = NDArray[np.float64]

@@ -152,16 +152,11 @@ def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress
     """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
     from dynid.model.parameters import prior_bodies
     from dynid.sim.arm import SimulatedArm
-    from dynid.sim.mujoco_arm import mujoco_torques
 
     progress.stage("simulate")
-    # Why also those: Bullet refuses links whose inertia is small beside their mass, such as a heavy point.
-    with suppress(PackageMissing, SystemError), SimulatedArm(robot, prior_bodies(robot)) as arm:
+    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-        return np.array([arm.inverse_dynamics(*row) for row in rows]), "PyBullet's inverse dynamics"
-    with suppress(PackageMissing):
-        tau = mujoco_torques(robot, prior_bodies(robot), motion.q, motion.qd, motion.qdd)
-        return tau, "MuJoCo's inverse dynamics"
+        return np.array([arm.inverse_dynamics(*row) for row in rows]), f"{arm.engine.name}'s inverse dynamics"
     return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
 
 

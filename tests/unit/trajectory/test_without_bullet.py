@@ -31,7 +31,7 @@ def test_the_arm_is_drawn_and_the_pairs_are_measured_on_capsules(lwr, monkeypatc
     assert (tmp_path / "preview.png").read_bytes().startswith(b"\x89PNG")
     assert not (tmp_path / "preview.gif").exists()
     (finding,) = plan.clearance.findings
-    assert (finding.code, "8 minutes" in finding.text) == ("W605", True)
+    assert (finding.code, finding.text.count(".")) == ("W605", 0)
 
 
 def test_a_given_motion_that_meets_the_floor_is_refused_without_pybullet_too(lwr, monkeypatch):

@@ -58,9 +58,9 @@ def test_pybullet_mujoco_and_the_own_model_agree(name, without):
     angle = w * t[:, None] + phase
     path = Motion(t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle))
     found = [simulate(robot, path, BARE)]
-    without("dynid.sim.arm.SimulatedArm")
+    without("dynid.sim.arm.BulletEngine")
     found.append(simulate(robot, path, BARE))
-    without("dynid.sim.mujoco_arm.mujoco_torques")
+    without("dynid.sim.arm.MujocoEngine")
     found.append(simulate(robot, path, BARE))
     assert [each.source.split("'")[0] for each in found] == ["PyBullet", "MuJoCo", "dynid"]
     for each in found[1:]:

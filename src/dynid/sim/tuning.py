@@ -1,0 +1,45 @@
+"""The numbers of this folder that decide something: unit, meaning, evidence."""
+
+# ---------------------------------------------------------------- physics
+#: Step of the physics where none is given [s]. evidence: none yet.
+PHYSICS_STEP_S = 5e-4
+#: Largest moment of inertia that Bullet is given [kg m^2]: it refuses inertias that are not symmetric to 1e-15 kg m^2.
+#: evidence: none yet.
+LARGEST_BULLET_INERTIA = 0.5
+#: Natural frequency of the error of the simulated joint controllers [Hz]. evidence: none yet.
+CONTROLLER_FREQUENCY_HZ = 15.0
+#: Longest step of the physics behind a driver [s]; there is at least one between two samples. evidence: none yet.
+LONGEST_STEP_S = 1e-3
+#: A late simulation lets other threads read commands after so many steps, for so long [s]. evidence: none yet.
+STEPS_AT_ONCE, LATE_PAUSE_S = 10, 5e-4
+#: Window of a replay [s]: long enough for an effect to move the arm, short enough that errors stay in the linear range.
+#: evidence: none yet.
+REPLAY_WINDOW_S = 0.5
+
+# ---------------------------------------------------------------- controllers and drivers, as their sources have them
+#: Kinova's firmware takes one command each so many seconds from a queue of so many.
+#: evidence: kinova-ros, kinova_driver.
+COMMAND_PERIOD_S, QUEUE_LENGTH = 0.01, 2000
+#: Periods that its last velocity is held when no message came. evidence: none yet.
+VELOCITY_HELD_PERIODS = 5
+#: Smoothing of a controller's reference [Hz]. evidence: none yet.
+SMOOTHING_FREQUENCY_HZ = 5.0
+#: Time after a stop that is counted as braking [s]. evidence: none yet.
+BRAKING_S = 0.5
+#: FRI sends no velocity; the LWR4+ node differentiates and smooths with this share of the new value.
+#: evidence: CentroEPiaggio/kuka-lwr, lwr_hw.
+FRI_SMOOTHING = 0.2
+
+# ---------------------------------------------------------------- motions and hidden torques
+#: Sines of each joint, and the highest harmonic of the period among them. evidence: none yet.
+SINES_A_JOINT, HIGHEST_HARMONIC = 6, 14
+#: The window of a motion rises over the first time after a rest of the second one, and falls likewise [s].
+#: evidence: none yet.
+WINDOW_RISE_S, WINDOW_REST_S = 2.5, 0.5
+#: What a joint without limits gets to either side, turning [rad] and sliding [m]. evidence: none yet.
+FREE_TURN_RAD, FREE_SLIDE_M = 3.141592653589793, 0.3
+#: Random motions of which one must stay above the floor. evidence: none yet.
+RANDOM_MOTIONS = 300
+#: Step of the physics [s] under hidden torques, and steps a sample of the log.
+#: evidence: with steps of 2.5 ms Bullet's own error passes the noise of the sensors.
+HIDDEN_STEP_S, HIDDEN_STEPS_A_SAMPLE = 1.25e-3, 4
