@@ -17,7 +17,7 @@ from inputs import ROBOT, first_seed, inputs_wanted
 
 import dynid
 from dynid.errors import DynidError, JointCountDiffers, RankDeficient, WrongUsage
-from dynid.estimation import observation_files, prediction, result
+from dynid.estimation import observation_files, prediction, result_files
 from dynid.estimation.compare import compare
 from dynid.estimation.parameter_posterior import parameter_posterior
 from dynid.estimation.payload import find_payload
@@ -85,7 +85,7 @@ def reduction(path: Path, robot) -> None:
 
 #: Every kind of result: what it holds, its file, and what is done with it.
 KINDS = {
-    "identification": (result.CONTENTS, "parameters.npz", identification),
+    "identification": (result_files.CONTENTS, "parameters.npz", identification),
     "gap": (record.contents(), "gap.npz", gap),
     "trajectory": (read_trajectory.__globals__["CONTENTS"], "trajectory.npz", trajectory),
     "motion": (prediction.CONTENTS, "estimatedmotion.npz", motion),
@@ -269,7 +269,7 @@ def test_a_load_is_not_found_against_an_arm_with_other_joints(originals):
     one = dynid.load(originals / "out" / "parameters.npz")
     joints = tuple(replace(joint, joint=f"{joint.joint}_2") for joint in one.joints)
     with pytest.raises(WrongUsage, match="other base parameters"):
-        find_payload(one, replace(one, joints=joints))
+        find_payload(one, replace(one, quality=replace(one.quality, joints=joints)))
 
 
 def test_a_record_of_a_job_with_an_odd_fact_is_used_or_the_job_is_done_again(originals, tmp_path):

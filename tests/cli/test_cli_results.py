@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynid.estimation.result import load
+from dynid.estimation.result_files import load
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.workflows.results import base_model_of, load_run
 
@@ -80,7 +80,8 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     stored = load(shop.folder / "out/arm/parameters.npz")
     bad = shop.folder / "out/bad"
     bad.mkdir()
-    replace(stored, plain=stored.plain - 3 * np.abs(stored.plain)).save(bad / "parameters.npz")
+    opposite = replace(stored.fit, theta=stored.plain - 3 * np.abs(stored.plain))
+    replace(stored, fit=opposite).save(bad / "parameters.npz")
     refused = shop("export", "out/bad", "--format", "urdf", "--set", "plain", "-o", "plain")
     assert (refused.status, refused.out) == (1, "")
     assert refused.err.splitlines()[0].startswith("error[E404] no body has the parameters of link ")

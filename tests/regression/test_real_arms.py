@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid.estimation import result
+from dynid.estimation import result_files
 from dynid.estimation.observation_rows import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
@@ -93,7 +93,7 @@ def test_two_runs_write_the_same_bytes(dynid, recordings):
 def test_the_prior_is_far_worse_than_the_fit(dynid, recordings):
     log = str(recordings / "kuka_lwr4plus" / "run1.bag")
     assert dynid("identify", "kuka_lwr4plus", log).status == 0
-    stored = result.load(dynid.folder / "out/kuka_lwr4plus/parameters.npz")
+    stored = result_files.load(dynid.folder / "out/kuka_lwr4plus/parameters.npz")
     assert stored.relative_error_percent < 2.2
     assert len(prior_parameters(stored.robot)) == 70
 
@@ -212,7 +212,7 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
 
 def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_path):
     kept = results_of_the_lwr[(1,)]
-    again = result.load(kept.save(tmp_path / "parameters.npz"))
+    again = result_files.load(kept.save(tmp_path / "parameters.npz"))
     rng = np.random.default_rng(0)
     q, qd, qdd = rng.uniform(-1, 1, (3, 20, 7))
     assert np.array_equal(again.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd))

@@ -137,7 +137,7 @@ def run_identify(
     arm = load_robot(robot)
     # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
     read = reading(arm, logs, options)
-    from dynid.estimation import result as results
+    from dynid.estimation import result_files as results
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import answer_of, find_payload, signals_as
     from dynid.workflows.prior import with_prior
@@ -270,7 +270,7 @@ def obtain_result(
     earlier: Identification | None,
 ) -> tuple[Identification, BaseModel, list[Path]]:
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
-    from dynid.estimation import result as results
+    from dynid.estimation import result_files as results
     from dynid.workflows.identify import identify, save_result
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe

@@ -79,7 +79,7 @@ def command(
 ) -> ExitStatus:  # fmt: skip
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     from dynid.drivers.ros import raise_priority
-    from dynid.estimation import result
+    from dynid.estimation import result_files
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.workflows.record import record, require_usable
     from dynid.workflows.robots import load_robot
@@ -97,7 +97,7 @@ def command(
             options,
             TerminalOperator(common, bar, move),
             common.folder(arm.slug),
-            parameters=result.load(parameters) if parameters is not None else None,
+            parameters=result_files.load(parameters) if parameters is not None else None,
             command=common.header({})["command"],
             progress=bar,
         )

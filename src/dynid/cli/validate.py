@@ -66,7 +66,7 @@ def run_validate(
     mcap: Path | None = None,
 ) -> dict[str, Any]:
     """Replay a log, write and print what comes out, and return the JSON answer."""
-    from dynid.estimation import result
+    from dynid.estimation import result_files
     from dynid.workflows.logs import read_log
     from dynid.workflows.results import base_model_of
     from dynid.workflows.validate import urdf_of, validate
@@ -74,7 +74,7 @@ def run_validate(
     options = options or ValidateOptions()
     terminal = common.terminal
     largest = share_or_none(max_unexplained, "--max-unexplained")
-    stored = result.load(parameters)
+    stored = result_files.load(parameters)
     if mcap is not None:
         may_write(common, mcap, {})
     with terminal.progress() as progress:

@@ -11,14 +11,15 @@ with Satterthwaite's degrees of freedom).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.observation_rows import ObservationRows, joined, runs
-from dynid.estimation.quantiles import normal_quantile, student_quantile
 from dynid.estimation.robust import HUBER
 from dynid.longarrays import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
@@ -274,9 +275,11 @@ def _judged(influence: Floats, left: Floats, width: int) -> Floats:
 
 
 def _factor(true: Floats, judged: Floats) -> Floats:
+    from scipy.special import stdtrit  # here: its import takes as long as an estimate from a long log
+
     mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
     freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
-    quantile = student_quantile(np.maximum(freedom, LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
+    quantile = stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
     return np.asarray(np.sqrt(true / mean) * quantile)
 
 
@@ -341,3 +344,8 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
 def counted(knowledge: tuple[str, ...]) -> str:
     """Return how many parameters are known how well, such as ``"57 well, 5 negligible, 2 roughly"``."""
     return ", ".join(f"{knowledge.count(word)} {word}" for word in WORDS if word in knowledge)
+
+
+def normal_quantile(p: float) -> float:
+    """Return what a standard normal number stays below with a probability."""
+    return NormalDist().inv_cdf(p) if 0.0 < p < 1.0 else math.copysign(math.inf, p - 0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from dynid.estimation.posterior import (
     physical_posterior,
     uncertainty,
 )
-from dynid.estimation.result import Identification, JointQuality
+from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined
 from dynid.model.base_model import BaseModel
@@ -205,32 +206,29 @@ def estimate(
     return Identification(
         robot=base.robot,
         reduction=base.reduction,
-        method=name,
+        fit=plain,
+        quality=Quality(
+            joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
+            relative_error_percent=total,
+            heldout_relative_error_percent=None if unseen is None else unseen[1],
+            heldout=holdout.text if holdout else "nothing held out",
+            heldout_by_set={key: value[1] for key, value in held.items()},
+            rank=plain.solution.rank,
+            condition_number=plain.solution.condition_number,
+            condition_number_scaled=plain.solution.condition_number_scaled,
+            samples=stack.samples,
+            expected=expected,
+        ),
         why=why,
         theta=theta,
-        plain=plain.theta,
         covariance=covariance,
-        plain_covariance=plain.covariance,
         std_error=std_error,
         knowledge=knowledge,
         prior=prior,
-        noise=plain.noise,
-        joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
-        relative_error_percent=total,
-        heldout_relative_error_percent=None if unseen is None else unseen[1],
-        heldout_by_set={key: value[1] for key, value in held.items()},
-        heldout=holdout.text if holdout else "nothing held out",
-        rank=plain.solution.rank,
-        condition_number=plain.solution.condition_number,
-        condition_number_scaled=plain.solution.condition_number_scaled,
-        samples=stack.samples,
         physical=post.physical,
-        model_error=error,
-        expected=expected,
         in_force=in_force,
         choice=choice,
-        factors=plain.factors,
-        counts=plain.counts,
+        model_error=error,
         findings=(
             *excitation,
             *sensor_findings(base),
@@ -238,19 +236,24 @@ def estimate(
                 base, stack.observer, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error
             ),
         ),
-        cutoff=stack.logs[0].filter.cutoff if stack.logs else 0.0,
-        delay=stack.logs[0].delay if stack.logs else 0.0,
-        log_sha256=tuple(log.sha256 for log in stack.logs),
-        header={
-            "robot": base.robot.name,
-            "key": base.robot.model_key,
-            "logs": [log.path or log.name for log in stack.logs],
-            "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
-        },
-        rigid=base.model.rigid,
+        header=_header(base, stack),
         motions=tuple(log_motion(log)[:LONGEST_MOTION] for log in stack.logs),
+        rigid=base.model.rigid,
         stack=stack,
     )
+
+
+def _header(base: BaseModel, stack: Stack) -> dict[str, Any]:
+    """Return where a result comes from, for its file."""
+    header = {
+        "robot": base.robot.name,
+        "key": base.robot.model_key,
+        "log_sha256": [log.sha256 for log in stack.logs],
+        "logs": [log.path or log.name for log in stack.logs],
+        "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
+    }
+    first = stack.logs[0] if stack.logs else None
+    return header if first is None else {**header, "cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
 
 
 def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.result import LATEST
+from dynid.estimation.result_files import LATEST
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, write_artifact
 from dynid.files.contents import Array, Contents, Fact

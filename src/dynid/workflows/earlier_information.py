@@ -30,7 +30,7 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     Raises:
         DynidError: it is of another arm, or damaged.
     """
-    from dynid.estimation import result
+    from dynid.estimation import result_files
     from dynid.files.artifact import read_header
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.workflows.logs import read_log
@@ -40,7 +40,7 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     header = read_header(path) if path.suffix == ".npz" else None
     schema = str((header or {}).get("schema", "")).rsplit("/", 1)[0]
     if schema == "dynid/identification":
-        return result.load(path)
+        return result_files.load(path)
     return read_trajectory(path, robot) if schema == "dynid/trajectory" else read_log(path, robot)
 
 

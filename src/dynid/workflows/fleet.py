@@ -421,7 +421,7 @@ def _row(path: Path) -> Row | str:
     import numpy as np
 
     from dynid.estimation.covariance import NOT_DETERMINED
-    from dynid.estimation.result import CONTENTS
+    from dynid.estimation.result_files import CONTENTS
     from dynid.files.artifact import read_artifact, reading
     from dynid.model.base_model import reduction_from
 
@@ -460,7 +460,7 @@ def history_of(members: Sequence[tuple[Run, Row]]) -> History:
 
 def _units(path: Path) -> dict[str, str]:
     """Return the unit of each base parameter, from a result that has them."""
-    from dynid.estimation.result import load
+    from dynid.estimation.result_files import load
 
     try:
         return {str(row["name"]): str(row["unit"]) for row in load(path).parameter_rows()}

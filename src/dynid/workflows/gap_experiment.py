@@ -75,12 +75,12 @@ def _loud(record: GapRecord) -> tuple[int, ...]:
 
 def _theta(record: GapRecord, base: BaseModel, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the base parameters of the result that was searched, where it is still there."""
-    from dynid.estimation import result
+    from dynid.estimation import result_files
 
     path = Path(record.made_from)
     if not record.made_from or not path.is_file():
         return otherwise
-    found = result.load(path)
+    found = result_files.load(path)
     return found.theta if tuple(found.names) == base.reduction.base_names else otherwise
 
 

@@ -165,9 +165,6 @@ def identify(
     return replace(
         found,
         header=header,
-        log_sha256=tuple(header["log_sha256"]),
-        cutoff=seen.cutoff,
-        delay=seen.applied_delay,
         draw=torque_figure,
     )
 

@@ -189,11 +189,8 @@ def identify_in_pieces(
     findings = [finding for each in looked for finding in each.findings]
     return replace(
         found,
-        samples=whole.samples,
+        quality=replace(found.quality, samples=whole.samples),
         why=f"folded in {len(stretches)} stretches of up to {seconds:g} s",
-        cutoff=cutoff,
-        delay=arm.options.delay or 0.0,
-        log_sha256=tuple(hashes),
         motions=tuple(each.motion for each in looked),
         header={
             "robot": base.robot.name,

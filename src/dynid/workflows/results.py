@@ -51,7 +51,7 @@ def _read(path: Path) -> Identification | Gap | StoredTrajectory:
     schema = str((read_header(path) or {}).get("schema", ""))
     kind = schema.rsplit("/", 1)[0]
     if kind == "dynid/identification":
-        from dynid.estimation.result import load as load_result
+        from dynid.estimation.result_files import load as load_result
 
         return load_result(path)
     if kind == "dynid/trajectory":
@@ -71,7 +71,7 @@ def load_run(run: Path) -> Identification:
     Raises:
         NotAnArtifact: the file is none, or is damaged.
     """
-    from dynid.estimation.result import load as load_result
+    from dynid.estimation.result_files import load as load_result
 
     return load_result(parameters_of(run))
 

@@ -7,26 +7,26 @@ import numpy as np
 import pytest
 
 from dynid.estimation.compare import FALSE_ALARM, compare, same_parameters
-from dynid.estimation.result import Identification, JointQuality
+from dynid.estimation.least_squares import Fit
+from dynid.estimation.result import Identification, JointQuality, Quality
+
+JOINTS = (JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12), JointQuality("joint_2", 0.2, 2.0, 10.0, 0.2))
 
 
-def result(theta, std_error, **changes):
+def result(theta, std_error, joints=JOINTS):
     """A result with independent errors."""
-    error = np.asarray(std_error, dtype=float)
-    joints = (JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12), JointQuality("joint_2", 0.2, 2.0, 10.0, 0.2))
+    theta, error = np.asarray(theta, dtype=float), np.asarray(std_error, dtype=float)
     p = len(error)
     facts = {
-        "method": "wls", "why": "", "physical": None, "in_force": "plain", "choice": "", "heldout_by_set": {},
-        "plain": np.asarray(theta, dtype=float), "robot": None,
+        "why": "", "physical": None, "in_force": "plain", "choice": "", "robot": None,
+        "fit": Fit("wls", theta, np.full(2, 0.1), np.diag(error**2), np.zeros((0, 0, 0)), np.zeros(0, int)),
         "reduction": SimpleNamespace(base_names=tuple(f"p{k}" for k in range(p))),
-        "theta": np.asarray(theta, dtype=float),
-        "covariance": np.diag(error**2), "plain_covariance": np.diag(error**2),
+        "theta": theta,
+        "covariance": np.diag(error**2),
         "std_error": error, "knowledge": ("well",) * p, "prior": np.full(p, np.nan),
-        "noise": np.full(2, 0.1), "joints": joints, "relative_error_percent": 1.5,
-        "heldout_relative_error_percent": 1.6, "heldout": "last 20 %", "rank": p, "condition_number": 50.0,
-        "condition_number_scaled": 30.0, "samples": 1000,
+        "quality": Quality(joints, 1.5, 1.6, "last 20 %", {}, p, 50.0, 30.0, 1000),
     }  # fmt: skip
-    return Identification(**{**facts, **changes})
+    return Identification(**facts)
 
 
 def test_noise_alone_is_called_drift_as_rarely_as_promised():
@@ -45,7 +45,8 @@ def test_the_parameter_that_changed_is_named_and_no_other():
     rng = np.random.default_rng(1)
     truth, error = rng.normal(size=40), np.full(40, 0.05)
     one, other = (result(truth + error * rng.normal(size=40), error) for _ in range(2))
-    changed = replace(other, plain=other.plain + np.where(np.arange(40) == 17, 8 * np.sqrt(2) * 0.05, 0))
+    moved = other.plain + np.where(np.arange(40) == 17, 8 * np.sqrt(2) * 0.05, 0)
+    changed = replace(other, fit=replace(other.fit, theta=moved))
     assert [change.name for change in compare(one, changed).drifted] == ["p17"]
 
 

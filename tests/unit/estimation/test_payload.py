@@ -94,7 +94,7 @@ def test_a_load_weighed_with_wrong_gains_lies_inside_the_intervals_that_know_of_
 
 def test_a_result_from_its_file_finds_nearly_the_load_of_one_with_rows(tmp_path, base):
     """A residual model is there to lose: Stribeck friction was put into both logs."""
-    from dynid.estimation.result import load
+    from dynid.estimation.result_files import load
 
     def sticky(log):
         qd = np.gradient(log.q, log.t, axis=0)

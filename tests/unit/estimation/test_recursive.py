@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loaded_arm import recorded
 
-from dynid.estimation.result import load
+from dynid.estimation.result_files import load
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,8 @@
 """A result is what it says: torques, intervals, text, and the same again from its file."""
 
+import copy
+import pickle
+import timeit
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +11,7 @@ from test_stack import motion, simulated, stacked, truth
 
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.result import load
+from dynid.estimation.result_files import load
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -94,7 +97,9 @@ def test_names_from_files_are_no_markup_in_a_notebook(result):
 
 
 def test_what_is_saved_is_loaded(result, tmp_path):
-    noted = replace(result, findings=(Finding("W402", "warning", "text", {"a": 1}),), header={"logs": ["run.bag"]})
+    noted = replace(
+        result, findings=(Finding("W402", "warning", "text", {"a": 1}),), header={**result.header, "logs": ["run.bag"]}
+    )
     stored = load(noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"}))
     for key in ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts"):
         assert np.array_equal(getattr(stored, key), getattr(noted, key), equal_nan=True)
@@ -117,3 +122,66 @@ def test_a_robot_made_in_code_is_stored_with_its_result(result, tmp_path):
         stored = load(made.save(tmp_path / "parameters.npz"))
         assert stored.robot == made.robot
         assert stored.robot.path == path
+
+
+@pytest.fixture(scope="module", params=["plain", "residual model", "some links", "prismatic"])
+def described(request, base, result):
+    """Results whose torques are made of all that they can be made of."""
+    if request.param == "some links":
+        robot = replace(base.robot, links=(3, 4))
+        model = build_model(robot)
+        part = BaseModel(model, reduce(model))
+        return estimate(stacked(part, simulated(base, noise=0.1)), part, method="wls", holdout=None)
+    if request.param == "residual model":
+        rows = stacked(base, simulated(base, noise=0.1))
+        return estimate(rows, base, method="wls", holdout=None, residual_model=True)
+    return replace(result, in_force="plain") if request.param == "plain" else result
+
+
+def test_the_torques_of_one_state_are_those_of_a_motion(described):
+    """To rounding, with and without the residual model; a loaded result gives the same."""
+    _, q, qd, qdd = motion(described.robot, 2.0, 7)
+    for residual_model in (True, False):
+        whole = described.inverse_dynamics(q, qd, qdd, residual_model=residual_model)
+        for k in range(0, len(q), 10):
+            tau = described.inverse_dynamics(q[k], qd[k].tolist(), tuple(qdd[k]), residual_model=residual_model)
+            assert tau.shape == (described.robot.n,)
+            assert tau == pytest.approx(whole[k], rel=1e-12, abs=1e-12 * np.abs(whole).max())
+
+
+def test_one_state_takes_the_time_of_its_additions_and_products(described):
+    """Array operations on one sample take milliseconds; ten times what a quiet machine takes is allowed here."""
+    _, q, qd, qdd = (x[0] for x in motion(described.robot, 1.0, 7))
+    described.inverse_dynamics(q, qd, qdd)
+    assert min(timeit.repeat(lambda: described.inverse_dynamics(q, qd, qdd), number=20, repeat=10)) / 20 < 5e-4
+
+
+@pytest.mark.parametrize(
+    "shapes", [((3,), (4,), (4,)), ((5, 4), (5, 4), (4, 4)), ((2, 5, 4),) * 3, ((),) * 3, ((5, 3),) * 3]
+)
+def test_states_of_another_shape_are_answered_with_what_would_be_right(result, shapes):
+    with pytest.raises(WrongUsage, match=r"the shapes are q \(.*\), qd \(.*\), qdd \(.*\)") as caught:
+        result.inverse_dynamics(*(np.zeros(shape) for shape in shapes))
+    assert "(4,) for one state" in caught.value.fix
+
+
+def test_effects_that_need_the_time_need_it_for_one_state_too(base, result):
+    spec = EffectSpec("torque_drift", (base.robot.joint_names[0],), {"tc": 2.0, "amplitude": 3.0})
+    model = build_model(replace(base.robot, effects=(spec,)))
+    added = replace(result, robot=model.robot, reduction=reduce(model), rigid=None, theta=np.append(result.theta, 3.0))
+    _, q, qd, qdd = motion(base.robot, 2.0, 7)
+    with pytest.raises(WrongUsage, match="order of the samples"):
+        added.inverse_dynamics(q[0], qd[0], qdd[0])
+    drift = added.inverse_dynamics(q[9], qd[9], qdd[9], 0.5) - result.inverse_dynamics(q[9], qd[9], qdd[9])
+    assert drift[0] == pytest.approx(3.0 * 2.0 * (1 - np.exp(-0.25)), abs=1e-9)
+
+
+@pytest.mark.parametrize("copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"])
+def test_a_result_pickles_and_copies_with_all_that_it_holds(result, copied):
+    _, q, qd, qdd = motion(result.robot, 1.0, 7)
+    tau = result.inverse_dynamics(q[0], qd[0], qdd[0])
+    again = copied(result)
+    assert np.array_equal(again.inverse_dynamics(q[0], qd[0], qdd[0]), tau)
+    assert again.summary() == result.summary()
+    assert again.stack.whole[0].tobytes() == result.stack.whole[0].tobytes()
+    assert len(list(again.stack)) == len(list(result.stack))

@@ -11,7 +11,7 @@ from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
 from dynid.estimation.observation_rows import joint_factors, rows_of
 from dynid.estimation.posterior import physical_posterior
-from dynid.estimation.result import load
+from dynid.estimation.result_files import load
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
@@ -252,7 +252,7 @@ def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path, kind)
 
 def test_a_result_is_read_back_with_its_robot(base, tmp_path):
     result = estimate(stacked(base, simulated(base)), base, method="wls", holdout=None)
-    stored = load(replace(result, log_sha256=("ab",)).save(tmp_path / "parameters.npz"))
+    stored = load(replace(result, header={**result.header, "log_sha256": ["ab"]}).save(tmp_path / "parameters.npz"))
     assert stored.theta == pytest.approx(result.theta, abs=0)
     assert stored.robot.joint_names == base.robot.joint_names
     assert stored.robot.model_key == base.robot.model_key

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding
+from dynid.estimation.least_squares import Fit
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.estimation.result import Identification, JointQuality
+from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
@@ -67,18 +68,19 @@ def evidence(tmp_path_factory):
     rng = np.random.default_rng(0)
     seen, unseen = (waves(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
     found = Identification(
-        robot=robot, reduction=reduction, method="wls", why="because", theta=theta, plain=theta,
-        covariance=0.0001 * np.eye(p), plain_covariance=0.0001 * np.eye(p),
+        robot=robot, reduction=reduction, why="because", theta=theta, covariance=0.0001 * np.eye(p),
+        fit=Fit("wls", theta, np.full(robot.n, 0.01), 0.0001 * np.eye(p), np.zeros((0, 0, 0)), np.zeros(0, int)),
         std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
-        prior=np.full(p, np.nan), noise=np.full(robot.n, 0.01),
-        joints=tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
-        relative_error_percent=1.4, heldout_relative_error_percent=None, heldout="nothing held out", rank=p,
-        condition_number=50.0, condition_number_scaled=30.0, samples=400, physical=physical, in_force="physical",
-        choice=NASTY, heldout_by_set={}, findings=(Finding("W402", "warning", NASTY),), cutoff=5.0,
-        log_sha256=("ab" * 32,),
+        prior=np.full(p, np.nan),
+        quality=Quality(
+            tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
+            1.4, None, "nothing held out", {}, rank=p, condition_number=50.0, condition_number_scaled=30.0, samples=400,
+        ),
+        physical=physical, in_force="physical", choice=NASTY, findings=(Finding("W402", "warning", NASTY),),
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("run")
     header = {"command": f"dynid identify {NASTY}", "logs": [NASTY], "log_findings": [], "dynid": "0.1.0"}
+    header |= {"cutoff_hz": 5.0, "log_sha256": ["ab" * 32]}
     stored = replace(found, header=header, path=folder / "parameters.npz")
     other = Unseen(NASTY, unseen, *relative_percent(unseen))
     return Evidence(stored, seen, (other,), np.logspace(0, -2, p), None)

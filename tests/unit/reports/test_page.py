@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding
-from dynid.estimation.result import JointQuality
+from dynid.estimation.result import JointQuality, Quality
 from dynid.files.robotfile import load_robot
 from dynid.reports.charts import binned
 from dynid.reports.page import SECTIONS, page, summary
@@ -124,13 +124,13 @@ def test_hostile_names_change_neither_elements_nor_drawings(evidence, html):
     robot, found = evidence.robot, evidence.result
     joints = (replace(robot.joints[0], name=HOSTILE), *robot.joints[1:])
     joint = JointQuality(HOSTILE, *(getattr(found.joints[0], each) for each in ("rms", "relative_percent")), 0.7, None)
-    facts = dict.fromkeys(("choice", "why", "heldout"), HOSTILE)
-    facts |= {"joints": (joint, *found.joints[1:]), "findings": (Finding("W402", "warning", HOSTILE),)}
+    facts = {"choice": HOSTILE, "why": HOSTILE, "findings": (Finding("W402", "warning", HOSTILE),)}
+    facts["quality"] = replace(found.quality, joints=(joint, *found.joints[1:]), heldout=HOSTILE)
     result = replace(
         evidence.result,
         robot=replace(robot, name=HOSTILE, joints=joints),
         **facts,
-        header={"command": HOSTILE, "logs": [HOSTILE], "log_findings": [], "dynid": HOSTILE, "seed": HOSTILE},
+        header={**found.header, "command": HOSTILE, "logs": [HOSTILE], "dynid": HOSTILE, "seed": HOSTILE},
     )
     unseen = tuple(replace(each, name=HOSTILE) for each in evidence.unseen)
     hostile = replace(evidence, result=result, unseen=unseen)
@@ -176,7 +176,8 @@ def test_drawings_follow_the_colours_of_the_page(html):
 
 def changed(evidence, unseen=True, **facts):
     """The evidence with other facts of the identification."""
-    result = replace(evidence.result, **facts)
+    measured = {key: facts.pop(key) for key in list(facts) if key in Quality.__annotations__}
+    result = replace(evidence.result, quality=replace(evidence.result.quality, **measured), **facts)
     return replace(evidence, result=result, unseen=evidence.unseen if unseen else ())
 
 

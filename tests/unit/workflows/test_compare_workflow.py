@@ -108,7 +108,8 @@ def test_every_estimator_is_tried_on_the_same_log(arm):
 def identification(result, shift, error):
     """The result's numbers with all estimates moved by a number of errors of a given size."""
     size = np.full(len(result.names), error)
-    return replace(result, plain=result.plain + shift * error, std_error=size, plain_covariance=np.diag(size**2))
+    fit = replace(result.fit, theta=result.plain + shift * error, covariance=np.diag(size**2))
+    return replace(result, fit=fit, std_error=size)
 
 
 def test_estimates_further_apart_than_their_errors_differ(result):

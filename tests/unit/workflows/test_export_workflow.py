@@ -50,7 +50,7 @@ def impossible(result):
     """The result with a plain estimate whose nearest bodies have a negative mass of link 1."""
     plain = result.plain.copy()
     plain[result.names.index("m1R")] = -50.0
-    return replace(result, plain=plain)
+    return replace(result, fit=replace(result.fit, theta=plain))
 
 
 def test_bodies_that_cannot_exist_are_refused_before_anything_is_written(result, tmp_path):

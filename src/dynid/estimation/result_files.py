@@ -1,0 +1,280 @@
+"""The files of a result: parameters.npz, which is read again, and the tables for people and other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding, NotAnArtifact
+from dynid.estimation.covariance import WORDS
+from dynid.estimation.error_columns import GROUPS
+from dynid.estimation.least_squares import Fit
+from dynid.estimation.model_error import GROUP_NAMES, ModelError
+from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.posterior import ExpectedError
+from dynid.estimation.result import Identification, JointQuality, Quality
+from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact, write_text
+from dynid.files.contents import Array, Contents, Fact, require_numbers
+from dynid.files.robotfile import parse_robot, text_of
+from dynid.limits import LIMITS
+from dynid.model.base_model import REDUCTION_ARRAYS, REDUCTION_FACTS, reduction_facts, reduction_from
+from dynid.model.regressor import parameter_names
+from dynid.text import csv_row, yaml_text
+
+Floats = NDArray[np.float64]
+
+SCHEMA = "dynid/identification/1"
+TABLE = "dynid/parameters-table/1"
+#: What is stored as arrays, and what is stored as it is, by its name in the result.
+ARRAYS = ("theta", "plain", "covariance", "plain_covariance", "std_error", "prior", "noise", "factors", "counts")
+SCALARS = (
+    "method", "why", "knowledge", "joints", "relative_error_percent", "heldout_relative_error_percent", "heldout",
+    "rank", "condition_number", "condition_number_scaled", "samples", "in_force", "choice", "heldout_by_set",
+)  # fmt: skip
+FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
+ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
+#: By how much a covariance may exceed the product of its standard deviations, as a share.
+ROUNDING = 1e-6
+#: Least noise and size that is none of rounding, and longest delay of torques [s].
+LEAST, LATEST = 1e-60, 100.0
+
+
+def save(path: Path, found: Identification, facts: dict[str, Any] | None = None) -> Path:
+    """Write parameters.npz, which ``load`` reads.
+
+    Args:
+        path: where to.
+        found: the result.
+        facts: further facts for the header, such as the inputs that it depends on.
+    """
+    physical, (reduction, reduction_arrays) = asdict(found.physical), reduction_facts(found.reduction)
+    arrays = {key: getattr(found, key) for key in ARRAYS}
+    arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
+    arrays |= reduction_arrays
+    if found.model_error is not None:
+        arrays |= {f"error_{key}": getattr(found.model_error, key) for key in ERROR_ARRAYS}
+    arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
+    scalars = {key: getattr(found, key) for key in SCALARS} | {"physical": physical}
+    scalars["model_error_evidence"] = None if found.model_error is None else found.model_error.evidence
+    scalars["expected"] = None if found.expected is None else found.expected.facts()
+    header = {
+        **(facts or {}),
+        **found.header,
+        "cutoff_hz": found.cutoff,
+        "delay_applied_s": found.delay,
+        "log_sha256": list(found.log_sha256),
+        "result": scalars | {"joints": [asdict(joint) for joint in found.joints]},
+        "findings": [asdict(f) for f in found.findings],
+        "reduction": reduction,
+        "robot_file": text_of(found.robot),
+        "robot_path": str(found.robot.path or ""),
+    }
+    write_artifact(path, Artifact(SCHEMA, header, arrays))
+    return path
+
+
+def save_csv(path: Path, found: Identification) -> Path:
+    """Write one row per base parameter, for spreadsheets; no value and no error where the logs determine none."""
+    columns = ("name", "value", "std_error", "unit", "class", "known", "prior", "formula")
+    rows = [[row[column] for column in columns] for row in found.parameter_rows()]
+    write_text(path, "\n".join([csv_row(columns), *map(csv_row, rows), ""]))
+    return path
+
+
+def save_yaml(path: Path, found: Identification) -> Path:
+    """Write parameters.yaml; equal results give equal bytes."""
+    rows = []
+    for row in found.parameter_rows():
+        error = row["std_error"]
+        terms = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
+        shown = {
+            **row,
+            "value": _digits(row["value"], error) if row["known"] != "not determined" or error else None,
+            "std_error": None if error is None else float(f"{error:.2g}"),
+            "terms": terms,
+            "prior": None if row["prior"] is None else float(f"{row['prior']:.6g}"),
+        }
+        rows.append(shown)
+    coulomb = found.robot.coulomb_shape
+    document = {
+        "schema": TABLE,
+        "robot": found.robot.name,
+        "logs_sha256": list(found.log_sha256),
+        "method": found.method,
+        "cutoff_hz": float(f"{found.cutoff:.6g}"),
+        "coulomb": {"shape": coulomb.shape, "velocity": list(coulomb.velocity)},
+        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
+        "parameters": rows,
+        "not_identifiable": list(found.reduction.none),
+    }
+    write_text(path, yaml_text(document))
+    return path
+
+
+_K, _G = len(GROUPS), len(GROUP_NAMES)
+CONTENTS = Contents(
+    SCHEMA,
+    {
+        "robot_file": Fact(str),
+        "robot_path": Fact(str),
+        "cutoff_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most),
+        "kept_rate_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most, needed=False),
+        "delay_applied_s": Fact(float, least=-LATEST, most=LATEST),
+        "delay_s": Fact(float | None, least=-LATEST, most=LATEST, needed=False),
+        "log_sha256": Fact(list[str]),
+        "logs": Fact(list[str], needed=False),
+        "findings": Fact(list[Finding]),
+        **REDUCTION_FACTS,
+        "result": Fact(dict[str, Any]),
+        **{f"result.{key}": Fact(str) for key in ("method", "why", "heldout", "choice")},
+        "result.knowledge": Fact(list[Literal[WORDS]], "p"),  # type: ignore[valid-type]
+        "result.in_force": Fact(Literal["physical", "plain"]),
+        "result.joints": Fact(list[JointQuality], "n"),
+        "result.relative_error_percent": Fact(float),
+        "result.heldout_relative_error_percent": Fact(float | None),
+        "result.heldout_by_set": Fact(dict[str, float]),
+        "result.rank": Fact(int, least=0),
+        "result.condition_number": Fact(float),
+        "result.condition_number_scaled": Fact(float),
+        "result.samples": Fact(int, least=0),
+        "result.model_error_evidence": Fact(float | None),
+        "result.expected": Fact(dict[str, Any] | None),
+        "result.physical.names": Fact(list[str], "c"),
+        "result.physical.touched": Fact(list[str]),
+        "result.physical.cost": Fact(float),
+        "result.physical.objective": Fact(float),
+        "result.physical.gap": Fact(float),
+        "result.physical.steps": Fact(int),
+        "result.physical.inflation": Fact(float, least=LEAST),
+    },
+    {
+        **REDUCTION_ARRAYS,
+        "theta": Array("p"),
+        "plain": Array("p"),
+        "covariance": Array("p p", endless=True),
+        "plain_covariance": Array("p p", endless=True),
+        "std_error": Array("p", endless=True, least=0.0, most=np.inf),
+        "prior": Array("p", gaps=True),
+        "noise": Array("n", least=LEAST),
+        "factors": Array("n p+1 p+1"),
+        "counts": Array("n", np.int64, least=0),
+        "full_x": Array("c"),
+        "full_std_error": Array("c", least=0.0),
+        "full_data_share": Array("c"),
+        "full_covariance": Array("c c", endless=True),
+        "full_hessian": Array("d d"),
+        "motion_*": Array("_ n", np.float32),
+        "error_speed": Array("n", least=LEAST, needed=False),
+        "error_reference": Array("p", needed=False),
+        "error_scale": Array(f"n {_K}", least=LEAST, needed=False),
+        "error_projection": Array(f"n p {_K}", needed=False),
+        "error_mean": Array(f"n {_K}", needed=False),
+        "error_root": Array(f"n {_K} {_K}", needed=False),
+        "error_slope": Array(f"n {_K} p", needed=False),
+        "error_size": Array(f"{_G}", least=LEAST, needed=False),
+        "error_rms": Array(f"n {_G + 1}", least=0.0, needed=False),
+    },
+)
+
+
+def load(path: Path) -> Identification:
+    """Read parameters.npz.
+
+    Raises:
+        NotAnArtifact: the file is none of dynid's, or is damaged.
+    """
+    header = read_header(path) or {}
+    if header.get("schema") == SCHEMA and "reduction" not in header:
+        raise NotAnArtifact(
+            f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
+        )
+    artifact = read_artifact(path, CONTENTS)
+    h, a = dict(artifact.header), artifact.arrays
+    with reading(path):
+        stored: dict[str, Any] = dict(h["result"])
+        full: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in stored["physical"].items()
+        }
+        full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
+        robot = parse_robot(h["robot_file"], Path(h["robot_path"]))
+        measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
+        measured |= {"joints": _tuple(JointQuality, stored["joints"])}
+        found = Identification(
+            robot=robot if h["robot_path"] else replace(robot, path=None),
+            reduction=reduction_from(h["reduction"], a),
+            fit=Fit(stored["method"], a["plain"], a["noise"], a["plain_covariance"], a["factors"], a["counts"]),
+            quality=Quality(**measured, expected=_expected(stored["expected"], len(a["noise"]))),
+            why=stored["why"],
+            in_force=stored["in_force"],
+            choice=stored["choice"],
+            theta=a["theta"],
+            covariance=a["covariance"],
+            std_error=a["std_error"],
+            prior=a["prior"],
+            knowledge=tuple(stored["knowledge"]),
+            physical=PhysicalParameters(**full),
+            model_error=_model_error(stored["model_error_evidence"], a),
+            findings=_tuple(Finding, h["findings"]),
+            motions=tuple(a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a),
+            header=h,
+            path=path,
+        )
+        _require_one_arm(found)
+    return found
+
+
+def _require_one_arm(found: Identification) -> None:
+    """Raise when the parts of a result are not those of one arm."""
+    robot = found.robot
+    if len(found.joints) != robot.n:
+        raise ValueError("its joints are not those of its robot")
+    names = parameter_names(robot)
+    if found.reduction.names != names or found.physical.names != names:
+        raise ValueError("its parameters are not those of its robot")
+    _require_covariance(covariance=found.covariance, plain_covariance=found.plain_covariance)
+    _require_covariance(full_covariance=found.physical.covariance)
+    if found.model_error is not None:
+        # Why: loads are found with what the root takes away.
+        root = found.model_error.root
+        require_numbers(root.shape, error_root=np.linalg.inv(root))
+
+
+def _expected(facts: dict[str, Any] | None, n: int) -> ExpectedError | None:
+    found = ExpectedError.of(facts)
+    if found is not None:
+        require_numbers((n,), noise_nm=found.noise)
+    return found
+
+
+def _require_covariance(**arrays: Floats) -> None:
+    """Raise when matrices are no covariances; infinity stands for what is not known."""
+    for name, found in arrays.items():
+        known = np.isfinite(found)
+        variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
+        most = np.sqrt(np.maximum(variance, 0.0))
+        if np.any(variance < 0.0) or np.any(np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]):
+            raise ValueError(f"'{name}' is no covariance")
+
+
+def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
+    if evidence is None:
+        return None
+    return ModelError(**{key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}, evidence=float(evidence))
+
+
+def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401
+    return tuple(kind(**row) for row in rows)
+
+
+def _digits(value: float | None, error: float | None) -> float | None:
+    """Keep two digits of the error: more would pretend a knowledge that is not there."""
+    if value is None or not np.isfinite(value):
+        return None
+    if not error or not np.isfinite(error):
+        return float(f"{value:.6g}")
+    return round(value, max(0, 2 - 1 - int(np.floor(np.log10(error))))) + 0.0
