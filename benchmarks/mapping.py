@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from dynid.diagnose import diagnosis as mapping
-from dynid.diagnose.edits import with_edits
-from dynid.diagnose.fit import Judge, thin_motion
+from dynid.diagnose.fit import Judge, judge_of
+from dynid.diagnose.mistakes import with_edits
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.signals.checks import check_ranges, unwrapped
@@ -83,7 +83,13 @@ class Remembered(Judge):
         turns = tuple(round(each % (2 * math.pi), 6) % round(2 * math.pi, 6) for each in robot.driver.map.offset)
         map_ = robot.driver.map
         return (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
-                robot.driver.units["position"], float(f"{np.abs(self.motion.tau).sum():.6g}"))  # fmt: skip
+                robot.driver.units["position"], float(f"{np.abs(self.tau).sum():.6g}"))  # fmt: skip
+
+
+def remembered(log, robot, *, mapped=True):
+    """Return the judge of a log that fits each robot file once."""
+    judge = judge_of(log, robot, mapped=mapped)
+    return judge and Remembered(**vars(judge))
 
 
 def mistakes(judge, names, every, pairs, seed):
@@ -100,14 +106,13 @@ def one(task):
     MEMORY.clear()
     robot, log = loaded(name, source)
     raw, names = driver_columns(log, robot)
-    motion = thin_motion(raw, robot)
     robot = with_edits(robot, [mapping.Edit("sign", (0.0,))] * 2)
     start = time.process_time()
     alarm = mapping.find_mistake(raw, robot, names).wrong
     seconds, answers = time.process_time() - start, []
-    mapping.Judge = Remembered
+    mapping.judge_of = remembered
     try:
-        judge = Remembered(robot, motion, True)
+        judge = Remembered(**vars(judge_of(raw, robot)))
         right = mapping.Hypothesis((), *judge.possible(robot))
         for edits in mistakes(judge, names, every, pairs, seed):
             wrong = with_edits(robot, edits)
@@ -115,7 +120,7 @@ def one(task):
             raw_wrong, _ = driver_columns(log, wrong)
             answers.append((edits, *verdict(judge, robot, wrong, raw_wrong, in_order, right, edits)))
     finally:
-        mapping.Judge = Judge
+        mapping.judge_of = judge_of
     return name, shown, seconds, alarm, answers
 
 

@@ -8,56 +8,23 @@ or as none, whatever the arm does: those are named together, or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.diagnose.assignment import assignment
-from dynid.diagnose.edits import OF_ALL, Edit, pasted, said, with_edits
-from dynid.diagnose.fit import SAMPLES, Judge, thin_motion
+from dynid.diagnose import tuning
+from dynid.diagnose.fit import Judge, judge_of
 from dynid.diagnose.gravity import check_gravity
+from dynid.diagnose.mistakes import Edit, edits_of, pasted, said, unlikeliness, with_edits, with_one_more
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.longarrays import median
-from dynid.model.rough_weight import expected_torque
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
-
-#: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
-LEAST_GAIN = 4.0
-#: What each edit has to lower the mean logarithm of the joints' residuals by.
-CLEAR = 0.1
-#: Free numbers of a joint: a short log explains itself with many robot files.
-FREE = 10.0
-#: Hypotheses that are taken further with a second edit, and a third; and where no first one helps.
-BEAM, LOST = 4, 16
-#: They are when they are not so much worse than the best.
-NEAR = 0.4
-#: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint.
-ELSEWHERE = 0.01
-#: Hypotheses whose residuals agree to this share may make the same torques: boxes around links differ a little.
-ALIKE = 0.05
-#: A robot file of which less is explained (mean logarithm) may have two mistakes that hide each other.
-POOR = -0.7
-#: How much less likely a mistake is, in units of ``CLEAR``, where several explain the log equally well.
-UNLIKELY = {
-    "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
-    "positions": 0.08, "signs": 0.08, "torque": 0.08, "position": 0.1,
-}  # fmt: skip
-#: The same for each column beyond two that another order moves, and for an order that recorders and people make.
-MOVED, REGULAR = 0.3, 0.3
-#: The same for each joint that moves far beyond its limits, of which so many count; the limits may be wrong as well.
-RANGE, MOST_OUTSIDE = 0.5, 2
-#: Hypotheses whose ranks differ by less explain a log equally well.
-TIED = 0.02
-#: Samples of a long log that are asked first, and by how much each edit has to be behind on them, so that it is behind
-#: on all: on 23 recordings what an edit lacks to the first place changes by 0.02 at most.
-FIRST, SURELY = 84, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +58,7 @@ class Hypothesis:
 
     def alike(self, other: Hypothesis) -> bool:
         """Return whether both explain the log the same."""
-        return bool(np.allclose(self.left, other.left, rtol=ALIKE, atol=1e-9))
+        return bool(np.allclose(self.left, other.left, rtol=tuning.SAME_RESIDUAL, atol=1e-9))
 
 
 @dataclass(frozen=True)
@@ -127,7 +94,7 @@ class _Search:
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
         self.depth = 0
-        self.price = max(CLEAR, FREE / judge.motion.independent)
+        self.price = max(tuning.CLEAR, tuning.FREE_NUMBERS / judge.independent)
         self.least_error = np.full(judge.robot.n, np.inf)
         self.given = self.fit(())
 
@@ -173,7 +140,10 @@ class _Search:
 
     def _cost(self, hypothesis: Hypothesis) -> float:
         """Return what has to be gained by a hypothesis before it is the best, whatever it explains."""
-        unlikely = CLEAR * (sum(map(_unlikely, hypothesis.edits)) + RANGE * min(hypothesis.outside, MOST_OUTSIDE))
+        unlikely = tuning.CLEAR * (
+            sum(map(unlikeliness, hypothesis.edits))
+            + tuning.OUT_OF_RANGE * min(hypothesis.outside, tuning.MOST_OUTSIDE)
+        )
         return unlikely + self.price * len(hypothesis.edits)
 
     @cached_property
@@ -182,24 +152,24 @@ class _Search:
         least = noise_of(self.judge.robot, self.given.floor)
         return least, np.asarray(np.hypot(least, usual_error(self.judge.robot, self.given.left)))
 
-    def beaten(self, edits: tuple[Edit, ...], by: float = 0.0) -> bool:
-        """Return whether edits, by what they leave at least, stay behind the robot file by so much."""
+    def beaten(self, edits: tuple[Edit, ...]) -> bool:
+        """Return whether edits, by what they leave at least, stay behind the robot file."""
         bound, given = self.bounds[edits], self.given
         # Why the ends: a ratio comes nearer to one, and never crosses it, as the noise grows.
         left, floor = (
             np.minimum(*(np.log(np.hypot(a, noise) / np.hypot(b, noise)) for noise in self._noises))
             for a, b in ((bound.left, given.left), (given.floor, bound.floor))
         )
-        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(given) + by
+        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(given)
 
     @property
     def well(self) -> bool:
         """Whether the robot file explains so much that it has no two mistakes that hide each other."""
-        return self.given.misfit(noise_of(self.judge.robot, self.given.floor)) < POOR
+        return self.given.misfit(noise_of(self.judge.robot, self.given.floor)) < tuning.WELL_EXPLAINED
 
-    def unrivalled(self, by: float = 0.0) -> bool:
-        """Return whether the robot file explains the log well, and all single edits stay behind it by so much."""
-        return self.well and all(self.beaten(edits, by) for edits in self.more([()]))
+    def unrivalled(self) -> bool:
+        """Return whether the robot file explains the log well, and all single edits stay behind it."""
+        return self.well and all(self.beaten(edits) for edits in self.more([()]))
 
     def ranked(self) -> list[Hypothesis]:
         """Return what was fitted, the best first."""
@@ -212,12 +182,12 @@ class _Search:
         """
         lost = not self.well and self.depth == 1
         values = [*(self.bounds if lost else self.found).values()]
-        places = sorted(values, key=self.promise)[: LOST if lost else BEAM]
-        return [each.edits for each in places if self.promise(each) < self.promise(places[0]) + NEAR]
+        places = sorted(values, key=self.promise)[: tuning.BEAM_LOST if lost else tuning.BEAM]
+        return [each.edits for each in places if self.promise(each) < self.promise(places[0]) + tuning.NEAR_BEST]
 
     def more(self, starts: Iterable[tuple[Edit, ...]]) -> list[tuple[Edit, ...]]:
         """Return what has one edit more than a start and is not fitted yet, with what it leaves at least found out."""
-        tried = (more for start in starts for edit in self.single if (more := _with(start, edit)) is not None)
+        tried = (more for start in starts for edit in self.single if (more := with_one_more(start, edit)) is not None)
         # Why in this order: equally good ones are tried as they were written, in every run.
         new = [edits for edits in dict.fromkeys(tried) if edits not in self.found]
         self.find_bounds(new)
@@ -227,8 +197,8 @@ class _Search:
         """Add one edit to each start, and fit those that can be among the best."""
         self.depth += 1
         for edits in sorted(self.more(starts), key=self.bound):
-            places = sorted(map(self.promise, self.found.values()))[:BEAM]
-            if len(places) == BEAM and self.bound(edits) > places[-1]:
+            places = sorted(map(self.promise, self.found.values()))[: tuning.BEAM]
+            if len(places) == tuning.BEAM and self.bound(edits) > places[-1]:
                 break
             self.fit(edits)
 
@@ -242,16 +212,11 @@ def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: b
         names: names of the columns in the log, in chain order; () where it names none.
         mapped: whether signs, offsets and order of the columns have a say: not where the log was in DH quantities.
     """
-    motion = thin_motion(log, robot)
-    if motion is None:
+    judge = judge_of(log, robot, mapped=mapped)
+    if judge is None:
         return None
     names = names or robot.log_names
-    # Why: most robot files are right, and a third of the samples shows it.
-    if len(motion.tau) >= SAMPLES:
-        first = _Search(Judge(robot, motion.thinned(FIRST), mapped), names)
-        if first.unrivalled(SURELY):
-            return Diagnosis(first.given, (first.given,), (), (), False)
-    search = _Search(Judge(robot, motion, mapped), names)
+    search = _Search(judge, names)
     if search.unrivalled():
         return Diagnosis(search.given, (search.given,), (), (), False)
     search.widen([()])
@@ -269,7 +234,7 @@ def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: b
     same = [each for each in alike if search.same(each, best)]
     others = [each for each in ranked[1:] if each not in same]
     few = [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given] if wrong else []
-    tied = [each for each in few if search.rank(each) < search.rank(best) + TIED]
+    tied = [each for each in few if search.rank(each) < search.rank(best) + tuning.TIED]
     return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong)
 
 
@@ -281,7 +246,7 @@ def noise_of(robot: Robot, floor: Floats) -> Floats:
         floor: what constant, friction and rotor inertia leave of each joint's torque, (n,) [N m or N].
     """
     turning = np.array([joint.revolute for joint in robot.joints])
-    return np.asarray(ELSEWHERE * np.where(turning, np.max(floor * turning), np.max(floor * ~turning)))
+    return np.asarray(tuning.MODEL_ERROR * np.where(turning, np.max(floor * turning), np.max(floor * ~turning)))
 
 
 def usual_error(robot: Robot, left: Floats) -> Floats:
@@ -300,98 +265,6 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
         if kind.any():
             found[kind] = median(left[kind] / scale[kind]) * scale[kind]
     return found
-
-
-def edits_of(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
-    """Yield all single edits of a robot file."""
-    robot = judge.robot
-    yield Edit("convention")
-    if robot.torque.source != "gravity_free":
-        yield from _directions(robot)
-    if not judge.mapped:
-        return
-    for kind in ("sign", "position", "torque"):
-        yield from (Edit(kind, (float(j),)) for j in range(robot.n))
-    yield from map(Edit, OF_ALL)
-    for j, joint in enumerate(robot.joints):
-        yield from (Edit("offset", (float(j), quarter)) for quarter in (1.0, -1.0, 2.0) if joint.revolute)
-    yield Edit("unit")
-    yield from _orders(judge, names)
-
-
-def _directions(robot: Robot) -> Iterator[Edit]:
-    """Yield the other directions of gravity along the axes of frame 0."""
-    gravity = np.array(robot.gravity)
-    size = float(np.linalg.norm(gravity))
-    for other in size * np.concatenate([np.eye(3), -np.eye(3)]):
-        if size and not np.allclose(other, gravity, atol=0.1 * size):
-            yield Edit("gravity", tuple((other + 0.0).tolist()))
-
-
-def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
-    """Yield orders of the columns: every exchange of two, and whole ones that recorders and people make."""
-    n = judge.robot.n
-    same = list(range(n))
-    seen = {tuple(same)}
-    by_name = sorted(same, key=lambda k: names[k])
-    whole = [same[::-1], [*same[1:], 0], [n - 1, *same[:-1]], by_name, [by_name.index(k) for k in same], _alike(judge)]
-    swaps = [[b if k == a else a if k == b else k for k in same] for a in range(n) for b in range(a + 1, n)]
-    for order in [*swaps, *whole]:
-        if sorted(order) == same and tuple(order) not in seen:
-            seen.add(tuple(order))
-            yield Edit("order", tuple(float(k) for k in order))
-
-
-def _alike(judge: Judge) -> list[int]:
-    """Return the assignment of columns to joints by range of motion and size of the torque."""
-    robot, x = judge.robot, judge.motion.x
-    have = np.std(judge.motion.tau, axis=0) + 1e-9
-    carried = np.sqrt(np.mean(expected_torque(x[0], robot) ** 2, axis=0)) + 0.02
-    size = np.array([joint.limits.torque or np.nan for joint in robot.joints])
-    wanted = size if np.isfinite(size).all() else carried
-    cost = np.abs(np.log(have / have.mean())[None, :] - np.log(wanted / wanted.mean())[:, None])
-    for j, joint in enumerate(robot.joints):
-        if joint.limits.position is not None and robot.coupling is None and robot.driver is not None:
-            map_ = robot.driver.map
-            low, high = sorted((np.array(joint.limits.position) - map_.offset[j]) * map_.sign[j])
-            outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
-            cost[j] += 3.0 * outside
-    return assignment(cost)
-
-
-def _unlikely(edit: Edit) -> float:
-    """Return how much less likely a mistake is than the likeliest one, in units of ``CLEAR``."""
-    moved = sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
-    odd = MOVED * max(0, moved - 2)
-    return UNLIKELY[edit.kind] + (min(odd, REGULAR) if _regular(edit.value) else odd)
-
-
-def _regular(order: Sequence[float]) -> bool:
-    """Return whether an order is the reversed one, or the whole chain shifted."""
-    steps = {(b - a) % len(order) for a, b in pairwise(order)} if len(order) > 1 else set()
-    return steps in ({1.0}, {len(order) - 1.0})
-
-
-def _with(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
-    """Return edits with one more, None where that says nothing new."""
-    for before in edits:
-        if before.kind == edit.kind and edit.kind != "order" and (not edit.value or before.value[0] == edit.value[0]):
-            return None
-        if before.kind == edit.kind == "gravity":
-            return None
-    if edit.kind == "order":
-        own = next((before for before in edits if before.kind == "order"), None)
-        if own is not None:
-            order = tuple(own.value[int(k)] for k in edit.value)
-            if order == tuple(float(k) for k in range(len(order))):
-                return None
-            rest = tuple(before for before in edits if before is not own)
-            return tuple(sorted((*rest, Edit("order", order)), key=_place))
-    return tuple(sorted((*edits, edit), key=_place))
-
-
-def _place(edit: Edit) -> tuple[str, tuple[float, ...]]:
-    return edit.kind, edit.value
 
 
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
@@ -425,7 +298,7 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
         check_gravity(log, robot)
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
-        found = _explained(log, robot, anyway=anyway, least_gain=LEAST_GAIN)
+        found = _explained(log, robot, anyway=anyway, least_gain=tuning.GAIN_OVER_GRAVITY)
         if not found:
             raise
         return found

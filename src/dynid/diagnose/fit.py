@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.diagnose import tuning
 from dynid.estimation.nonnegative import nonnegative_least_squares
 from dynid.log import Log
 from dynid.longarrays import median
@@ -29,50 +30,14 @@ from dynid.units import POSITION
 
 Floats = NDArray[np.float64]
 
-#: Samples that robot files are fitted to.
-SAMPLES = 250
-#: Longest time that positions are smoothed over before they are differentiated [s]; a third of the fastest period.
-SMOOTHING = 0.15
-#: Samples from the middle of a long log.
-MOST_SAMPLES = 60_000
 #: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
 RANK = 1e-9
-#: Usual sizes of the ten parameters of a link [kg, kg m, kg m^2]: much larger values come from fitting noise.
-USUAL = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
-#: Samples that follow each other say the same: so many count as one.
-ALIKE = 10.0
-#: Torques are never modelled better than to this share of what a joint's change at all.
-MODELLED = 0.01
-#: Point masses along each side of a link's box, and how far it reaches beyond the joints: [m], and as a share.
-POINTS, MARGIN, MARGIN_SHARE = 4, 0.1, 0.25
 #: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
 OWN = 4
 #: Samples whose columns are formed together; more leave the cache.
 TOGETHER = 2000
 #: Random samples on which two robot files are compared, and singular values that count as zero, relative.
 RANDOM, SPAN = 60, 1e-9
-
-
-@dataclass(frozen=True)
-class ThinMotion:
-    """A thinned log in the driver's columns and SI units.
-
-    Attributes:
-        x: position, velocity, acceleration, (3, N, n).
-        tau: torques, (N, n).
-        apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
-        independent: number of instants of the whole log that say something of their own: it was smoothed.
-    """
-
-    x: Floats
-    tau: Floats
-    apart: bool
-    independent: float = np.inf
-
-    def thinned(self, samples: int) -> ThinMotion:
-        """Return the same with so many of its samples, or a few more, evenly spread."""
-        every = max(1, len(self.tau) // samples)
-        return replace(self, x=self.x[:, ::every], tau=self.tau[::every])
 
 
 @dataclass(frozen=True)
@@ -126,16 +91,153 @@ class Columns:
         return np.maximum(_left(self.own[of], tau.swapaxes(1, 2)), 1e-9)
 
 
-def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
-    """Smooth, differentiate and thin a log in SI units, with known gains applied; None where it hardly moves."""
+@dataclass(frozen=True)
+class Judge:
+    """Fits robot files that differ from one by edits to some samples of one log.
+
+    Attributes:
+        robot: the arm as its file says.
+        x: position, velocity, acceleration in the driver's columns and SI units, (3, N, n).
+        tau: torques, (N, n).
+        apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
+        mapped: whether signs, offsets and order of the columns still have a say.
+        independent: number of instants of the whole log that say something of their own: it was smoothed.
+    """
+
+    robot: Robot
+    x: Floats
+    tau: Floats
+    apart: bool
+    mapped: bool
+    independent: float = np.inf
+
+    def least(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
+        """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
+
+        Files under which the arm moves alike share their columns, and those of several motions are formed together.
+
+        Args:
+            robots: the arm as the edited files say.
+
+        Returns:
+            Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
+        """
+        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
+        moved = [self._dh(robot) for robot in robots]
+        for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
+            alike = tables.setdefault(robot.convention, {})
+            alike.setdefault((robot.gravity, x.tobytes()), []).append(k)
+        found: dict[int, tuple[Floats, Floats]] = {}
+        together = max(1, TOGETHER // len(self.tau))
+        for files in (list(alike.values()) for alike in tables.values()):
+            for some in (files[start : start + together] for start in range(0, len(files), together)):
+                columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
+                several = [(number, k) for number, same in enumerate(some) for k in same]
+                of, tau = [number for number, _ in several], np.stack([moved[k][1] for _, k in several])
+                left, floor = columns.left(of, tau, apart=self.apart), columns.floor(of, tau)
+                found |= {k: (left[m], floor[m]) for m, (_, k) in enumerate(several)}
+        return [found[k] for k in range(len(robots))]
+
+    def possible(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
+        x, tau = self._dh(robot)
+        columns = self._columns([(robot, x)])
+        signed = robot.torque.source in ("motor_torque", "motor_current")
+        parts = [_reduced(columns, tau, j, signed=signed) for j in range(robot.n)]
+        bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
+        (floor,) = columns.floor([0], tau[None])
+        if self.apart:
+            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), floor
+        (left,) = columns.left([0], tau[None], apart=False)
+        return _cone(parts, bodies, 1.0 / np.maximum(left, 1e-9)), floor
+
+    def outside(self, robot: Robot) -> int:
+        """Return how many joints move far beyond their limits under an edited file."""
+        q = self._dh(robot)[0][0]
+        return sum(
+            beyond(joint, float(low), float(high)) > signal_tuning.BEYOND_LIMITS
+            for joint, low, high in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True)
+        )
+
+    def same(self, one: Robot, other: Robot) -> bool:
+        """Return whether two edited files can explain the same torques, whatever the arm does.
+
+        Why: base parameters and friction take some edits in whole; no log can tell such files apart.
+        """
+        rng = np.random.default_rng(0)
+        x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
+        drawn = replace(self, x=x, tau=np.zeros_like(x[0]), apart=False)
+        spans = [drawn._span(robot) for robot in (one, other)]
+        bases = [np.linalg.svd(span, full_matrices=False)[:2] for span in spans]
+        kept = [u[:, s > SPAN * s[0]] for u, s in bases]
+        if kept[0].shape != kept[1].shape:
+            return False
+        return bool(np.linalg.norm(kept[0] - kept[1] @ (kept[1].T @ kept[0])) < np.sqrt(SPAN))
+
+    def _span(self, robot: Robot) -> Floats:
+        """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
+        N, n = self.x.shape[1:]
+        columns = self._columns([(robot, self._dh(robot)[0])])
+        map_ = robot.driver.map if robot.driver is not None and self.mapped else None
+        sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
+        p = 10 * n
+        found = np.zeros((n, N, p + OWN * n))
+        for j in range(n):
+            row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
+            found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
+            found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
+        return found.reshape(n * N, -1)
+
+    def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
+        """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
+        robot, motions = moved[0][0], [x for _, x in moved]
+        slow, free = per_joint(signal_tuning.MOVING_SPEED, robot), robot.torque.source == "gravity_free"
+        gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
+        gravity = np.repeat(gravity, len(self.tau), axis=0)
+        q, qd, qdd = np.concatenate(motions, axis=1)
+        bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
+        v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
+        own = np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=3)
+        return Columns(bodies.reshape(*bodies.shape[:2], len(motions), -1), own)
+
+    def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
+        """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
+        x, tau = self.x, self.tau
+        if not self.mapped or robot.driver is None:
+            return self._joint_side(x, tau)
+        order = [self.robot.log_names.index(name) for name in robot.log_names]
+        before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
+        x, tau = self._joint_side(x[:, :, order], tau[:, order])
+        map_ = robot.driver.map
+        sign = np.array(map_.sign)
+        x = x * (sign * POSITION[robot.driver.units["position"]] / POSITION[before])
+        x[0] += np.array(map_.offset)
+        return x, tau * sign * np.array(map_.torque_signs)
+
+    def _joint_side(self, x: Floats, tau: Floats) -> tuple[Floats, Floats]:
+        """Return motion and torques of motors as those of joints."""
+        if self.robot.coupling is None or not self.mapped:
+            return x, tau
+        matrix = np.array(self.robot.coupling.matrix)
+        return x @ np.linalg.inv(matrix).T, tau @ matrix
+
+
+def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
+    """Smooth, differentiate and thin a log for fits of robot files; None where it hardly moves.
+
+    Args:
+        log: the robot's columns in SI units, with known gains applied, before the driver's map or after it.
+        robot: the arm.
+        mapped: whether they are before it.
+    """
     if len(log) < 50:
         return None
-    first = max(0, (len(log) - MOST_SAMPLES) // 2)
-    part = slice(first, first + MOST_SAMPLES)
+    first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
+    part = slice(first, first + tuning.MIDDLE_SAMPLES)
     t, q, tau = log.t[part], log.q[part], log.tau[part]
     usual = float(median(np.diff(t)))
     fastest = bandwidth(log, robot)
-    width = max(3, round(min(SMOOTHING, 0.33 / max(fastest, 0.1)) / usual))
+    width = max(3, round(min(tuning.SMOOTHING_S, 0.33 / max(fastest, 0.1)) / usual))
     if len(t) < 6 * width + 20:
         return None
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
@@ -167,135 +269,10 @@ def thin_motion(log: Log, robot: Robot) -> ThinMotion | None:
     if len(rows) < 50:
         return None
     independent = len(rows) / width
-    rows = rows[:: max(1, len(rows) // SAMPLES)]
+    rows = rows[:: max(1, len(rows) // tuning.SAMPLES)]
     unknown = log.tau_unit == "A" and (robot.torque.gain is None or any(g is None for g in robot.torque.gain))
     motion = np.stack([position[rows], velocity[rows], x2[rows]])
-    return ThinMotion(motion, smoothed[:count][rows], unknown, independent)
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Fits robot files that differ from one by edits to one log.
-
-    Attributes:
-        robot: the arm as its file says.
-        motion: the thinned log.
-        mapped: whether signs, offsets and order of the columns still have a say.
-    """
-
-    robot: Robot
-    motion: ThinMotion
-    mapped: bool
-
-    def least(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
-        """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
-
-        Files under which the arm moves alike share their columns, and those of several motions are formed together.
-
-        Args:
-            robots: the arm as the edited files say.
-
-        Returns:
-            Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
-        """
-        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
-        moved = [self._dh(robot) for robot in robots]
-        for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
-            alike = tables.setdefault(robot.convention, {})
-            alike.setdefault((robot.gravity, x.tobytes()), []).append(k)
-        found: dict[int, tuple[Floats, Floats]] = {}
-        together = max(1, TOGETHER // len(self.motion.tau))
-        for files in (list(alike.values()) for alike in tables.values()):
-            for some in (files[start : start + together] for start in range(0, len(files), together)):
-                columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
-                several = [(number, k) for number, same in enumerate(some) for k in same]
-                of, tau = [number for number, _ in several], np.stack([moved[k][1] for _, k in several])
-                left, floor = columns.left(of, tau, apart=self.motion.apart), columns.floor(of, tau)
-                found |= {k: (left[m], floor[m]) for m, (_, k) in enumerate(several)}
-        return [found[k] for k in range(len(robots))]
-
-    def possible(self, robot: Robot) -> tuple[Floats, Floats]:
-        """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
-        x, tau = self._dh(robot)
-        columns = self._columns([(robot, x)])
-        signed = robot.torque.source in ("motor_torque", "motor_current")
-        parts = [_reduced(columns, tau, j, signed=signed) for j in range(robot.n)]
-        bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
-        (floor,) = columns.floor([0], tau[None])
-        if self.motion.apart:
-            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), floor
-        (left,) = columns.left([0], tau[None], apart=False)
-        return _cone(parts, bodies, 1.0 / np.maximum(left, 1e-9)), floor
-
-    def outside(self, robot: Robot) -> int:
-        """Return how many joints move far beyond their limits under an edited file."""
-        q = self._dh(robot)[0][0]
-        return sum(
-            beyond(joint, float(low), float(high)) > signal_tuning.BEYOND_LIMITS
-            for joint, low, high in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True)
-        )
-
-    def same(self, one: Robot, other: Robot) -> bool:
-        """Return whether two edited files can explain the same torques, whatever the arm does.
-
-        Why: base parameters and friction take some edits in whole; no log can tell such files apart.
-        """
-        rng = np.random.default_rng(0)
-        x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
-        drawn = Judge(self.robot, ThinMotion(x, np.zeros_like(x[0]), False), self.mapped)
-        spans = [drawn._span(robot) for robot in (one, other)]
-        bases = [np.linalg.svd(span, full_matrices=False)[:2] for span in spans]
-        kept = [u[:, s > SPAN * s[0]] for u, s in bases]
-        if kept[0].shape != kept[1].shape:
-            return False
-        return bool(np.linalg.norm(kept[0] - kept[1] @ (kept[1].T @ kept[0])) < np.sqrt(SPAN))
-
-    def _span(self, robot: Robot) -> Floats:
-        """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
-        N, n = self.motion.x.shape[1:]
-        columns = self._columns([(robot, self._dh(robot)[0])])
-        map_ = robot.driver.map if robot.driver is not None and self.mapped else None
-        sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
-        p = 10 * n
-        found = np.zeros((n, N, p + OWN * n))
-        for j in range(n):
-            row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
-            found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
-            found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
-        return found.reshape(n * N, -1)
-
-    def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
-        """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
-        robot, motions = moved[0][0], [x for _, x in moved]
-        slow, free = per_joint(signal_tuning.MOVING_SPEED, robot), robot.torque.source == "gravity_free"
-        gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
-        gravity = np.repeat(gravity, len(self.motion.tau), axis=0)
-        q, qd, qdd = np.concatenate(motions, axis=1)
-        bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
-        v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
-        own = np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=3)
-        return Columns(bodies.reshape(*bodies.shape[:2], len(motions), -1), own)
-
-    def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
-        """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
-        x, tau = self.motion.x, self.motion.tau
-        if not self.mapped or robot.driver is None:
-            return self._joint_side(x, tau)
-        order = [self.robot.log_names.index(name) for name in robot.log_names]
-        before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
-        x, tau = self._joint_side(x[:, :, order], tau[:, order])
-        map_ = robot.driver.map
-        sign = np.array(map_.sign)
-        x = x * (sign * POSITION[robot.driver.units["position"]] / POSITION[before])
-        x[0] += np.array(map_.offset)
-        return x, tau * sign * np.array(map_.torque_signs)
-
-    def _joint_side(self, x: Floats, tau: Floats) -> tuple[Floats, Floats]:
-        """Return motion and torques of motors as those of joints."""
-        if self.robot.coupling is None or not self.mapped:
-            return x, tau
-        matrix = np.array(self.robot.coupling.matrix)
-        return x @ np.linalg.inv(matrix).T, tau @ matrix
+    return Judge(robot, motion, smoothed[:count][rows], unknown, mapped, independent)
 
 
 def _left(columns: Floats, tau: Floats) -> Floats:
@@ -333,15 +310,15 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats) -> Floats:
             sides[m, j, 10 * j :] = left[m, j] @ B[k]
     energy = np.sum(left**2, axis=2) / count
     rms = np.sqrt(np.maximum(energy, 1e-18))
-    ridge = np.tile(USUAL**-2.0, p // 10)
+    ridge = np.tile(tuning.USUAL_BODY**-2.0, p // 10)
     for _ in range(3):
-        weight = 1.0 / (ALIKE * rms[:, None] ** 2)
+        weight = 1.0 / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
         G, side = (weight @ grams.reshape(M, n, -1)).reshape(M, p, p), weight @ sides
         G[:, range(p), range(p)] += ridge
         theta = _solved(G, side.swapaxes(1, 2))[:, None]
         quads = ((grams @ theta)[..., 0] - 2.0 * sides)[:, :, None] @ theta
         rms = np.sqrt(np.maximum(energy + quads[:, :, 0, 0] / count, 1e-12 * energy + 1e-18))
-        rms = np.maximum(rms, MODELLED * np.sqrt(energy))
+        rms = np.maximum(rms, tuning.MODELLED * np.sqrt(energy))
     return np.asarray(rms)
 
 
@@ -412,9 +389,9 @@ def _corners(
     found = []
     for i in range(robot.n):
         ends = (p[i : i + 3] - p[i + 1]) @ R[i]
-        reach = MARGIN + MARGIN_SHARE * np.abs(ends).max()
+        reach = tuning.BOX_MARGIN_M + tuning.BOX_MARGIN_SHARE * np.abs(ends).max()
         axes = [
-            np.array(sorted({*np.linspace(low, high, POINTS).tolist(), 0.0}))
+            np.array(sorted({*np.linspace(low, high, tuning.BOX_POINTS).tolist(), 0.0}))
             for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
         ]
         x, y, z = np.hstack([np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.diagnose import tuning
 from dynid.drivers.registry import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
@@ -14,25 +15,6 @@ from dynid.signals import tuning as signal_tuning
 from dynid.signals.motion import any_moves, per_joint, rest_slices
 
 Floats = NDArray[np.float64]
-
-#: Poses at rest from which the change of torque with the pose is judged; with fewer the whole motion is used.
-LEAST_POSES = 4
-#: A joint takes part when its expected torque changes by this share of the largest change.
-SIGNIFICANT = 0.3
-#: Expected changes below this [N m] drown in friction.
-LEAST_CHANGE = 1.0
-#: A counterbalance may carry all that the heaviest joint would; where masses are known, lighter joints of heavy arms
-#: then tell: those whose expected torque changes by this share of the largest change, and by so much [N m].
-LIGHTER, LEAST_OF_LIGHTER = 0.05, 10.0
-#: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
-LEAST_SHARE_KNOWN = 0.1
-LEAST_SHARE_UNKNOWN = 0.03
-#: A load whose change is, but for this share, also that of friction or inertia shows nothing.
-DISTINCT = 0.2
-#: Positions are smoothed over this time before they are differentiated [s].
-SMOOTHING = 0.15
-#: Samples from the middle of a log that moves all the time: a minute at 500 Hz says it as well as an hour.
-MOST_SAMPLES = 30_000
 
 
 def check_gravity(log: Log, robot: Robot) -> None:
@@ -44,7 +26,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
     if robot.torque.source == "gravity_free" or log.tau_unit == "A":
         return
     poses = rest_slices(log, robot)
-    at_rest = len(poses) >= LEAST_POSES
+    at_rest = len(poses) >= tuning.LEAST_POSES
     if at_rest:
         q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
         besides: list[Floats] = []
@@ -55,12 +37,12 @@ def check_gravity(log: Log, robot: Robot) -> None:
     load = expected_torque(q, robot)
     change = np.ptp(load, axis=0)
     known = robot.prior is not None
-    carries = (change > SIGNIFICANT * change.max()) & (change > LEAST_CHANGE)
+    carries = (change > tuning.SIGNIFICANT_LOAD * change.max()) & (change > tuning.LEAST_LOAD_NM)
     if known:
-        carries |= change > max(LIGHTER * change.max(), LEAST_OF_LIGHTER)
+        carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
     loaded = np.flatnonzero(carries)
     shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
-    if shares and max(shares) < (LEAST_SHARE_KNOWN if known else LEAST_SHARE_UNKNOWN):
+    if shares and max(shares) < (tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN):
         heaviest = int(loaded[np.argmax(change[loaded])])
         seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
         raise GravityRemoved(
@@ -73,10 +55,12 @@ def check_gravity(log: Log, robot: Robot) -> None:
 
 def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     """Return positions, torques and what else makes torque, (N, n) each, at some thousand instants of a motion."""
-    first = max(0, (len(log) - MOST_SAMPLES) // 2)
-    part = slice(first, first + MOST_SAMPLES)
+    first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
+    part = slice(first, first + tuning.MIDDLE_SAMPLES)
     # Why at most: a log so short has fewer samples than the smoothing would take.
-    width = min(max(3, round(SMOOTHING * (len(log) - 1) / float(np.ptp(log.t)))), max(3, len(log.t[part]) // 3))
+    width = min(
+        max(3, round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))), max(3, len(log.t[part]) // 3)
+    )
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
     q, tau = (np.apply_along_axis(np.convolve, 0, x, kernel, "valid") for x in (log.q[part], log.tau[part]))
     t = np.convolve(log.t[part], kernel, "valid")
@@ -97,6 +81,6 @@ def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:
     rest = np.column_stack([np.ones(len(load)), *besides])
     rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
     own = load - rest @ np.linalg.lstsq(rest, load, rcond=1e-9)[0]
-    if np.linalg.norm(own) < DISTINCT * np.linalg.norm(load - load.mean()):
+    if np.linalg.norm(own) < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
         return -1.0
     return abs(float(own @ tau / (own @ own)))

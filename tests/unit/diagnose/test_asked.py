@@ -6,7 +6,7 @@ import pytest
 
 import dynid
 from dynid.diagnose import diagnosis
-from dynid.diagnose.edits import Edit, edited
+from dynid.diagnose.mistakes import Edit, edited
 from dynid.errors import GravityRemoved, WrongMapping
 from dynid.signals.checks import prepare
 from dynid.workflows.identify import IdentifyOptions

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dynid.diagnose.assignment import assignment
+from dynid.diagnose.mistakes import assignment
 
 
 def test_columns_are_assigned_at_the_least_cost():

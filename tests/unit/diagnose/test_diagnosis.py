@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.diagnose.diagnosis import FIRST, diagnose, find_mistake
-from dynid.diagnose.edits import Edit, edited, pasted, said, with_edits
-from dynid.diagnose.fit import SAMPLES, Judge
+from dynid.diagnose.diagnosis import diagnose, find_mistake
+from dynid.diagnose.mistakes import Edit, edited, pasted, said, with_edits
 from dynid.errors import WrongMapping
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
@@ -38,16 +37,6 @@ def test_the_numeric_regressor_is_the_derived_one(name):
 
 def test_a_right_file_is_not_questioned():
     assert not looked_at(lwr()).wrong
-
-
-def test_a_third_of_the_samples_settles_a_right_file_and_no_other(monkeypatch):
-    asked, fit = [], Judge.possible
-    monkeypatch.setattr(Judge, "possible", lambda self, robot: asked.append(len(self.motion.tau)) or fit(self, robot))
-    assert not looked_at(lwr()).wrong
-    assert len(asked) == 1
-    assert FIRST <= asked[0] < SAMPLES / 2
-    assert looked_at(edited(lwr(), Edit("torque", (3.0,)))).wrong
-    assert asked[-1] >= SAMPLES
 
 
 @pytest.mark.parametrize(
