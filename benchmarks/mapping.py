@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dynid.diagnose import diagnosis as mapping
+from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge, judge_of
 from dynid.diagnose.mistakes import with_edits
 from dynid.files.logs import read_log
@@ -130,7 +131,7 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
     noise = np.hypot(mapping.noise_of(robot, right.floor), mapping.usual_error(robot, right.left))
 
     def hidden(file):
-        return mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise) < mapping.CLEAR
+        return mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise) < tuning.CLEAR
 
     if found is None or not found.wrong:
         if judge.same(wrong, robot):
