@@ -23,7 +23,9 @@ def test_bodies_that_joints_share_leave_what_stacked_rows_leave():
     rms = least
     for _ in range(3):
         scale = 1.0 / (np.sqrt(tuning.SAMPLES_ALIKE) * rms)
-        rows = np.vstack([*(s * each for s, each in zip(scale, W, strict=True)), np.diag(1.0 / np.tile(tuning.USUAL_BODY, n))])
+        rows = np.vstack(
+            [*(s * each for s, each in zip(scale, W, strict=True)), np.diag(1.0 / np.tile(tuning.USUAL_BODY, n))]
+        )
         side = np.concatenate([*(s * each for s, each in zip(scale, left, strict=True)), np.zeros(10 * n)])
         theta = np.linalg.lstsq(rows, side)[0]
         rest = [one - each @ theta for one, each in zip(left, W, strict=True)]
