@@ -1,9 +1,9 @@
-"""Measure `dynid run` on Dask: two workers against one, overhead, memory, what survives kills, long logs in stretches.
+"""Measure `dynid run` on Dask: two workers against one, overhead, memory, what survives kills, many logs of one arm.
 
     python benchmarks/cluster.py speed [--logs 80]       jobs of one log of 60 s of a 7-joint arm; 3 minutes, one line
     python benchmarks/cluster.py overhead                tasks that do nothing
     python benchmarks/cluster.py kills [--seed 0]        ten workers killed, then a scheduler; same bytes?
-    python benchmarks/cluster.py stretches [--samples 10000000] [--count 40]
+    python benchmarks/cluster.py together [--logs 20]      one identification from many logs
 
 Each part prints what it found; benchmarks/cluster.md has the last numbers.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import math
 import os
 import random
 import resource
@@ -37,7 +38,7 @@ import twolink  # noqa: E402
 from dynid.log import Log  # noqa: E402
 from dynid.model import build_model  # noqa: E402
 from dynid.model.parameters import prior_vector  # noqa: E402
-from dynid.workflows.cluster import Task, opened  # noqa: E402
+from dynid.workflows.cluster import mapped, opened  # noqa: E402
 from dynid.workflows.robots import load_robot  # noqa: E402
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"}
@@ -177,16 +178,11 @@ def speed(given):
     )
 
 
-def nothing(k):
-    return k
-
-
 def overhead_of(workers, count=2000):
     """Return clock and processor of this process that a task takes which does nothing [ms]."""
-    with opened(workers) as pool:
-        tasks = {str(k): Task(nothing, (k,)) for k in range(count)}
+    with opened(workers) as client:
         began, used = time.perf_counter(), time.process_time()
-        assert len(list(pool.run(tasks, list(tasks)))) == len(tasks)
+        assert len(list(mapped(client, math.sqrt, range(count)))) == count
         return 1e3 * (time.perf_counter() - began) / count, 1e3 * (time.process_time() - used) / count
 
 
@@ -204,7 +200,7 @@ def two_link_batch(folder):
         twolink.write_log(folder / f"log{k}.csv", seed=k)
     jobs = "".join(f"  - {{name: job{k}, robot: arm.yaml, logs: log{k}.csv}}\n" for k in range(12))
     logs = ", ".join(f"log{k}.csv" for k in range(12, 16))
-    many = f"  - {{name: many, robot: arm.yaml, logs: [{logs}], split_s: 4, options: {{cutoff: 5}}}}\n"
+    many = f"  - {{name: many, robot: arm.yaml, logs: [{logs}], options: {{cutoff: 5}}}}\n"
     (folder / "batch.yaml").write_text(f"jobs:\n{jobs}{many}  - {{name: cut, robot: arm.yaml, logs: missing.csv}}\n")
 
 
@@ -289,19 +285,15 @@ def scheduler(folder, wall, wanted):
     print(f"scheduler and workers killed after {done} jobs: {digest(folder / 'out')} (wanted {wanted}), {last}")
 
 
-# ---------------------------------------------------------------- long logs in stretches
-def stretches(given):
-    with tempfile.TemporaryDirectory(dir=given.folder) as name:
+# ---------------------------------------------------------------- many logs of one arm
+def together(given):
+    with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        rate = 1000.0
-        (folder / "arm.yaml").write_text(twolink.ROBOT)
-        t, q, qd, qdd = twolink.motion(1, seconds=given.samples / rate, rate=rate)
-        tau = twolink.torque(q, qd, qdd) + 0.02 * np.random.default_rng(0).standard_normal(q.shape)
-        Log(t=t, q=q, tau=tau, names=("shoulder", "elbow")).save(folder / "log.npz")
-        del t, q, qd, qdd, tau
-        seconds = given.samples / rate / given.count
+        seven_joint_logs(folder, given.logs)
+        logs = ", ".join(f"log{k:03d}.npz" for k in range(given.logs))
+        options = "{anyway: true, report: false}"
         (folder / "batch.yaml").write_text(
-            f"jobs: [{{name: long, robot: arm.yaml, logs: log.npz, split_s: {seconds}, options: {{cutoff: 5}}}}]\n"
+            f"jobs: [{{name: long, robot: kuka_lwr4plus, logs: [{logs}], options: {options}}}]\n"
         )
         for workers in (1, 2):
             shutil.rmtree(folder / "out", ignore_errors=True)
@@ -312,8 +304,8 @@ def stretches(given):
             wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
             processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             print(
-                f"{given.samples} samples in {given.count} stretches, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of "
-                f"processor, largest process {max(watched.seen):.0f} MB, {digest(folder / 'out')}",
+                f"one job of {given.logs} logs of 60 s, {workers} worker(s): {wall:.1f} s, {processor:.1f} s of processor, "
+                f"largest process {max(watched.seen):.0f} MB, {digest(folder / 'out')}",
                 flush=True,
             )
             if process.returncode:
@@ -322,13 +314,10 @@ def stretches(given):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=("speed", "overhead", "kills", "stretches"))
+    parser.add_argument("part", choices=("speed", "overhead", "kills", "together"))
     parser.add_argument("--logs", type=int, default=80)
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--samples", type=int, default=10_000_000)
-    parser.add_argument("--count", type=int, default=40)
-    parser.add_argument("--folder", default=None, help="where the long log is written")
     given = parser.parse_args()
     globals()[given.part](given)
 

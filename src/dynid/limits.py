@@ -98,9 +98,6 @@ LIMITS: dict[str, Limit] = {
     "waypoints": Limit(500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"),
     "obstacles": Limit(500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"),
     "jobs": Limit(2000, "jobs", "jobs of a batch file", "each reads its files first; a fleet of 100 arms has 1000"),
-    "stretches": Limit(
-        10_000, "stretches", "stretches that a log of a job is read in", "each is a task; a day in minutes has 1440",
-    ),
     "links": Limit(1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(

@@ -95,7 +95,7 @@ def batch_keys(rng: np.random.Generator, original: str) -> bytes:
             elif kind <= 3:
                 job["logs"] = [URLS[rng.integers(len(URLS))]] + (["log.npz"] if rng.random() < 0.3 else [])
             elif kind == 4:
-                job["split_s"] = str(rng.choice(["1", "5", "1e-300", "1e300", "nan", "1e-3", "-1", "9" * 400]))
+                job["tolerance"] = str(rng.choice(["1", "5%", "1e-300", "1e300", "nan", "1e-3", "-1", "9" * 400]))
             elif kind == 5:
                 key = str(
                     rng.choice(

@@ -34,7 +34,7 @@ from dynid.reports.evidence import _spectrum, gather, relative_percent
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
 from dynid.workflows.identify import identify
-from dynid.workflows.job import RECORD, _record
+from dynid.workflows.job import RECORD, recorded
 from dynid.workflows.model import base_model
 from dynid.workflows.parameters import load_observations
 from dynid.workflows.robots import load_robot
@@ -281,7 +281,7 @@ def test_a_record_of_a_job_with_an_odd_fact_is_used_or_the_job_is_done_again(ori
         facts = json.loads(original)
         other_fact(np.random.default_rng([seed, 8]), facts)
         (tmp_path / RECORD).write_text(json.dumps(facts))
-        found = _record(done, tmp_path, json.loads(original)["key"])
+        found = recorded(done, tmp_path, json.loads(original)["key"])
         if found is not None:
             used += 1
             assert found.facts()["outcome"] in ("passed", "beyond a limit")

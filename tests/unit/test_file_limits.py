@@ -5,7 +5,6 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from dynid.model.reduce import reduce_plain
 from dynid.model.regressor import Model
 from dynid.trajectory.basis import Fourier
 from dynid.trajectory.plan import Trajectory
-from dynid.workflows.pieces import cut
 
 ARM = "name: arm\nconvention: standard\njoints: [{a: 0.3}, {a: 0.2}, {a: 0.1}, {a: 0.1}]\n"
 
@@ -115,5 +113,3 @@ def test_what_a_command_asks_for_is_bounded_by_the_product_of_its_numbers():
         slow.sampled(1000.0)
     with pytest.raises(TooLarge, match="a regressor"):
         reduce_plain(model, samples=100_000)
-    with pytest.raises(TooLarge, match="stretches"):
-        cut(Path("log.npz"), SimpleNamespace(samples=10_000_000, rate=100.0), 1.0, 8.0)

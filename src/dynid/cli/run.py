@@ -38,6 +38,7 @@ EVENT = "dynid/run-event/1"
 def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Identify, validate and compare many recordings from one YAML list."""
     from dynid.cli.identify import command as identify
+    from dynid.cli.main import run as run_command
     from dynid.files.artifact import write_text
     from dynid.workflows.run import run
 
@@ -53,6 +54,7 @@ def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, *
     with common.terminal.progress() as progress:
         done = run(
             batch,
+            run_command,
             options_of(RunOptions, values),
             out=common.out or Path("out"),
             seed=common.seed,

@@ -1,7 +1,7 @@
 """The batch file: many robots and logs in one YAML list, each an identification with what is checked after it.
 
 Keys of a job: name, robot, logs, options (long names of ``dynid identify``), validate, max_unexplained, fail_if,
-baseline, tolerance, split_s. ``defaults`` at the top holds the same keys for all jobs. Paths are relative to the file.
+baseline, tolerance. ``defaults`` at the top holds the same keys for all jobs. Paths are relative to the file.
 """
 
 from __future__ import annotations
@@ -13,26 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from dynid import limits
-from dynid.errors import WrongRobotFile
+from dynid.errors import UnknownKey, WrongRobotFile
 from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
 
-_JOB = (
-    "name",
-    "robot",
-    "logs",
-    "options",
-    "validate",
-    "max_unexplained",
-    "fail_if",
-    "baseline",
-    "tolerance",
-    "split_s",
-)
-
-
-#: Shortest stretch of a log that a task reads [s]; shorter ones are mostly the edges of filters.
-SHORTEST = 1.0
+_JOB = ("name", "robot", "logs", "options", "validate", "max_unexplained", "fail_if", "baseline", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -49,7 +34,6 @@ class Job:
         fail_if: limits of ``dynid identify --fail-if``.
         baseline: result to compare with, None for none.
         tolerance: largest change against it; "" for the test against noise.
-        split_s: length of the stretches that tasks of their own read [s]; 0 to read all logs in one.
     """
 
     name: str
@@ -61,7 +45,6 @@ class Job:
     fail_if: tuple[str, ...] = ()
     baseline: Path | None = None
     tolerance: str = ""
-    split_s: float = 0.0
 
 
 def read_batch(path: Path) -> tuple[Job, ...]:
@@ -78,6 +61,10 @@ def read_batch(path: Path) -> tuple[Job, ...]:
         if not jobs:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
         _unique(jobs, top["jobs"])
+    except UnknownKey as error:
+        if "'split_s'" in error.what:
+            error.fix = "remove it; logs are spread over the workers by themselves"
+        raise
     except WrongRobotFile as error:
         error.why, error.fix = "the job could not be run", "`dynid explain ci-regression` shows a batch file"
         raise
@@ -101,27 +88,12 @@ def _job(value: Value, shared: dict[str, Value], folder: Path) -> Job:
         validate=_paths(keys["validate"], folder) if "validate" in keys else (),
         fail_if=_list(keys["fail_if"], Value.text) if "fail_if" in keys else (),
         baseline=folder / keys["baseline"].text() if "baseline" in keys else None,
-        split_s=_seconds(keys["split_s"]) if "split_s" in keys else 0.0,
         **text,
     )
 
 
 def _list(value: Value, read: Callable[[Value], str]) -> tuple[str, ...]:
     return tuple(read(item) for item in value.items()) if value.is_list else (read(value),)
-
-
-def _seconds(value: Value) -> float:
-    text = value.text()
-    try:
-        found = float(text)
-    except ValueError:
-        found = 0.0
-    if not 0.0 < found < float("inf"):
-        raise WrongRobotFile(f"{value.where}: {value.path} = {text} is no number of seconds", where=value.where)
-    if found < SHORTEST:
-        what = f"{value.where}: {value.path} = {text}, but a stretch has at least {SHORTEST:g} s"
-        raise WrongRobotFile(what, where=value.where, why="each is a task with a filter of its own", fix="split_s: 600")
-    return found
 
 
 def _paths(value: Value, folder: Path) -> tuple[Path | str, ...]:

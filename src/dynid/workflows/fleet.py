@@ -16,7 +16,7 @@ from dynid.options import Options, bytes_or_none, option, share
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
 from dynid.text import chance, csv_row, whole_number
-from dynid.workflows.cluster import Task, opened
+from dynid.workflows.cluster import mapped, opened
 from dynid.workflows.results import parameters_of
 from dynid.workflows.run import cores
 
@@ -396,20 +396,20 @@ def read_rows(
 ) -> tuple[list[tuple[Run, Row]], tuple[tuple[str, str], ...]]:
     """Return what takes part of each result, and which cannot be read and why."""
     parts = [runs[first : first + AT_ONCE] for first in range(0, len(runs), AT_ONCE)]
-    tasks = {str(k): Task(rows_of, ([run.path.absolute() for run in part],)) for k, part in enumerate(parts)}
+    paths = [[run.path.absolute() for run in part] for part in parts]
     workers = min(options.jobs or cores(), len(parts)) if len(runs) >= MANY else 1
-    read: dict[str, list[Row | str]] = {}
+    read: dict[int, list[Row | str]] = {}
     progress.stage("read")
-    with opened(workers, scheduler=options.scheduler, memory=options.memory, progress=progress) as pool:
-        for done in pool.run(tasks, list(tasks)):
-            if done.error is not None:
-                raise done.error
-            read[done.name] = done.value
-            progress.advance(len(read), len(tasks), f"{len(runs)} results")
-    every = [row for name in tasks for row in read[name]]
-    rows = [(run, row) for run, row in zip(runs, every, strict=True) if isinstance(row, Row)]
+    with opened(workers, scheduler=options.scheduler, memory=options.memory, progress=progress) as client:
+        for k, rows, error in mapped(client, rows_of, paths, progress=progress):
+            if error is not None:
+                raise error
+            read[k] = rows
+            progress.advance(len(read), len(parts), f"{len(runs)} results")
+    every = [row for k in range(len(parts)) for row in read[k]]
+    found = [(run, row) for run, row in zip(runs, every, strict=True) if isinstance(row, Row)]
     unread = [(str(run.path), row) for run, row in zip(runs, every, strict=True) if isinstance(row, str)]
-    return rows, tuple(unread)
+    return found, tuple(unread)
 
 
 def rows_of(paths: Sequence[Path]) -> list[Row | str]:

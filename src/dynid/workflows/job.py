@@ -13,26 +13,23 @@ import platform
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field, replace
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from dynid import limits
-from dynid.errors import DynidError, ExitStatus, WorkerDiffers, WrongUsage
+from dynid.errors import DynidError, ExitStatus, WorkerDiffers
 from dynid.files.artifact import sha256, write_text
 from dynid.files.batchfile import Job
 from dynid.files.contents import Contents, Fact
 from dynid.files.remote import fetch
 from dynid.npz import parse_json
-from dynid.progress import SILENT, Progress
 from dynid.text import shell
 from dynid.version import __version__
-from dynid.workflows.cluster import Pool, Task
 
 #: What a job leaves in its folder, so that it need not run again.
 RECORD = "job.json"
@@ -47,6 +44,10 @@ RECORDED = Contents(
 )
 #: The model in a job's folder, which is made first.
 MODEL = ("regressor.npz", "fullregressor.npz")
+#: What runs a command line of dynid in this process and returns its exit status.
+Command = Callable[[Sequence[str]], int]
+#: Streams, working folder and command line belong to a whole process: its threads do one job at a time.
+_ONE_AT_A_TIME = Lock()
 
 
 @dataclass(frozen=True)
@@ -106,30 +107,29 @@ class JobResult:
 
 
 @dataclass(frozen=True)
-class Place:
-    """What the commands of a job depend on besides their words.
+class Surroundings:
+    """What the commands of a job depend on besides their words, as it is where the batch was started.
 
     Attributes:
+        command: what runs them.
+        seed: seed of every random choice.
+        force: whether to do again what was done before from the same inputs.
         folder: the working folder.
         settings: the variables of the environment that dynid reads.
-        limits: words that raise limits.
+        raised: words that raise limits.
         version: of dynid.
     """
 
-    folder: Path
-    settings: tuple[tuple[str, str], ...]
-    limits: tuple[str, ...]
-    version: str
+    command: Command
+    seed: int = 0
+    force: bool = False
+    folder: Path = field(default_factory=Path.cwd)
+    settings: dict[str, str] = field(default_factory=lambda: {k: v for k, v in os.environ.items() if _is_ours(k)})
+    raised: list[str] = field(default_factory=limits.words)
+    version: str = __version__
 
-    @staticmethod
-    def here() -> Place:
-        """Return where this process is."""
-        settings = {key: value for key, value in os.environ.items() if key.startswith("DYNID_")}
-        return Place(Path.cwd(), tuple(sorted(settings.items())), tuple(limits.words()), __version__)
-
-    @contextmanager
-    def entered(self) -> Iterator[None]:
-        """Put the commands of a block there; nothing where this process is there already.
+    def enter(self) -> None:
+        """Make them those of this process; where the batch was started they are so already.
 
         Raises:
             WorkerDiffers: this worker has another dynid, or no such folder.
@@ -138,33 +138,42 @@ class Place:
             raise WorkerDiffers(f"a worker has dynid {__version__}, and this is {self.version}")
         if not self.folder.is_dir():
             raise WorkerDiffers(f"a worker on {platform.node()} sees no folder {self.folder}")
-        before, variables = Path.cwd(), dict(os.environ)
+        os.chdir(self.folder)
+        for key in [key for key in os.environ if _is_ours(key) and key not in self.settings]:
+            del os.environ[key]
+        os.environ.update(self.settings)
+
+    def run(self, name: str, words: list[str]) -> tuple[int, str, str]:
+        """Run a command; return its exit status, its answer and what it said besides."""
+        answer, said, before = StringIO(), StringIO(), sys.argv
+        line = [name, "--json", "--no-input", "--force", "--seed", str(self.seed), *self.raised, *words]
+        sys.argv = ["dynid", *line]
         try:
-            os.environ.update(self.settings)
-            if before != self.folder:
-                os.chdir(self.folder)
-            yield
+            with redirect_stdout(answer), redirect_stderr(said), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                status = int(self.command(line))
         finally:
-            for key, _ in self.settings:
-                if key not in variables:
-                    del os.environ[key]
-            os.environ.update(variables)
-            if before != self.folder:
-                os.chdir(before)
+            sys.argv = before
+        if status == ExitStatus.INTERRUPTED:
+            raise KeyboardInterrupt
+        return status, answer.getvalue().strip(), said.getvalue()
 
 
-#: Streams, working folder and command line belong to a whole process: its threads do one job at a time.
-_ONE_AT_A_TIME = Lock()
+def _is_ours(variable: str) -> bool:
+    return variable.startswith("DYNID_")
 
 
-def do_job(job: Job, folder: Path, seed: int, force: bool, place: Place) -> JobResult:
+def do_job(job: Job, folder: Path, around: Surroundings) -> JobResult:
     """Run the commands of a job, or return what it gave before when its inputs are the same."""
-    with _ONE_AT_A_TIME:
-        try:
-            with place.entered():
-                return _do(job, folder, seed, force, place.limits)
-        except (DynidError, OSError) as error:
-            return not_done(job, folder, error)
+    try:
+        with _ONE_AT_A_TIME:
+            around.enter()
+            local = with_copies(job, folder)
+            key = job_key(local, around.seed)
+            before = None if around.force else recorded(job, folder, key)
+            return before or _done(job, commands(local, folder), folder, around, key)
+    except (DynidError, OSError) as error:
+        return not_done(job, folder, error)
 
 
 def not_done(job: Job, folder: Path, error: BaseException | None) -> JobResult:
@@ -176,225 +185,87 @@ def not_done(job: Job, folder: Path, error: BaseException | None) -> JobResult:
     return JobResult(job, folder, int(ExitStatus.INTERNAL), message=f"{type(error).__name__}: {error}")
 
 
-def _do(job: Job, folder: Path, seed: int, force: bool, raised: Sequence[str]) -> JobResult:
-    here = with_copies(job, folder)
-    key = job_key(here, seed)
-    before = None if force else _record(job, folder, key)
-    if before is not None:
-        return before
+def _done(job: Job, lines: list[tuple[str, list[str]]], folder: Path, around: Surroundings, key: str) -> JobResult:
+    """Run commands one after another, up to the first that fails, and write down what they said and answered."""
     start = time.perf_counter()
     if not (folder / RECORD).exists():
         # Why: what a job that was killed has left behind would show in what this one says.
         for left in MODEL:
             (folder / left).unlink(missing_ok=True)
-    status, message, answers, said = _commanded(commands(here, folder), seed, raised)
-    write_text(folder / "run.log", said)
-    done = JobResult(job, folder, status, time.perf_counter() - start, answers, message)
-    if not done.failed:
-        _write_record(done, key)
-    return done
-
-
-#: Worst status, first complaint, JSON answers by command, and what was said.
-Said = tuple[int, str, dict[str, list[dict[str, Any]]], str]
-
-
-def _commanded(words: Iterator[tuple[str, list[str]]], seed: int, raised: Sequence[str]) -> Said:
-    """Run commands one after another, up to the first that fails."""
-    worst, first, answers, said = 0, "", dict[str, list[dict[str, Any]]](), ""
-    for name, rest in words:
-        status, answer, text = call([name, "--json", "--no-input", "--force", "--seed", str(seed), *raised, *rest])
-        said += f"$ {shell('dynid', name, *rest)}\n{text}"
-        worst, first = max(worst, status), first or (_complaint(text) if status else "")
-        if answer is not None:
-            answers.setdefault(name, []).append(answer)
+    worst, message, log, answers = 0, "", "", dict[str, list[dict[str, Any]]]()
+    for name, words in lines:
+        status, answer, said = around.run(name, words)
+        log += f"$ {shell('dynid', name, *words)}\n{said}"
+        worst, message = max(worst, status), message or (_complaint(said) if status else "")
+        if answer:
+            answers.setdefault(name, []).append(json.loads(answer))
         if status > ExitStatus.LIMIT_NOT_MET:
             break
-    return worst, first, answers, said
-
-
-def call(words: Sequence[str]) -> tuple[int, dict[str, Any] | None, str]:
-    """Run a command of dynid in this process; return its exit status, its JSON answer and what it said besides."""
-    # Why by its name: a job is what it would be on a command line, and nothing below the commands knows them.
-    program = import_module("dynid.cli.main")
-    answer, said, before = StringIO(), StringIO(), sys.argv
-    sys.argv = ["dynid", *words]
-    try:
-        with redirect_stdout(answer), redirect_stderr(said), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            status = int(program.run(words))
-    finally:
-        sys.argv = before
-    if status == ExitStatus.INTERRUPTED:
-        raise KeyboardInterrupt
-    return status, json.loads(answer.getvalue()) if answer.getvalue().strip() else None, said.getvalue()
+    write_text(folder / "run.log", log)
+    done = JobResult(job, folder, worst, time.perf_counter() - start, answers, message)
+    if not done.failed:
+        facts = {"key": key, "status": worst, "message": message, "answers": answers}
+        write_text(folder / RECORD, json.dumps(facts, indent=1))
+    return done
 
 
 def _complaint(said: str) -> str:
     """Return the line that says what is wrong."""
-    for start in ("error[", "limit "):
-        for line in said.splitlines():
-            if line.startswith(start):
-                return line
-    lines = said.strip().splitlines()
-    return lines[-1] if lines else "it said nothing"
+    lines = said.strip().splitlines() or ["it said nothing"]
+    return next((line for start in ("error[", "limit ") for line in lines if line.startswith(start)), lines[-1])
 
 
-def commands(job: Job, folder: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the commands of a job: name and words."""
+def commands(job: Job, folder: Path) -> list[tuple[str, list[str]]]:
+    """Return the commands of a job: name and words."""
     words = ["--out", str(folder)]
     for key, value in job.options.items():
         flag = f"--{key.replace('_', '-')}"
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
+    result, most = str(folder / "parameters.npz"), ["--max-unexplained", job.max_unexplained]
     # Why: behind -- a log that is called --force is a log.
-    yield "identify", [*words, "--", job.robot, *map(str, job.logs)]
-    result = str(folder / "parameters.npz")
+    found = [("identify", [*words, "--", job.robot, *map(str, job.logs)])]
     for log in job.validate:
-        most = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
-        yield "validate", ["--no-plot", *most, "--", result, str(log)]
+        found.append(("validate", ["--no-plot", *(most if job.max_unexplained else []), "--", result, str(log)]))
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
-        yield "compare", ["--baseline", str(job.baseline), *within, "--", result]
+        found.append(("compare", ["--baseline", str(job.baseline), *within, "--", result]))
+    return found
 
 
 def with_copies(job: Job, folder: Path) -> Job:
     """Return a job whose logs are files: what is at a URL is fetched into its folder."""
 
-    def local(log: Path | str, place: str) -> Path:
-        return fetch(log, folder / "logs" / place) if isinstance(log, str) else log
+    def local(logs: Sequence[Path | str], place: str) -> tuple[Path | str, ...]:
+        every = enumerate(logs, start=1)
+        return tuple(fetch(log, folder / "logs" / f"{place}{k}") if isinstance(log, str) else log for k, log in every)
 
-    return replace(
-        job,
-        logs=tuple(local(log, str(k)) for k, log in enumerate(job.logs, start=1)),
-        validate=tuple(local(log, f"validate{k}") for k, log in enumerate(job.validate, start=1)),
-    )
+    return replace(job, logs=local(job.logs, ""), validate=local(job.validate, "validate"))
 
 
-def job_key(job: Job, seed: int, hashes: Sequence[str] | None = None) -> str:
+def job_key(job: Job, seed: int) -> str:
     """Return the hash of everything a job depends on: its text, its files, the robot, the program.
 
     Args:
         job: with logs that are files.
         seed: seed of every random choice.
-        hashes: of its logs, where they are known already.
     """
-    from dynid.workflows.robots import robot_hash
+    from dynid.files.logs import read_log
+    from dynid.workflows.robots import load_robot, robot_hash
 
-    if hashes is None:
-        hashes = [hash_of_log(job.robot, Path(log)) for log in (*job.logs, *job.validate)]
-    baseline = []
+    files = [robot_hash(job.robot)]
+    for log in map(Path, (*job.logs, *job.validate)):
+        if not log.exists():
+            read_log(log, robot=load_robot(job.robot))
+        files.append(sha256(log))
     if job.baseline is not None:
-        baseline.append(sha256(job.baseline / "parameters.npz" if job.baseline.is_dir() else job.baseline))
-    # Why: a job without stretches has the key that it always had.
-    text = {key: value for key, value in asdict(job).items() if key != "split_s" or value}
-    facts = {
-        "job": text,
-        "seed": seed,
-        "dynid": __version__,
-        "files": [robot_hash(job.robot), *hashes, *baseline],
-    }
+        files.append(sha256(job.baseline / "parameters.npz" if job.baseline.is_dir() else job.baseline))
+    facts = {"job": asdict(job), "seed": seed, "dynid": __version__, "files": files}
     return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def hash_of_log(robot: str, log: Path) -> str:
-    """Return the hash of a log; of a missing one the mistake that names it."""
-    from dynid.files.logs import read_log
-    from dynid.workflows.robots import load_robot
-
-    if not log.exists():
-        read_log(log, robot=load_robot(robot))
-    return sha256(log)
-
-
-# ---------------------------------------------------------------- logs in stretches
-def do_split(
-    job: Job, folder: Path, seed: int, force: bool, place: Place, pool: Pool, progress: Progress = SILENT
-) -> JobResult:
-    """Run a job whose logs are read in stretches by all workers; its checks are one more task."""
-    from dynid.workflows.identify import answer_of
-    from dynid.workflows.pieces import Arm, identify_in_pieces, options_in_pieces, results
-
-    start = time.perf_counter()
-    try:
-        if job.fail_if:
-            raise WrongUsage(
-                f"job '{job.name}': fail_if needs all rows in one process", fix="max_unexplained, baseline"
-            )
-        reading, of_estimate = options_in_pieces(job.options)
-        logs = (*job.logs, *job.validate)
-        tasks = {
-            f"hash {k}": Task(copied, (job.robot, log, folder.absolute() / "logs" / str(k), place))
-            for k, log in enumerate(logs)
-        }
-        copies = results(pool, tasks, list(tasks), progress, "hash")
-        here = replace(
-            job,
-            logs=tuple(path for path, _ in copies[: len(job.logs)]),
-            validate=tuple(path for path, _ in copies[len(job.logs) :]),
-        )
-        hashes = [sha for _, sha in copies]
-        key = job_key(here, seed, hashes)
-        before = None if force else _record(job, folder, key)
-        if before is not None:
-            return before
-        raised = tuple(limits.read_limits(word) for word in place.limits if "=" in word)
-        arm = Arm(_whole(job.robot), reading, raised)
-        paths = [Path(log) for log in here.logs]
-        found = identify_in_pieces(arm, paths, pool, seconds=job.split_s, options=of_estimate, progress=progress)
-        inputs = {"robot": found.robot.model_key, "split_s": repr(job.split_s), **reading.texts()}
-        inputs |= {f"log {k}": sha for k, sha in enumerate(hashes[: len(job.logs)], start=1)}
-        wrote = [found.save_yaml(folder / "parameters.yaml")]
-        wrote.append(found.save(folder / "parameters.npz", {"seed": seed, "inputs": inputs}))
-        answer = _plain({**answer_of(found), "wrote": wrote, "folder": folder, "inputs": inputs})
-        checks = {"checks": Task(do_checks, (here, folder, seed, place))}
-        ((status, message, answers, said),) = results(pool, checks, ["checks"], progress, "check")
-    except (DynidError, OSError) as error:
-        return not_done(job, folder, error)
-    write_text(folder / "run.log", said)
-    answers = {"identify": [answer], **answers}
-    done = JobResult(job, folder, status, time.perf_counter() - start, answers, message)
-    if not done.failed:
-        _write_record(done, key)
-    return done
-
-
-def copied(robot: str, log: Path | str, folder: Path, place: Place) -> tuple[Path, str]:
-    """Return a log as a file, and its hash."""
-    with place.entered():
-        path = fetch(log, folder) if isinstance(log, str) else log.absolute()
-        return path, hash_of_log(robot, path)
-
-
-def do_checks(job: Job, folder: Path, seed: int, place: Place) -> Said:
-    """Run the commands of a job that come after the identification."""
-    with _ONE_AT_A_TIME, place.entered():
-        every = commands(job, folder)
-        next(every)
-        return _commanded(every, seed, place.limits)
-
-
-def _whole(robot: str) -> str:
-    """Return the word for a robot that holds in every folder."""
-    return str(Path(robot).absolute()) if robot.endswith((".yaml", ".yml", ".urdf")) else robot
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as JSON keeps it; what is not finite as None."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
-
-
-# ---------------------------------------------------------------- what is done already
-def _record(job: Job, folder: Path, key: str) -> JobResult | None:
+def recorded(job: Job, folder: Path, key: str) -> JobResult | None:
     """Return what a job gave that was done before from the same inputs."""
     try:
         found = parse_json(limits.read_bytes(folder / RECORD, "header_bytes").decode("utf-8"), folder / RECORD)
@@ -405,8 +276,3 @@ def _record(job: Job, folder: Path, key: str) -> JobResult | None:
     except (OSError, ValueError, KeyError, TypeError, DynidError):
         pass
     return None
-
-
-def _write_record(done: JobResult, key: str) -> None:
-    facts = {"key": key, "status": done.status, "message": done.message, "answers": done.answers}
-    write_text(done.folder / RECORD, json.dumps(facts, indent=1))

@@ -1,13 +1,12 @@
 """Many robots and logs from one list, side by side; a job that fails stops no other.
 
-A job is one task of a pool of workers (``dynid.workflows.cluster``): ``dynid identify``, then ``validate`` and
-``compare``. A job with ``split_s`` is many: each reads a stretch of a log (``dynid.workflows.pieces``).
+A job is ``dynid identify``, then ``validate`` and ``compare``, done by a worker (``dynid.workflows.cluster``).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ from dynid.options import Options, bytes_or_none, option
 from dynid.progress import SILENT, Progress
 from dynid.scratch import sweep
 from dynid.table import Table
-from dynid.workflows.cluster import Pool, Task, opened
-from dynid.workflows.job import JobResult, Place, do_job, do_split, not_done
+from dynid.workflows.cluster import mapped, opened
+from dynid.workflows.job import Command, JobResult, Surroundings, do_job, not_done
 
 
 @dataclass(frozen=True)
@@ -124,6 +123,7 @@ class BatchResult:
 
 def run(
     batch: Path,
+    command: Command,
     options: RunOptions = RunOptions(),
     *,
     out: Path = Path("out"),
@@ -137,6 +137,7 @@ def run(
 
     Args:
         batch: the batch file.
+        command: what runs a command line of dynid; a function of a module, so that workers find it.
         options: which jobs, and where they run.
         out: folder that holds the jobs' folders.
         seed: seed of every random choice.
@@ -153,39 +154,24 @@ def run(
     wanted = chosen(read_batch(batch), options.only)
     if known_options is not None:
         refuse_unknown_options(wanted, known_options)
-    split = any(job.split_s for job in wanted)
-    workers = (options.jobs or cores()) if split else min(options.jobs or cores(), len(wanted))
-    found: dict[str, JobResult] = {}
+    folders = [out / folder_name(job) for job in wanted]
+    around = [Surroundings(command, seed, force)] * len(wanted)
+    found: dict[int, JobResult] = {}
+    workers = min(options.jobs or cores(), len(wanted))
     with opened(
         workers, scheduler=options.scheduler, memory=options.memory, dashboard=options.dashboard, progress=progress
-    ) as pool:
+    ) as client:
         try:
-            for done in jobs_done(wanted, pool, out, seed, force, progress):
-                found[done.job.name] = done
-                how = "reused" if done.reused else f"{done.seconds:.1f} s"
-                progress.stage(f"{len(found)}/{len(wanted)}", f"{done.job.name}: {done.outcome} ({how})")
-                told(done)
+            for k, done, error in mapped(client, do_job, wanted, folders, around, progress=progress):
+                found[k] = each = done or not_done(wanted[k], folders[k], error)
+                how = "reused" if each.reused else f"{each.seconds:.1f} s"
+                progress.stage(f"{len(found)}/{len(wanted)}", f"{each.job.name}: {each.outcome} ({how})")
+                told(each)
         finally:
-            for job in wanted:
-                if job.name not in found:
-                    sweep(out / folder_name(job))
-    return BatchResult(tuple(found[job.name] for job in wanted))
-
-
-def jobs_done(
-    jobs: Sequence[Job], pool: Pool, out: Path, seed: int, force: bool, progress: Progress
-) -> Iterator[JobResult]:
-    """Yield jobs as they end: first those that are one task each, then those that are many."""
-    place, folders = Place.here(), {job.name: out / folder_name(job) for job in jobs}
-    names = {job.name: job for job in jobs}
-    tasks = {
-        name: Task(do_job, (job, folders[name], seed, force, place)) for name, job in names.items() if not job.split_s
-    }
-    for done in pool.run(tasks, list(tasks)):
-        yield done.value or not_done(names[done.name], folders[done.name], done.error)
-    for name, job in names.items():
-        if job.split_s:
-            yield do_split(job, folders[name], seed, force, place, pool, progress)
+            for k, folder in enumerate(folders):
+                if k not in found:
+                    sweep(folder)
+    return BatchResult(tuple(found[k] for k in range(len(wanted))))
 
 
 def cores() -> int:

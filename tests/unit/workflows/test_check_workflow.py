@@ -10,6 +10,7 @@ import pytest
 from two_link_logs import log
 
 from dynid import LogOptions
+from dynid.cli.main import run as command
 from dynid.errors import ExitStatus, NotAnArtifact, NotFinite, WrongRobotFile, WrongUsage
 from dynid.files.batchfile import Job
 from dynid.workflows.check import check, check_robot, kind_of
@@ -112,13 +113,13 @@ def test_a_batch_ends_as_its_worst_job_that_failed():
 def test_jobs_and_options_that_do_not_exist_stop_the_batch_before_it_runs(tmp_path):
     (tmp_path / "batch.yaml").write_text("jobs: [{name: one, robot: arm, logs: log.bag, options: {cutof: 8}}]")
     with pytest.raises(WrongUsage, match="no job 'two'"):
-        run(tmp_path / "batch.yaml", RunOptions(only=("two",)), out=tmp_path)
+        run(tmp_path / "batch.yaml", command, RunOptions(only=("two",)), out=tmp_path)
     with pytest.raises(WrongUsage, match="no option 'cutof'; did you mean 'cutoff'"):
-        run(tmp_path / "batch.yaml", out=tmp_path, known_options=["cutoff", "delay"])
+        run(tmp_path / "batch.yaml", command, out=tmp_path, known_options=["cutoff", "delay"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["batch.yaml"]
 
 
 def test_a_batch_file_without_logs_is_wrong(tmp_path):
     (tmp_path / "batch.yaml").write_text("jobs: [{robot: arm}]")
     with pytest.raises(WrongRobotFile, match="lacks the key 'logs'"):
-        run(tmp_path / "batch.yaml", out=tmp_path)
+        run(tmp_path / "batch.yaml", command, out=tmp_path)

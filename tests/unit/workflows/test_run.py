@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from two_link_logs import ROBOT, log
+from worker_calls import call, die, die_once, half, nap
 
+from dynid.cli.main import run as command
 from dynid.errors import PackageMissing, SchedulerSilent, WorkersDied, WrongUsage
-from dynid.workflows import cluster
-from dynid.workflows.cluster import Cluster, Here, Of, Task, opened
+from dynid.workflows import cluster, tuning
+from dynid.workflows.cluster import mapped, opened
 from dynid.workflows.run import RunOptions, run
 
 
@@ -36,17 +41,17 @@ def files(folder):
 
 
 def test_two_workers_and_one_process_give_the_same_bytes_and_nothing_is_done_twice(batch):
-    one = run(Path("batch.yaml"), RunOptions(jobs=1))
+    one = run(Path("batch.yaml"), command, RunOptions(jobs=1))
     here = files(Path("out"))
     for path in Path("out").rglob("*"):
         if path.is_file():
             path.unlink()
-    two = run(Path("batch.yaml"), RunOptions(jobs=2))
+    two = run(Path("batch.yaml"), command, RunOptions(jobs=2))
     assert files(Path("out")) == here
     assert {"job0/parameters.npz", "job0/job.json", "job0/run.log"} <= here.keys()
     assert [done.status for done in two.jobs] == [done.status for done in one.jobs]
     before = {path: path.stat().st_mtime_ns for path in Path("out").rglob("parameters.npz")}
-    again = run(Path("batch.yaml"), RunOptions(jobs=1))
+    again = run(Path("batch.yaml"), command, RunOptions(jobs=1))
     assert [done.reused for done in again.jobs] == [True, True, True, False]
     assert [done.answers for done in again.jobs] == [done.answers for done in two.jobs]
     assert {path: path.stat().st_mtime_ns for path in Path("out").rglob("parameters.npz")} == before
@@ -54,7 +59,7 @@ def test_two_workers_and_one_process_give_the_same_bytes_and_nothing_is_done_twi
 
 def test_the_log_that_failed_is_named_with_what_is_wrong(batch):
     told = []
-    found = run(Path("batch.yaml"), RunOptions(jobs=1), told=told.append)
+    found = run(Path("batch.yaml"), command, RunOptions(jobs=1), told=told.append)
     (broken,) = found.failed
     assert broken.job.name == "cut"
     assert "cut.npz" in broken.message
@@ -65,11 +70,11 @@ def test_the_log_that_failed_is_named_with_what_is_wrong(batch):
 
 
 def test_a_command_of_a_job_changes_nothing_in_the_process_that_runs_it(batch, monkeypatch):
-    import sys
-
     monkeypatch.setenv("DYNID_COLOR", "never")
+    import dynid.reports.figures  # noqa: F401 - Matplotlib sets variables of its own
+
     before = (sys.argv, sys.stdout, sys.stderr, Path.cwd(), dict(os.environ))
-    run(Path("batch.yaml"), RunOptions(jobs=1, only=("job0",)))
+    run(Path("batch.yaml"), command, RunOptions(jobs=1, only=("job0",)))
     assert (sys.argv, sys.stdout, sys.stderr, Path.cwd(), dict(os.environ)) == before
 
 
@@ -84,120 +89,122 @@ def test_what_is_no_size_of_memory_is_refused(text):
         RunOptions(memory=text)
 
 
-# ---------------------------------------------------------------- pools
-def graph():
-    """A tree of sums over eight numbers."""
-    tasks = {f"leaf {k}": Task(float, (k,)) for k in range(8)}
-    tasks |= {f"pair {k}": Task(_add, ([Of(f"leaf {2 * k}"), Of(f"leaf {2 * k + 1}")],)) for k in range(4)}
-    return tasks | {"sum": Task(_add, ([Of(f"pair {k}") for k in range(4)],))}
+# ---------------------------------------------------------------- workers
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Let the workers find the functions of worker_calls; they put dynid's own folder in place of the first one."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["/", str(Path(__file__).parent), *sys.path[1:]]))
 
 
-def _add(numbers):
-    return sum(numbers)
+def test_calls_return_or_raise_alike_here_and_by_workers():
+    def told(client):
+        return {k: (value, str(error)) for k, value, error in mapped(client, half, range(6))}
 
-
-def _fail(text):
-    raise ValueError(text)
-
-
-def test_tasks_that_rest_on_others_get_their_results_and_their_mistakes():
-    (done,) = Here().run(graph(), ["sum"])
-    assert done.value == 28
-    tasks = {"bad": Task(_fail, ("broken",)), "sum": Task(_add, ([Of("bad")],)), "other": Task(_add, ([1, 2],))}
-    bad, other = Here().run(tasks, ["sum", "other"])
-    assert str(bad.error) == "broken"
-    assert other.value == 3
-
-
-def in_process(workers=2):
-    from distributed import LocalCluster
-
-    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0")
+    with opened(1) as nobody, opened(2) as client:
+        assert nobody is None
+        assert told(nobody) == told(client)
+        assert told(client)[3] == (None, "broken")
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_what_was_not_done_is_done_again_by_the_next_scheduler():
-    """Each scheduler but the last is lost while it works."""
-    from distributed import Client
+def test_what_was_not_done_is_done_again_by_a_scheduler_that_came_back():
+    from distributed import Client, LocalCluster
 
-    lost, said = [in_process()], []
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def started():
+        return LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=False, scheduler_port=port, dashboard_address="127.0.0.1:0"
+        )
+
+    said, found = [], {}
+    cluster = started()
 
     class Said:
         def stage(self, name, text=""):
             said.append(name)
 
-    def connect():
-        return Client(lost[-1], set_as_default=False)
-
-    pool = Cluster(connect, "test", Said())
-    tasks = {f"nap {k}": Task(_nap, (k,)) for k in range(12)}
-    found = {}
-    for done in pool.run(tasks, list(tasks)):
-        found[done.name] = done.value
-        if len(found) == 3:
-            lost.append(in_process())
-            lost[0].close(timeout=1)
-    pool.close()
-    lost[-1].close(timeout=1)
-    assert found == {f"nap {k}": k for k in range(12)}
+    with Client(cluster.scheduler_address, set_as_default=False) as client:
+        for k, value, _ in mapped(client, nap, range(12), progress=Said()):
+            found[k] = value
+            if len(found) == 3:
+                cluster.close(timeout=1)
+                cluster = started()
+    cluster.close(timeout=1)
+    assert found == {k: k for k in range(12)}
     assert said == ["scheduler"]
 
 
-def _nap(k):
-    time.sleep(0.1)
-    return k
-
-
-def _die_once(folder, k):
-    """Kill the worker that does this for the first time."""
-    mark = Path(folder) / f"done{k}"
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return k
-
-
-def _die():
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_a_worker_that_is_killed_loses_nothing_and_one_task_that_kills_all_is_named(tmp_path, monkeypatch):
-    # Enough that a task which waits behind the killer now and then does not die with it every time.
-    monkeypatch.setattr(cluster, "DEATHS", 8)
-    tasks = {f"task {k}": Task(_die_once, (str(tmp_path), k)) for k in range(2)} | {"killer": Task(_die)}
-    with opened(2) as pool:
-        found = {done.name: done for done in pool.run(tasks, list(tasks))}
-    assert [found[f"task {k}"].value for k in range(2)] == [0, 1]
-    assert isinstance(found["killer"].error, WorkersDied)
+def test_a_worker_that_is_killed_loses_nothing_and_one_call_that_kills_all_is_named(tmp_path):
+    functions = [die_once, die_once, die]
+    with opened(2) as client:
+        found = {k: (value, error) for k, value, error in mapped(client, call, functions, [tmp_path] * 3, range(3))}
+    assert found[0] == (0, None)
+    assert found[1] == (1, None)
+    assert isinstance(found[2][1], WorkersDied)
 
 
 def test_the_processes_end_with_the_block_and_listen_to_this_machine_only():
     import psutil
 
-    with opened(2) as pool:
-        assert "2 processes" in pool.text
-        deadline, workers, ports = time.monotonic() + 30, [], []
-        while len(workers) < 2 and time.monotonic() < deadline:
-            with suppress(psutil.NoSuchProcess):
-                every = [psutil.Process(), *psutil.Process().children(recursive=True)]
-                workers = [each for each in every if "spawn_main" in " ".join(each.cmdline())]
-                ports = [c.laddr.ip for each in every for c in each.net_connections() if c.status == "LISTEN"]
+    with opened(2) as client:
+        client.wait_for_workers(2)
+        started = psutil.Process().children(recursive=True)
+        workers = [each for each in started if "spawn_main" in " ".join(each.cmdline())]
+        ports = [c.laddr.ip for each in started for c in each.net_connections() if c.status == "LISTEN"]
     assert set(ports) == {"127.0.0.1"}
     assert len(workers) == 2
-    _, alive = psutil.wait_procs(workers, timeout=5)
+    _, alive = psutil.wait_procs(started, timeout=5)
+    assert alive == []
+
+
+SCRIPT = """
+from pathlib import Path
+from dynid.cli.main import run as command
+from dynid.workflows.run import RunOptions, run
+with open("started", "a") as file:
+    file.write("once ")
+print(run(Path("batch.yaml"), command, RunOptions(jobs=2)).passed)
+"""
+
+
+def test_a_script_without_a_guard_is_started_once(batch):
+    Path("script.py").write_text(SCRIPT)
+    done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
+    assert (done.stdout, done.stderr) == ("3\n", "")
+    assert Path("started").read_text() == "once "
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_outlives_a_batch_that_is_interrupted_or_killed(batch, number):
+    import psutil
+
+    words = [sys.executable, "-m", "dynid", "run", "batch.yaml", "--jobs", "2"]
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    every, started = psutil.Process(process.pid), []
+    while process.poll() is None and sum("spawn_main" in " ".join(each.cmdline()) for each in started) < 2:
+        time.sleep(0.05)
+        with suppress(psutil.Error):
+            started = every.children(recursive=True)
+            [each.cmdline() for each in started]
+    process.send_signal(number)
+    assert process.wait(20) in (130, -signal.SIGKILL)
+    _, alive = psutil.wait_procs(started, timeout=5)
     assert alive == []
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
-    monkeypatch.setattr(cluster, "FIRST_ANSWER", 0.3)
+    monkeypatch.setattr(tuning, "SCHEDULER_PATIENCE", 0.3)
     with pytest.raises(SchedulerSilent, match=r"tcp://127\.0\.0\.1:9"), opened(1, scheduler="tcp://127.0.0.1:9"):
         pass
 
 
 def test_without_dask_jobs_run_one_after_another_and_a_scheduler_is_refused(monkeypatch):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
-    with opened(4) as pool:
-        assert isinstance(pool, Here)
+    with opened(4) as client:
+        assert client is None
     with pytest.raises(PackageMissing) as error, opened(4, scheduler="tcp://host:8786"):
         pass
     assert error.value.fix == "pip install 'dynid[cluster]'"
