@@ -173,6 +173,7 @@ def main() -> None:
     from distributed import LocalCluster
     from distributed.core import Status
 
+    # What comes is from the process that started this one.
     workers, memory, dashboard, security, folder = pickle.load(sys.stdin.buffer)  # noqa: S301
     dask.config.set(tuning.DASK | ({} if dashboard else {"distributed.scheduler.http.routes": []}))
     cluster = LocalCluster(

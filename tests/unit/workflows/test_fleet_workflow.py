@@ -12,7 +12,6 @@ import pytest
 from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.estimation.fleet import History, look_at
 from dynid.reports.fleet_page import fleet_page
-from dynid.workflows.cluster import Here
 from dynid.workflows.fleet import FleetOptions, _day, _text_of, fleet, ordered, runs_of
 
 
@@ -104,25 +103,13 @@ def test_two_runs_of_an_arm_at_one_time_are_refused(runs):
         fleet([runs / "left" / "2026-03-08", runs / "left" / "2026-03-08"])
 
 
-def test_results_are_read_by_a_pool_as_they_are_by_one_process(runs, monkeypatch):
+def test_results_are_read_by_workers_as_they_are_by_one_process(runs, monkeypatch):
     from dynid.workflows import fleet as module
 
     monkeypatch.setattr(module, "AT_ONCE", 3)
     one = fleet(sorted(runs.glob("*/*")), FleetOptions(jobs=1)).facts()
     monkeypatch.setattr(module, "MANY", 1)
-    monkeypatch.setattr(module, "opened", lambda workers, **more: _Given(workers))
     assert fleet(sorted(runs.glob("*/*")), FleetOptions(jobs=2)).facts() == one
-
-
-class _Given:
-    def __init__(self, workers):
-        assert workers == 2
-
-    def __enter__(self):
-        return Here()
-
-    def __exit__(self, *error):
-        return None
 
 
 def test_the_page_needs_no_network_and_names_cannot_become_markup():
