@@ -228,7 +228,7 @@ def run(set_name, k, seed=0):
         "sizes": [[f.name, list(f.joints), f.values, f.std_errors] for f in seen.verdict.named],
         "true": [[*place, size] for place, size in zip(truth_of(changed, base.robot.n), map(hidden.sizes_of, visible_cases(changed)), strict=True)],
         "visible": float(size_seen), "joint": joint, "seconds": seconds,
-        "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.wander.tolist()],
+        "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.drift.tolist()],
         "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
         "chi": [seen.search.before.round(2).tolist(), seen.search.after.round(2).tolist(), seen.search.between_reversals.round(2).tolist()],
     }  # fmt: skip
@@ -270,7 +270,7 @@ def run_heavy(k, seed):
         "hidden": [["counterbalance" if carries else "nothing", 1]], "counterweight": drawn.facts["counterweight"],
         "misfit": float(np.divide(*(relative_error(result.factors, one) for one in theta))),
         "verdict": seen.verdict, "named": [[f.effect, list(f.indices)] for f in seen.named],
-        "closest": [[f.effect, list(f.indices), f.said] for f in seen.closest],
+        "closest": [[f.effect, list(f.indices), f.message] for f in seen.closest],
         "equals": [[] for f in seen.named], "asked": seen.asked, "visible": 1.0, "joint": 1,
         "told": "give the mass" in seen.asked,
         "sizes": [[f.effect, list(f.indices), f.values, f.std_errors] for f in seen.named],

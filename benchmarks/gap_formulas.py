@@ -198,8 +198,8 @@ def run(name, k, seed):
         "set": name, "k": k, "seed": seed, "arm": case.arm, "joint": case.joint, "size": case.size, "hidden": text,
         "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
         "remainder": list(seen.verdict.remainder), "seconds": seconds, "chi": seen.search.before.round(2).tolist(),
-        "formulas": [[f.joints[0], f.effect.text, f.values, f.std_errors] for f in seen.wording.formulas],
-        "clues": [[c.joint, c.signal, c.share, c.repeats, c.near] for c in seen.wording.clues],
+        "formulas": [[f.joints[0], f.effect.text, f.values, f.std_errors] for f in seen.formula_results.formulas],
+        "clues": [[c.joint, c.signal, c.share, c.repeats, c.near] for c in seen.formula_results.clues],
     }  # fmt: skip
     if name in LAWS:
         bare = blind.on_one_clock(blind.sources_of(hidden.simulate(case, hide=False), base.model))
@@ -252,7 +252,7 @@ def closed(seen, case, first):
     """
     rms = []
     for problem, effects in (
-        (seen.problem, []), (seen.search.problem, [*seen.search.selected, *seen.wording.formulas]), (first, []),
+        (seen.problem, []), (seen.search.problem, [*seen.search.selected, *seen.formula_results.formulas]), (first, []),
     ):  # fmt: skip
         squares, count = held_out_squares(problem, effects)[case.joint].sum(axis=1)
         rms.append(squares / count)

@@ -179,7 +179,7 @@ def effect_row(one: GapEffect) -> list[str]:
     if before and after is not None:
         change = f"{before:.3g} -> {after:.3g} {one.unit}  {100 * (after / before - 1):+.0f} %"
     chance = "<0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %"
-    return [one.effect, one.where, change, chance, one.said]
+    return [one.effect, one.where, change, chance, one.message]
 
 
 def improvement_table(common: Common, gap: Gap) -> None:

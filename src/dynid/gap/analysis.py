@@ -10,11 +10,17 @@ import numpy as np
 
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
-from dynid.gap.beside_formula import parts_beside_formulas, same_motion
-from dynid.gap.formulas import JOINTS, OUTDONE, Wording, advice_on_formulas, find_formulas, outdone
+from dynid.gap.formulas import (
+    BETTER_FORMULA,
+    JOINTS,
+    FormulaResults,
+    advice_on_formulas,
+    better_explained_by_formula,
+    find_formulas,
+)
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.partial import doubt
+from dynid.gap.partial import why_no_part
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm, without_always_missing
 from dynid.gap.refit import (
     GROWN,
@@ -22,7 +28,7 @@ from dynid.gap.refit import (
     SURE_Z,
     HeldOutImprovement,
     fitted_with,
-    held_out_beside,
+    held_out_given_others,
     held_out_improvement,
     lead_over_always,
     ratio_interval,
@@ -47,6 +53,7 @@ from dynid.gap.verdict import (
     unrepeatable,
 )
 from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.with_formula import parts_with_formulas, same_motion
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.model.regressor import model_torques
@@ -78,7 +85,7 @@ class GapAnalysis:
             cannot be run.
         verdict: the verdict.
         invisible: effects and joints that these logs cannot show.
-        wording: what is left, put into words.
+        formula_results: what is left, put into words.
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -90,7 +97,7 @@ class GapAnalysis:
     simulation: tuple[Floats, Floats] | None
     verdict: GapVerdict
     invisible: dict[str, list[int]]
-    wording: Wording
+    formula_results: FormulaResults
 
 
 @solvable()
@@ -117,7 +124,7 @@ def analyse_gap(
         progress: told how far the work is.
         simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
-        arm: whether to find what only an odd arm would absorb too.
+        arm: whether to find what only an implausible arm would absorb too.
         possible: whether the physically possible set is in force, and judges what is named.
         words: whether what is left is put into words at once; ``in_words`` does so later.
     """
@@ -146,21 +153,21 @@ def analyse_gap(
         simulation,
         verdict,
         invisible,
-        Wording(),
+        FormulaResults(),
     )
-    return in_words(analysis, progress) if words else analysis
+    return fit_formulas(analysis, progress) if words else analysis
 
 
-def in_words(analysis: GapAnalysis, progress: Progress = SILENT) -> GapAnalysis:
+def fit_formulas(analysis: GapAnalysis, progress: Progress = SILENT) -> GapAnalysis:
     """Return an analysis with what is left of its joints put into words."""
     search = analysis.search
     # Why not of a change: a formula of what has changed is no property of the arm.
     wordless = () if analysis.problem.since else dict.fromkeys((*analysis.verdict.remainder, *unrepeatable(search)))
-    wording, verdict = find_formulas(search, tuple(wordless), progress), analysis.verdict
-    if verdict.word == "unexplained" and wording.formulas:
+    formula_results, verdict = find_formulas(search, tuple(wordless), progress), analysis.verdict
+    if verdict.word == "unexplained" and formula_results.formulas:
         names = analysis.problem.base.robot.joint_names
-        verdict = replace(verdict, advice=advice_on_formulas(wording, names))
-    return replace(analysis, wording=wording, verdict=verdict)
+        verdict = replace(verdict, advice=advice_on_formulas(formula_results, names))
+    return replace(analysis, formula_results=formula_results, verdict=verdict)
 
 
 @dataclass(frozen=True)
@@ -200,36 +207,36 @@ def proved(
     Args:
         problem: what was searched, before anything was found.
         search: the search.
-        parts: effects that were proved beside a formula for the rest of their joint's gap, with their numbers.
+        parts: effects that were proved jointly with a formula for the rest of their joint's gap, with their numbers.
         simulate: whether the forward simulation is asked too.
     """
     refused: list[tuple[SelectedEffect, str]] = []
-    doubts: dict[Key, str] = {}
+    no_part: dict[Key, str] = {}
     while True:
         effects, regression = refit(search)
         effects = [parts.get(one.key, one) for one in effects]
         improvement = held_out_improvement(problem, search, effects)
         said = [(one, refusal(search, effects, one, improvement)) for one in effects]
         said = [
-            (one, _beside_formula(why) if one.beside else _as_part(search, effects, one, why, doubts))
+            (one, _with_formula(why) if one.fitted_with else _as_part(search, effects, one, why, no_part))
             for one, why in said
         ]
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
         failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
-        failing = failing or companions(search, effects) or spoiling(problem, search, effects, improvement)
+        failing = failing or redundant_effects(search, effects) or spoiling(problem, search, effects, improvement)
         if not failing and problem.arm is None and not problem.since:
-            failing = outdone(search, effects, {*doubts, *parts})
+            failing = better_explained_by_formula(search, effects, {*no_part, *parts})
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
-            # Why not against odd links: no arm moves as these do.
+            # Why not against implausible links: no arm moves as these do.
             failing = spoiling_replay(search, effects, simulation) if problem.arm is None else []
         if not failing:
             # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
             sized = unsure_of_shape(search, unsure_of_reversals(search, effects))
-            failing = unsized(sized)
+            failing = weakly_determined(sized)
         if not failing:
             return Proof(search, sized, refused, improvement, regression, simulation)
         refused += failing
@@ -238,7 +245,7 @@ def proved(
 
 
 def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, simulate: bool) -> Proof:
-    """Return a proof with the effects that explain a part of what it leaves, each beside a formula for the rest.
+    """Return a proof with the effects that explain a part of what it leaves, each jointly with a formula for the rest.
 
     Args:
         problem: what was searched, before anything was found.
@@ -247,16 +254,18 @@ def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, 
         simulate: whether the forward simulation is asked too.
     """
     search = found.search
-    # Why not of a change: a part of it is no property of the arm, and no arm has what odd links leave.
+    # Why not of a change: a part of it is no property of the arm, and no arm has what implausible links leave.
     if problem.since or problem.arm is not None:
         return found
     loud = [j for j in joints_with_more(search) if j not in unrepeatable(search)]
     loudest = sorted(loud, key=lambda j: -search.after[j])[:JOINTS]
-    outdone_by = {one.key: why.removeprefix(OUTDONE) for one, why in found.refused if why.startswith(OUTDONE)}
+    better_formula = {
+        one.key: why.removeprefix(BETTER_FORMULA) for one, why in found.refused if why.startswith(BETTER_FORMULA)
+    }
     parts = {
         one.key: one
-        for one in parts_beside_formulas(search, options, loudest)
-        if not same_motion(one, outdone_by.get(one.key, ""))
+        for one in parts_with_formulas(search, options, loudest)
+        if not same_motion(one, better_formula.get(one.key, ""))
     }
     if not parts:
         return found
@@ -268,63 +277,67 @@ def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, 
     return replace(whole, refused=[*whole.refused, *earlier])
 
 
-def unsized(effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
-    """Return the effects beside a formula whose size does not stand by the errors that are told, with the reason.
+def weakly_determined(effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
+    """Return the effects fitted with a formula whose size does not stand by the errors that are told, with the reason.
 
-    Why these alone: the formula is a guess at what nobody knows, and what is named beside it has to outlive that guess.
+    Why these alone: the formula is a guess at what nobody knows, and what is named with it has to outlive that guess.
     """
     found = []
     for one in effects:
-        z = max(abs(one.values[x]) / max(one.std_errors[x], 1e-300) for x in one.amplitudes) if one.beside else np.inf
+        z = (
+            max(abs(one.values[x]) / max(one.std_errors[x], 1e-300) for x in one.amplitudes)
+            if one.fitted_with
+            else np.inf
+        )
         if z < SURE_Z:
             found.append((one, undetermined(replace(one, z=z))))
     return found
 
 
-def companions(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
+def redundant_effects(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
     """Return the weakest effect that does not reduce what the others leave of held-out rows, with the reason.
 
-    Why: beside a large effect anything is better than nothing; what is left of it has to become smaller.
+    Why: next to a large effect anything is better than nothing; what is left of it has to become smaller.
     """
     columns = with_columns(effects)
     for one in sorted(columns, key=lambda one: one.score) if len(columns) > 1 else ():
-        if one.beside:
+        if one.fitted_with:
             continue
-        low, high = held_out_beside(search, effects, one)
+        low, high = held_out_given_others(search, effects, one)
         if high >= 1.0:
             change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
-            return [(one, f"it does not reduce what the others leave on unseen data ({change})")]
+            return [(one, f"next to the other effects it does not reduce the error on unseen data ({change})")]
     return []
 
 
 def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -> list[tuple[SelectedEffect, str]]:
     """Return effects that explain old and new logs as well when they were always there, with the reason."""
-    if all(s.fresh for s in regression.segments):
+    if all(s.is_new for s in regression.segments):
         return []
     found = []
     columns = with_columns(effects)
     for k, one in enumerate(columns):
         lead, spread = lead_over_always(regression, columns, k)
         if lead < max(EQUAL, SURE * spread):
-            found.append((one, "it explains old and new logs as well if it was there before: it is no change"))
+            found.append((one, "it explains old and new logs equally well as an effect that was always there"))
     return found
 
 
 def _as_part(
-    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, why: str, doubts: dict[Key, str]
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, why: str, no_part: dict[Key, str]
 ) -> str:
     """Return why an effect that explains too little is not named as a part either; other reasons as they are."""
     if not why.startswith(LITTLE):
         return why
-    if one.key not in doubts:
-        doubts[one.key] = doubt(search, effects, one)
-    return f"{why}; as a part of it: {doubts[one.key]}" if doubts[one.key] else ""
+    if one.key not in no_part:
+        no_part[one.key] = why_no_part(search, effects, one)
+    return f"{why}; not named as a partial effect: {no_part[one.key]}" if no_part[one.key] else ""
 
 
-def _beside_formula(why: str) -> str:
-    """Return why an effect that was proved beside a formula is not named all the same.
+def _with_formula(why: str) -> str:
+    """Return why an effect that was proved jointly with a formula is not named all the same.
 
-    It has reduced the error on unseen data beside that formula. Alone, it explains little of its joint's gap, and the
+    It has reduced the error on unseen data with that formula. Alone, it explains little of its joint's gap, and the
     rest hides what it gains there; it may not make it surely worse.
     """
     return "" if why.startswith((LITTLE, NOT_SMALLER)) else why
@@ -351,8 +364,8 @@ def spoiling(
     j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
     joint = problem.base.robot.joints[j]
     change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
-    limit = f"it may not grow by {100 * (near[j] - 1):.0f} %"
-    return [(culprit, f"it makes {joint.name} worse on unseen data ({change}; {limit})")]
+    limit = f"limit +{100 * (near[j] - 1):.0f} %"
+    return [(culprit, f"it increases the error of {joint.name} on unseen data ({change}, {limit})")]
 
 
 def spoiling_replay(
@@ -374,7 +387,7 @@ def spoiling_replay(
     there = [one for one in effects if j in one.effect.rows(one.joints, n)]
     unit, scale = ("mrad", 1e3) if joint.revolute else ("mm", 1e3)
     change = f"{scale * before.rms[j]:.3g} -> {scale * after.rms[j]:.3g} {unit}"
-    why = f"it makes the simulated motion of {joint.name} worse ({change}; {REPLAY_GROWN:g} times is allowed)"
+    why = f"it increases the error of the simulated motion of {joint.name} ({change}, limit {REPLAY_GROWN:g} times)"
     return [(min(there or effects, key=lambda one: one.score), why)]
 
 
@@ -390,7 +403,7 @@ def replays(
         regression: refitted with these effects.
     """
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
-    old = [k for k, s in enumerate(problem.segments) if not problem.pooled or not s.fresh]
+    old = [k for k, s in enumerate(problem.segments) if not problem.pooled or not s.is_new]
     if problem.pooled:
         # Why: the columns of what has always been missing take part of what they leave out, and no replay has them.
         problem = without_always_missing(problem)

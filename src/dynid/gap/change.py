@@ -61,7 +61,7 @@ class ChangeTest:
         growth: rms of the residual with one set of parameters for old and new logs, over that with one for each, (n,).
         unlike: the largest such growth between halves of the old, or of the new logs: in time, where the joint was, and
             how fast it was, (n,).
-        harm: rms by which left-out parts of the old, or of the new logs are missed, with the other logs beside the rest
+        harm: rms by which left-out parts of the old, or of the new logs are missed, with the other logs and the rest
             of their own over that without, the larger one, (n,).
         more: rms that the parameters of the new logs leave of them, over that of the old logs, the least of slow and of
             fast rows, (n,).
@@ -169,7 +169,7 @@ def change_test(
     wide = np.zeros((len(prior), width + sum(map(len, nuisance[0])) + 1))
     wide[:, :width], wide[:, -1] = prior[:, :-1], prior[:, -1]
     known = wide.T @ wide
-    eras = [_Era.of(segments, train, nuisance, fresh=fresh) for fresh in (False, True)]
+    eras = [_Era.of(segments, train, nuisance, is_new=is_new) for is_new in (False, True)]
     old, new = (era.whole for era in eras)
     sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])
     unlike, uneven = (np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True))
@@ -208,10 +208,10 @@ class _Era:
         train: Sequence[Mask],
         nuisance: Sequence[Sequence[Floats]],
         *,
-        fresh: bool,
+        is_new: bool,
     ) -> _Era:
         """Return the rows of the new logs, or of the old ones."""
-        own = [(s, m, c) for s, m, c in zip(segments, train, nuisance, strict=True) if s.fresh is fresh]
+        own = [(s, m, c) for s, m, c in zip(segments, train, nuisance, strict=True) if s.is_new is is_new]
         n, p = segments[0].W.shape[1:]
         k = len(nuisance[0][0])
         W, tau, use = (
@@ -221,9 +221,9 @@ class _Era:
         columns, rows = [], []
         for j in range(n):
             seen = np.flatnonzero(np.any(W[:, j] != 0.0, axis=0))
-            beside = np.concatenate([c[j][:, m] for _, m, c in own], axis=1)
+            extra = np.concatenate([c[j][:, m] for _, m, c in own], axis=1)
             columns.append(np.array([*seen, *range(p + j * k, p + (j + 1) * k), p + n * k]))
-            rows.append(np.column_stack([W[:, j][:, seen], beside.T, tau[:, j]])[use[:, j]])
+            rows.append(np.column_stack([W[:, j][:, seen], extra.T, tau[:, j]])[use[:, j]])
         first = np.concatenate([np.arange(m.sum()) < m.sum() // 2 for _, m, _ in own])
         q, qd = (
             np.concatenate([x[m] for x, (_, m, _) in zip(xs, own, strict=True)])
@@ -303,7 +303,7 @@ def _growth(parts: Sequence[Part], sigma: Floats, known: Floats) -> Floats:
 
 
 def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
-    """Return [-theta, 1] of the weighted least-squares fit beside what is known of theta, (w + 1,)."""
+    """Return [-theta, 1] of the weighted least-squares fit jointly with what is known of theta, (w + 1,)."""
     whole = np.einsum("j,jab->ab", 1.0 / sigma**2, part.gram) + known
     gram, right = whole[:-1, :-1], whole[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))

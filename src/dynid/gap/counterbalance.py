@@ -1,4 +1,4 @@
-"""Whether links that an arm could have do better beside a counterbalance, joint by joint, before anything is searched.
+"""Whether links that an arm could have do better with a counterbalance, joint by joint, before anything is searched.
 
 Where the axis of a joint is the first that gravity turns, a counterbalance and links are columns of the same shape: no
 error of torques tells them apart, however large it is. What links cost that carry it in its stead does.
@@ -43,11 +43,11 @@ AS_GOOD = 0.95
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A joint whose links are less odd beside a counterbalance.
+    """A joint whose links are less implausible jointly with a counterbalance.
 
     Attributes:
         joint: its index.
-        gain: drop of twice the objective after the price of its freedom, links as heavy as fit best beside it.
+        gain: drop of twice the objective after the price of its freedom, links as heavy as fit best jointly with it.
         least: the same, the least over heavier links too.
         link: number of the link whose mass it changes most.
         masses: of that link without and with the counterbalance [kg].
@@ -79,14 +79,14 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
     bare = with_misfit_of_numbers(problem).regression()
     found = _suspected(with_selected(bare, selected), problem)
     for one in selected:
-        # Why without it: beside what carries the weight in its stead, no links are odd.
+        # Why without it: jointly with what carries the weight in its stead, no links are implausible.
         if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in found}:
             found += _instead(bare, problem, one, [other for other in selected if other is not one])
     return found
 
 
 def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Suspicion]:
-    """Return the joints that are likely to have a counterbalance beside the effects of a regression."""
+    """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
     arm, found = possible_arm(regression, problem.base), []
     for joint, one in imitated_counterbalances(regression, problem.base).items():
         price = _price(regression, one)
@@ -146,14 +146,14 @@ def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis
 
 def _carrier(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns) -> tuple[int, tuple[float, float]]:
     """Return the number of the link whose mass a counterbalance changes most, and its mass without and with it."""
-    without, beside = (_masses(regression, arm, more) for more in ((), (one,)))
-    k = int(np.argmax(np.abs(without - beside)))
+    without, with_it = (_masses(regression, arm, more) for more in ((), (one,)))
+    k = int(np.argmax(np.abs(without - with_it)))
     parameters, bodies = arm.constraints.parameters, arm.constraints.bodies
-    return parameters[bodies[k, 0]].number, (float(without[k]), float(beside[k]))
+    return parameters[bodies[k, 0]].number, (float(without[k]), float(with_it[k]))
 
 
 def _masses(regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]) -> Floats:
-    """Return the masses of the best possible links beside further columns, (L,) [kg]."""
+    """Return the masses of the best possible links jointly with further columns, (L,) [kg]."""
     rows = reduced(regression, more)
     x = fit_sized(rows.R @ arm.K, rows.r, arm.given)[0].x
     return np.asarray(x[arm.constraints.bodies[:, 0]])

@@ -19,7 +19,7 @@ from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.noise import measure_noise
 from dynid.gap.problem import GapProblem
 from dynid.gap.refit import GROWN, fitted_with, ratio_interval
-from dynid.gap.search import EffectSearch, residuals_beside
+from dynid.gap.search import EffectSearch, residuals_of_fit
 from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 from dynid.gap.significance import Key, significance_test, whitened_columns
@@ -32,7 +32,7 @@ from dynid.progress import SILENT, Progress
 
 #: Most steps, and most columns after them; a longer formula explains nothing to anybody.
 MOST, LONGEST = 3, 4
-#: How often a formula is chosen: once more with the loads of the arm beside the first one, where that leaves something.
+#: How often a formula is chosen: once more with the loads of the arm with the first one, where that leaves something.
 PASSES = 2
 #: Most joints that are put into words, the loudest ones.
 JOINTS = 3
@@ -44,7 +44,7 @@ DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 CHANCE = 0.01
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
-#: Excess beside names below which no formula can do clearly better.
+#: Excess jointly with names below which no formula can do clearly better.
 LEFT = 0.05
 #: Upper end of the 95 % interval of the held-out error, after over before.
 SMALLER = 0.97
@@ -57,7 +57,7 @@ BINS = 24
 #: Share of its power that a formula follows a quantity with, to be drawn over that; else it is drawn over itself.
 FOLLOWS_ONE = 0.9
 #: Why an effect gives way to a formula.
-OUTDONE = "a formula explains clearly more of this joint: "
+BETTER_FORMULA = "a formula explains clearly more of this joint: "
 #: Why a joint that has nothing to repeat has no formula.
 STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
@@ -113,7 +113,7 @@ class HeldOutEffect:
 
 
 @dataclass(frozen=True)
-class Wording:
+class FormulaResults:
     """What was put into words.
 
     Attributes:
@@ -134,7 +134,7 @@ class Candidate:
     Attributes:
         terms: their texts.
         cost: what they cost a reader.
-        columns: whitened, beside what explains the rows already, (k, M).
+        columns: whitened, jointly with what explains the rows already, (k, M).
         gram: of them in each block of time, (B, k, k).
         right: their products with the residual in each block, (B, k).
     """
@@ -173,7 +173,7 @@ class Candidate:
         return Candidate(tuple(self.terms[i] for i in k), cost, self.columns[k], gram, self.right[:, k])
 
 
-def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progress = SILENT) -> Wording:
+def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progress = SILENT) -> FormulaResults:
     """Put what is left of joints into words.
 
     Args:
@@ -193,15 +193,15 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
         else:
             proofs.append(held_out_effect(search.problem, [*search.selected, *found], formula, formula.joints[0]))
             found.append(formula)
-    return Wording(tuple(found), tuple(proofs), tuple(clues))
+    return FormulaResults(tuple(found), tuple(proofs), tuple(clues))
 
 
-def outdone(
+def better_explained_by_formula(
     search: EffectSearch, effects: Sequence[SelectedEffect], parts: Collection[Key]
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the effects of a joint where one short formula explains clearly more, with the reason.
 
-    It is looked for in place of all of them and, of several, in place of each beside the others: what goes better with
+    It is looked for in place of all of them and, of several, in place of each with the others: what goes better with
     a formula than with another name is a part of the gap, and has to be judged as one.
 
     Args:
@@ -219,12 +219,12 @@ def outdone(
         rows = FactorRows(bare, j)
         text = _better_formula(with_selected(bare, others), rows, mine)
         if text:
-            return [(one, f"{OUTDONE}{text}") for one in mine]
+            return [(one, f"{BETTER_FORMULA}{text}") for one in mine]
         for one in mine if len(mine) > 1 else ():
-            beside = with_selected(bare, [*others, *(other for other in mine if other is not one)])
-            text = _better_formula(beside, rows, [one])
+            extended = with_selected(bare, [*others, *(other for other in mine if other is not one)])
+            text = _better_formula(extended, rows, [one])
             if text:
-                return [(other, f"in place of {one.name} {OUTDONE}{text}") for other in mine]
+                return [(other, f"in place of {one.name} {BETTER_FORMULA}{text}") for other in mine]
     return []
 
 
@@ -252,20 +252,20 @@ def _formula_of(
         regression = with_selected(problem.regression(theta), effects)
         before = float(regression.reduced_chi_square()[joint])
         if before - 1 < NEGLIGIBLE:
-            return None, "nothing is left of it beside the others"
+            return None, "the other effects leave nothing for a formula"
         rows = screened_rows(regression, joint)
         terms, stable = short_formula(regression, rows)
         if not terms:
             return None, ""
         formula = fitted_formula(problem, effects, formula_text(terms), joint)
-        beside = with_selected(regression, [*effects, formula])
-        after = float(beside.reduced_chi_square()[joint])
+        extended = with_selected(regression, [*effects, formula])
+        after = float(extended.reduced_chi_square()[joint])
         if after - 1 < NEGLIGIBLE:
             break
         # Why again: without the formula the links took up part of it, and loads were those of wrong links.
-        theta = beside.fit.theta[: problem.base.reduction.rank]
+        theta = extended.fit.theta[: problem.base.reduction.rank]
     share = 1 - (after - 1) / (before - 1)
-    why = _doubt(formula, share, stable, rows.columns) or _unproved(problem, effects, formula, joint)
+    why = _weak_evidence(formula, share, stable, rows.columns) or _unproved(problem, effects, formula, joint)
     return (None, f"{formula_text(terms)}: {why}") if why else (formula, "")
 
 
@@ -276,27 +276,27 @@ def _growing(search: EffectSearch, joint: int, others: Sequence[SelectedEffect])
     What differs between repeats is no noise floor for it, so that comes from high frequencies.
     """
     problem, effects = search.problem, [*search.selected, *others]
-    residuals = residuals_beside(problem, with_selected(problem.regression(), effects), effects)
+    residuals = residuals_of_fit(problem, with_selected(problem.regression(), effects), effects)
     noise = problem.noise.with_joint(joint, measure_noise(problem.segments, residuals, (), problem.train))
     formula, why = _formula_of(replace(search, problem=replace(problem, noise=noise)), joint, others)
     if formula is None or not isinstance(formula.effect, Formula):
         return None, f"{why}; {STRAY}" if why else STRAY
     regression = with_selected(problem.regression(), [*effects, formula])
-    left = residuals_beside(problem, regression, [*effects, formula])
+    left = residuals_of_fit(problem, regression, [*effects, formula])
     ratio = measure_noise(problem.segments, left, problem.repeats, problem.train).floor / problem.noise.floor
     if ratio[joint] ** 2 > 1 - SHARE or "t" not in formula.effect.text.split():
         return None, f"{formula.effect.text}: {STRAY}"
     return formula, ""
 
 
-def _doubt(formula: SelectedEffect, share: float, stable: float, tests: int) -> str:
+def _weak_evidence(formula: SelectedEffect, share: float, stable: float, tests: int) -> str:
     """Return why a formula is not believed on the rows that it was found in, or nothing."""
     if share < SHARE:
-        return f"it explains {100 * max(share, 0):.0f} % of what is left"
+        return f"explains only {100 * max(share, 0):.0f} % of the rest"
     if stable < STABLE:
-        return f"{100 * stable:.0f} % of the halves of the logs agree on it"
+        return f"only {100 * stable:.0f} % of the halves of the logs agree on it"
     if formula.test.chow_p_value < CONSTANT:
-        return "it is not the same in all parts of the logs"
+        return "its size differs between parts of the logs"
     if tests * max(formula.test.p_value, formula.test.gain_p_value) > CHANCE:
         return "it may be an accident"
     return ""
@@ -358,16 +358,16 @@ def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[st
     found = []
     for factors in rows.best(regression, EXACT):
         terms = [" ".join(form) for form in forms(factors)]
-        fresh = [k for k, term in enumerate(terms) if term not in taken]
-        if not fresh:
+        is_new = [k for k, term in enumerate(terms) if term not in taken]
+        if not is_new:
             continue
-        C = rows.made(regression, [terms[k] for k in fresh])
+        C = rows.made(regression, [terms[k] for k in is_new])
         raw = np.einsum("km,km->k", C, C)
         C = C - (C @ Q) @ Q.T
         seen = np.flatnonzero(np.einsum("km,km->k", C, C) > ABSORBED * raw).tolist()
         if not seen:
             continue
-        C, terms = C[seen], [terms[fresh[k]] for k in seen]
+        C, terms = C[seen], [terms[is_new[k]] for k in seen]
         gram = np.add.reduceat(np.einsum("km,lm->mkl", C, C), starts)
         right = np.add.reduceat((C * e).T, starts)
         whole = Candidate(tuple(terms), cost_of(factors, len(terms)), C, gram, right)
@@ -424,16 +424,16 @@ def _solved(gram: Floats, right: Floats) -> Floats:
 
 # ---------------------------------------------------------------- proof
 def fitted_formula(problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int) -> SelectedEffect:
-    """Return a formula with its numbers, fitted beside the model and other effects without what is not judged."""
+    """Return a formula with its numbers, fitted jointly with the model and other effects without what is not judged."""
     revolute = [one.revolute for one in problem.base.robot.joints]
     formula = Formula(text, revolute, joint)
     regression = problem.regression(nuisance=False)
     for _ in range(2):
-        beside = with_selected(regression, others)
-        columns = {joint: _columns(beside, joint, formula)}
-        whole = beside.with_effects([*beside.effects, columns])
+        extended = with_selected(regression, others)
+        columns = {joint: _columns(extended, joint, formula)}
+        whole = extended.with_effects([*extended.effects, columns])
         regression = problem.regression(whole.fit.theta[: problem.base.reduction.rank], nuisance=False)
-    test = significance_test(beside, columns)
+    test = significance_test(extended, columns)
     names = list(formula.amplitudes({}))
     values = dict(zip(names, whole.amplitudes[-len(names) :].tolist(), strict=True))
     errors = dict(zip(names, np.sqrt(np.maximum(np.diag(test.covariance), 0.0)).tolist(), strict=True))
@@ -447,9 +447,9 @@ def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: Se
     for j, (x, y) in enumerate(zip(before, after, strict=True)):
         low, high, ratio = _ratio(x, y)
         if j == joint and not high < SMALLER:
-            return f"on unseen data it changes the error by {100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
+            return f"changes the error on unseen data by {100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
         if j != joint and low > 1 and ratio > GROWN:
-            return f"it makes {problem.base.robot.joint_names[j]} worse on unseen data"
+            return f"increases the error of {problem.base.robot.joint_names[j]} on unseen data"
     return ""
 
 
@@ -475,7 +475,7 @@ def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) ->
 def held_out_effect(
     problem: GapProblem, others: Sequence[SelectedEffect], one: SelectedEffect, joint: int
 ) -> HeldOutEffect:
-    """Return what an effect says of the held-out rows of a joint, beside what is left there without it.
+    """Return what an effect says of the held-out rows of a joint, and what is left there without it.
 
     Args:
         problem: the rows.
@@ -546,20 +546,20 @@ def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
 # ---------------------------------------------------------------- what is known all the same
 def clue_text(clue: Clue, names: Sequence[str]) -> str:
     """Return what is known of a joint, in words."""
-    repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of what is left repeats with the motion; "
-    near = f"; nearest: {clue.near}" if clue.near else ""
-    follows = f"it follows {clue.signal} most ({100 * clue.share:.0f} % of its power)"
-    return f"{names[clue.joint]}: {repeats}{follows if clue.share > FOLLOWED else 'it follows no single signal'}{near}"
+    repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of the rest repeats with the motion; "
+    near = f"; closest formula {clue.near}" if clue.near else ""
+    follows = f"it depends most on {clue.signal} ({100 * clue.share:.0f} % of its power)"
+    return f"{names[clue.joint]}: {repeats}{follows if clue.share > FOLLOWED else 'it depends on no single signal'}{near}"
 
 
-def advice_on_formulas(wording: Wording, names: Sequence[str]) -> str:
+def advice_on_formulas(formula_results: FormulaResults, names: Sequence[str]) -> str:
     """Return what to do where formulas say what no effect of the catalogue explains."""
-    said = ", ".join(names[one.joints[0]] for one in wording.formulas)
-    left = ", ".join(names[clue.joint] for clue in wording.clues)
-    more = f" Nothing is said of {left}: look at where.png." if left else ""
+    described = ", ".join(names[one.joints[0]] for one in formula_results.formulas)
+    left = ", ".join(names[clue.joint] for clue in formula_results.clues)
+    more = f" The rest on {left} has no formula: see where.png." if left else ""
     return (
-        f"No effect of the catalogue explains it, but a formula describes what is left of {said}: look whether it "
-        f"makes sense, add it with --apply formula, and check on a new log with dynid validate.{more}"
+        f"No effect of the catalogue explains it, but a formula describes the rest on {described}. If it makes sense, "
+        f"add it with --apply formula, then check the result on a new log with dynid validate.{more}"
     )
 
 

@@ -36,7 +36,7 @@ def simulate_held_out(
 
     Args:
         problem: the problem.
-        regression: the fitted model, with the effects beside it.
+        regression: the fitted model, with the effects.
         selected: these effects.
 
     Returns:

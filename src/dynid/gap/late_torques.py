@@ -54,7 +54,7 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
     delay, near = float(TRIED[best]), None
     # Why twice: the slope is one over a tenth of a second first, and then one where the torques belong.
     for step in (TRIED[1] - TRIED[0], NEAR):
-        near = _delay_beside(bare, delay, step)
+        near = _delay_test(bare, delay, step)
         delay = float(np.clip(delay + near.amplitudes[0], -LONGEST_DELAY, LONGEST_DELAY))
     assert near is not None
     gains = _by_block(bare, lost)
@@ -71,8 +71,8 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
     return SelectedEffect(CATALOGUE["torque_delay"], (), {}, test, test.gain - float(price))
 
 
-def _delay_beside(regression: WhitenedRegression, delay: float, step: float) -> SignificanceTest:
-    """Return the test of what torques are late by beside a delay, their slope taken over twice a step [s]."""
+def _delay_test(regression: WhitenedRegression, delay: float, step: float) -> SignificanceTest:
+    """Return the test of what torques are late by jointly with a delay, their slope taken over twice a step [s]."""
     moved = _moved(regression, np.array([delay - step, delay, delay + step]))
     rows = zip(regression.joints, moved, strict=True)
     there = replace(regression, joints=tuple(replace(each, y=y[1]) for each, y in rows))
@@ -83,7 +83,7 @@ def _delay_beside(regression: WhitenedRegression, delay: float, step: float) -> 
 def _inside(regression: WhitenedRegression) -> WhitenedRegression:
     """Return the rows that have a torque at every delay that is tried; those of earlier logs stay as they are."""
     inside = [
-        (s.t >= s.t[0] + LONGEST_DELAY) & (s.t <= s.t[-1] - LONGEST_DELAY) | (not s.fresh) for s in regression.segments
+        (s.t >= s.t[0] + LONGEST_DELAY) & (s.t <= s.t[-1] - LONGEST_DELAY) | (not s.is_new) for s in regression.segments
     ]
     every, joints = np.concatenate(inside), []
     for rows in regression.joints:
@@ -107,7 +107,7 @@ def _moved(regression: WhitenedRegression, delays: Floats) -> list[Floats]:
 
     torques = []
     for s in regression.segments:
-        wanted = np.clip(s.t + (delays if s.fresh else 0.0 * delays)[:, None], s.t[0], s.t[-1])
+        wanted = np.clip(s.t + (delays if s.is_new else 0.0 * delays)[:, None], s.t[0], s.t[-1])
         torques.append(np.asarray(CubicSpline(s.t, s.tau, axis=0)(wanted)))
     return [regression.whiten(rows.joint, [tau[:, :, rows.joint] for tau in torques]) for rows in regression.joints]
 

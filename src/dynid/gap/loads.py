@@ -1,6 +1,6 @@
 """A load that a search has named, as heavy as the whole posterior of the arm without it says.
 
-The search fits the load beside errors that it takes to be noise. What the arm's residual model may explain, what its
+The search fits the load with errors that it takes to be noise. What the arm's residual model may explain, what its
 friction may have changed by, and gains that are wrong in both logs alike are not noise, and they are larger.
 """
 
@@ -24,7 +24,7 @@ def named_load(analysis: GapAnalysis) -> SelectedEffect | None:
     return next((one for one in analysis.verdict.named if one.name == "payload"), None)
 
 
-def weighed(analysis: GapAnalysis, load: SelectedEffect, found: IdentifiedPayload) -> GapAnalysis:
+def with_reestimated_payload(analysis: GapAnalysis, load: SelectedEffect, found: IdentifiedPayload) -> GapAnalysis:
     """Return an analysis whose load has other numbers.
 
     Args:

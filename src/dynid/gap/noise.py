@@ -29,8 +29,8 @@ SHORTEST_REPEAT = 4.0
 #: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
 SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
-#: an undisturbed arm have; a random contact gives 12 and more, a wandering sensor 27 and more.
-BURST, WANDER = 6.0, 14.0
+#: an undisturbed arm have; a random contact gives 12 and more, a drifting sensor 27 and more.
+BURST, DRIFT = 6.0, 14.0
 #: A kept model left more than noise on a joint when it left more than this many times the floor, which is
 #: itself known to about a tenth.
 MORE_THAN_NOISE = 1.2
@@ -46,7 +46,7 @@ class NoiseModel:
         floor: rms of the noise itself, (n,) [N m].
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
         burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
-        wander: power at low over high frequency, (n,); 0 without repeats.
+        drift: power at low over high frequency, (n,); 0 without repeats.
         misfit: joints whose floor is what a kept model left unexplained when it was identified, which is more than
             noise.
         count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
@@ -57,7 +57,7 @@ class NoiseModel:
     floor: Floats
     repeats: float
     burst: Floats
-    wander: Floats
+    drift: Floats
     misfit: tuple[int, ...]
     count: Floats
 
@@ -81,7 +81,7 @@ class NoiseModel:
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""
-        return np.flatnonzero((self.burst > BURST) | (self.wander > WANDER)).tolist()
+        return np.flatnonzero((self.burst > BURST) | (self.drift > DRIFT)).tolist()
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def shifted(x: Floats, fraction: float) -> Floats:
 
 def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
     n = parts[0][0].shape[1]
-    ar, sigma, floor, burst, wander = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
+    ar, sigma, floor, burst, drift = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
     for j in range(n):
         covariance = np.zeros(ORDER + 1)
         for e, use in parts:
@@ -202,8 +202,8 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         sigma[j] = np.sqrt(sum(float(w @ w) for w in white) / count)
         floor[j] = np.sqrt(covariance[0] / max(1, sum(int(use[:, j].sum()) for _, use in parts)))
         burst[j] = _burst([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
-        wander[j] = _wander([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
-    return NoiseModel(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, wander, (), np.ones(n))
+        drift[j] = _drift([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
+    return NoiseModel(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, drift, (), np.ones(n))
 
 
 def _burst(parts: Sequence[Floats], rate: float) -> float:
@@ -213,7 +213,7 @@ def _burst(parts: Sequence[Floats], rate: float) -> float:
     return float(max(powers) / np.median(powers)) if powers else 0.0
 
 
-def _wander(parts: Sequence[Floats], rate: float) -> float:
+def _drift(parts: Sequence[Floats], rate: float) -> float:
     low = high = 0.0
     for x in parts:
         f = np.fft.rfftfreq(len(x), 1 / rate)

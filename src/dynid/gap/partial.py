@@ -1,6 +1,6 @@
 """Names that explain a part of a joint's gap and leave the rest unexplained.
 
-A drive that repeats well shows small effects beyond doubt while its other errors are larger. But beside errors that
+A drive that repeats well shows small effects beyond doubt while its other errors are larger. But with errors that
 nobody knows, many effects stand in for something else and are significant; so such a name needs more than its own
 evidence. Stand-ins have rivals that explain half as much or more, change their size with the cut-off, and are beaten by
 a short formula.
@@ -35,13 +35,13 @@ RIVAL = 0.6
 CUTOFFS, MOVED = (0.5, 2.0), 0.2
 #: Largest gain of the best short formula over its own: .2 to 1.04 for right names, 1.36 to 8.9 for stand-ins.
 FORMULA = 1.2
-#: Share of its gain that a right name keeps beside a formula that explains more: that is the rest, and it is itself.
-BESIDE_FORMULA = 0.7
+#: Share of its gain that a right name keeps with a formula that explains more: that is the rest, and it is itself.
+KEPT_WITH_FORMULA = 0.7
 #: Share of a term's power within that of an effect from which on the two are one.
 IDENTICAL = 0.99
 
 
-def doubt(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
+def why_no_part(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
     """Return why an effect is not even named as a part of its joint's gap, or nothing.
 
     Args:
@@ -51,26 +51,26 @@ def doubt(search: EffectSearch, effects: Sequence[SelectedEffect], one: Selected
     """
     problem = search.problem
     if problem.since or problem.arm is not None or one.name == "torque_delay":
-        return "a part of a change is not told"
+        return "only a whole change is named, not a part of one"
     if one.z < SURE:
-        return f"its size is {one.z:.1f} standard errors from zero; {SURE:g} are needed"
+        return f"its size is only {one.z:.1f} standard errors from zero; a partial effect needs {SURE:g}"
     if one.test.visible_rms < VISIBLE:
-        return f"its size is {one.test.visible_rms:.2g} of the noise; {VISIBLE:g} is needed"
+        return f"its torque is only {one.test.visible_rms:.2g} times the noise; a partial effect needs {VISIBLE:g}"
     rest = [other for other in effects if other is not one and other.name != "torque_delay"]
     regression = with_selected(problem.regression(), rest)
     name, share = best_rival(regression, problem, one)
     if share > RIVAL:
-        return f"{name} explains {100 * share:.0f} % as much in its place; {100 * RIVAL:.0f} % are allowed"
+        return f"{name} in its place explains {100 * share:.0f} % as much; the limit is {100 * RIVAL:.0f} %"
     moved = [change_of_size(problem, [*rest, one], share) for share in CUTOFFS]
     if max(moved) > MOVED:
-        return f"its size changes by {100 * max(moved):.0f} % with the cut-off; {100 * MOVED:.0f} % are allowed"
+        return f"its size changes by {100 * max(moved):.0f} % with the cut-off frequency; the limit is {100 * MOVED:.0f} %"
     columns = whitened_columns(regression, one.effect, one.joints, [one.shape])
     gains = best_formula_gains(regression, one.test.joint, {j: C[0] for j, C in columns.items()})
     more, kept = (gain / max(one.test.gain, 1e-12) for gain in gains)
-    if more > FORMULA and kept < BESIDE_FORMULA:
+    if more > FORMULA and kept < KEPT_WITH_FORMULA:
         return (
-            f"a short formula explains {more:.1f} times as much ({FORMULA:g} times is allowed) and leaves it "
-            f"{100 * kept:.0f} % ({100 * BESIDE_FORMULA:.0f} % are needed)"
+            f"a short formula explains {more:.1f} times as much (limit {FORMULA:g}); fitted with it, the effect keeps "
+            f"{100 * kept:.0f} % of its evidence (limit {100 * KEPT_WITH_FORMULA:.0f} %)"
         )
     return ""
 
@@ -95,7 +95,7 @@ def best_rival(regression: WhitenedRegression, problem: GapProblem, one: Selecte
 
 
 def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectColumns) -> tuple[float, float]:
-    """Return how much the best short formula explains of a joint, told or not, and how much an effect does beside it.
+    """Return how much the best short formula explains of a joint, told or not, and how much an effect does with it.
 
     Args:
         regression: the rows, with what explains part of them already.
@@ -109,12 +109,12 @@ def best_formula_gains(regression: WhitenedRegression, joint: int, one: EffectCo
     found = rows.made(regression, terms)
     # Why without those: a formula with the effect as one of its terms speaks for it.
     others = found[~same_columns(regression, joint, found, one)]
-    beside = regression.with_effects([*regression.effects, {joint: others}]) if len(others) else regression
-    return significance_test(regression, {joint: found}).gain, significance_test(beside, one).gain
+    extended = regression.with_effects([*regression.effects, {joint: others}]) if len(others) else regression
+    return significance_test(regression, {joint: found}).gain, significance_test(extended, one).gain
 
 
 def same_columns(regression: WhitenedRegression, joint: int, columns: Floats, one: EffectColumns) -> NDArray[np.bool_]:
-    """Return which columns, (k, M), are those of an effect, beside the baseline, (k,)."""
+    """Return which columns, (k, M), are those of an effect, jointly with the baseline, (k,)."""
     if joint not in one:
         return np.zeros(len(columns), dtype=bool)
     Q = regression.basis(joint)

@@ -1,4 +1,4 @@
-"""What only an odd arm would absorb: the rows of a search with the prior of possible links beside them.
+"""What only an implausible arm would absorb: the rows of a search with the prior of possible links.
 
 A counterbalance vanishes in masses and centres of mass that no link has. The entropic prior of possible links
 (``estimation/physical_parameters.py``) says what such links cost. Near the best possible arm it is a parabola
@@ -22,7 +22,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 
-#: Masses of the prior's links that a name has to outlive, times those that fit best beside it.
+#: Masses of the prior's links that a name has to outlive, times those that fit best jointly with it.
 MASSES = (1.0, 3.0, 10.0, 30.0)
 #: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
 #: and chance alone would be content with 12.
@@ -153,7 +153,7 @@ def least_gain(
         masses: factors of the masses.
     """
     without, with_it = reduced(regression), reduced(regression, [one])
-    # Why the size of the links beside the effect: without it, links of a hundred tons carry what it carries. The sizes
+    # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
     arm = replace(arm, constraints=fit_sized(with_it.R @ arm.K, with_it.r, arm.given)[1])
     gains = []

@@ -104,9 +104,9 @@ class GapProblem:
             compared with the model alone.
         in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
             where the plain estimate is in force.
-        arm: the prior of possible links, where it is asked what only an odd arm would absorb.
-        held_by: rows [columns, value] on the base parameters that say how odd an arm is, near the best one, or how
-            large what has always been missing may be, (k, p + 1).
+        arm: the prior of possible links, where it is asked what only an implausible arm would absorb.
+        held_by: rows [columns, value] on the base parameters that say how implausible an arm is, near the best one,
+            or how large what has always been missing may be, (k, p + 1).
         pooled: whether the earlier logs are among the rows, and what is looked for acts in the new ones alone.
     """
 
@@ -138,7 +138,7 @@ class GapProblem:
             theta: base parameters, those of the problem when None, (p,).
             nuisance: whether shapes of reversals are left unjudged.
         """
-        # Why not of many rows: they take memory, and little time beside what is made of them.
+        # Why not of many rows: they take memory, and little time compared with what is made of them.
         kept = few(self.segments)
         found = (self._judged if nuisance else self._bare) if kept else self._whitened(nuisance=nuisance)
         if theta is None or np.array_equal(theta, self.theta):
@@ -165,7 +165,7 @@ class GapProblem:
     def _whitened(self, *, nuisance: bool) -> WhitenedRegression:
         prior = self.held_by if self.kept is None else self.kept.prior_rows
         columns = [nuisance_columns(s, nuisance) for s in self.segments]
-        return replace(whitened_regression(self._own, self.noise, columns, prior), odd=self.arm is not None)
+        return replace(whitened_regression(self._own, self.noise, columns, prior), link_prior=self.arm is not None)
 
 
 def _baseline(
@@ -230,7 +230,7 @@ def make_problem(
 
 
 def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapProblem:
-    """Return a problem whose held-out rows are judged by the best possible arm beside the effects.
+    """Return a problem whose held-out rows are judged by the best possible arm jointly with the effects.
 
     A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
     with.
@@ -244,19 +244,19 @@ def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapP
 
 
 def near_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
-    """Return a regression held near the best possible arm beside its effects."""
+    """Return a regression held near the best possible arm jointly with its effects."""
     rows = prior_rows(regression, possible_arm(regression, problem.base))
     return replace(regression, prior=_wide(rows, regression.size))
 
 
 def at_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
-    """Return a regression held at the best possible arm beside its effects, exactly fitted."""
+    """Return a regression held at the best possible arm jointly with its effects, exactly fitted."""
     rows = best_possible(regression, problem.base)
     return replace(regression, prior=_wide(rows, regression.size))
 
 
 def problem_of_arm(logs: Sequence[ConditionedLog], base: BaseModel) -> GapProblem:
-    """Arrange a search for what only an odd arm would absorb.
+    """Arrange a search for what only an implausible arm would absorb.
 
     Args:
         logs: conditioned logs, all with the same filter.
@@ -282,7 +282,7 @@ def with_misfit_of_numbers(problem: GapProblem) -> GapProblem:
 
 
 def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:
-    """Return a problem held near the best possible arm beside what a regression has selected.
+    """Return a problem held near the best possible arm jointly with what a regression has selected.
 
     Args:
         problem: the problem; one that asks for anything else stays as it is.
@@ -309,7 +309,7 @@ def _problem_since(
 ) -> GapProblem:
     """Arrange a search for what has changed between earlier and new logs of other motion, all fitted together.
 
-    What is looked for acts in the new logs alone, beside what may always have been missing. Each joint's noise is at
+    What is looked for acts in the new logs alone, with what may always have been missing. Each joint's noise is at
     least what is left of old and new logs together.
 
     Args:
@@ -319,7 +319,7 @@ def _problem_since(
         kept: the model that was identified from the earlier logs.
     """
     first = 1 + max(s.number for s in earlier)
-    before = [replace(s, fresh=False) for s in earlier]
+    before = [replace(s, is_new=False) for s in earlier]
     after = [replace(s, number=first + s.number) for s in segments]
     train, held, text = split(after, find_repeats(after), HELD_OUT_KEPT)
     train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
@@ -327,7 +327,7 @@ def _problem_since(
     every, old, new = [*before, *after], slice(0, len(before)), slice(len(before), None)
     level = _rms(before, unwhitened_fit(before, train[old], None)[1], train[old])
     every, held_by = with_always_missing(every, kept.theta, level)
-    repeats = [pair for pair in find_repeats(every) if every[pair.first].fresh == every[pair.second].fresh]
+    repeats = [pair for pair in find_repeats(every) if every[pair.first].is_new == every[pair.second].is_new]
     theta, together = unwhitened_fit(every, train, None, held_by)
     alone = [r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]]
     noise = measure_noise(every, alone, repeats, train)
@@ -358,7 +358,7 @@ def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
 
 
 def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:
-    """Return the problem with its noise, and with what a kept model lacks beside it.
+    """Return the problem with its noise, and with what a kept model lacks jointly with it.
 
     Args:
         problem: rows, and what a kept model left unexplained when it was identified.

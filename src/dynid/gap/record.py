@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from dynid.units import joint_unit
 
-# Why only for types: the options of the command are declared beside what is made from a record, and help must be fast.
+# Why only for types: the options of the command are declared with what is made from a record, and help must be fast.
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -71,17 +71,17 @@ class GapEffect:
     formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
-    beside: str = ""
+    fitted_with: str = ""
 
     @property
     def said(self) -> str:
         """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
         if self.why_not or self.formula:
-            return self.why_not or "not in the catalogue"
-        size = f"; its size is that beside {self.beside}" if self.beside else ""
+            return self.why_not or "formula, not in the catalogue"
+        size = f"; fitted jointly with {self.fitted_with}" if self.fitted_with else ""
         if self.share is None:
             return f"named{size}"
-        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}; the rest is unexplained{size}"
+        return f"named; explains {100 * self.share:.0f} % of the disagreement of {self.joint}, the rest is unexplained{size}"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -102,7 +102,7 @@ class GapEffect:
             **({"why_not": self.why_not} if self.why_not else {}),
             **({"formula": self.formula} if self.formula else {}),
             **({} if self.share is None else {"share_of_gap": self.share}),
-            **({"size_beside": self.beside} if self.beside else {}),
+            **({"size_beside": self.fitted_with} if self.fitted_with else {}),
         }
 
     def open(self, name: str) -> bool:
@@ -114,7 +114,7 @@ class GapEffect:
         found = []
         for name, value in self.values.items():
             if self.open(name):
-                found.append(f"{name} not determined, held at {value:.4g} {self.units.get(name, '')}".strip())
+                found.append(f"{name} not determined, set to {value:.4g} {self.units.get(name, '')}".strip())
                 continue
             error = f" +- {self.std_errors[name]:.2g}" if name in self.std_errors else ""
             found.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
@@ -222,7 +222,7 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
         logs=tuple(log.path for log in analysis.logs),
         made_from=made_from,
         formulas=tuple(_formulas(analysis, robot)),
-        clues=tuple(clue_text(clue, names) for clue in analysis.wording.clues),
+        clues=tuple(clue_text(clue, names) for clue in analysis.formula_results.clues),
         question=question,
         asked=asked,
         curves=tuple(_curves(analysis)),
@@ -240,7 +240,7 @@ def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
         for one in effects
         if one in analysis.verdict.named
     ]
-    return [_worst_rows(curve) for curve in (*shown, *analysis.wording.proofs)]
+    return [_worst_rows(curve) for curve in (*shown, *analysis.formula_results.proofs)]
 
 
 def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
@@ -259,7 +259,7 @@ def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
     import numpy as np
 
     found = []
-    for one, proof in zip(analysis.wording.formulas, analysis.wording.proofs, strict=True):
+    for one, proof in zip(analysis.formula_results.formulas, analysis.formula_results.proofs, strict=True):
         before, after = (float(np.sqrt(np.mean(x**2))) for x in (proof.residual, proof.left))
         found.append(replace(_effect(one, analysis, robot), rms_before=before, rms_after=after))
     return found
@@ -291,7 +291,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         formula=one.effect.text if isinstance(one.effect, Formula) else "",
         share=partly,
         rival_keys=one.rivals,
-        beside=one.beside,
+        fitted_with=one.fitted_with,
     )
 
 
@@ -300,16 +300,16 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
     if problem.noise.repeats:
         source = f"{problem.noise.repeats:.0f} s of repeats"
     elif problem.matched:
-        source = "what no effect explains of the difference to the earlier logs"
+        source = "the part of the difference to the earlier logs that no effect explains"
     else:
-        source = "the residual's high frequencies, a lower bound because no motion is repeated"
+        source = "the high frequencies of the residual, a lower bound because no motion is repeated"
     note = ""
     if problem.pooled:
-        note = "earlier and new logs are fitted together; what is looked for acts in the new ones alone"
+        note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
     elif problem.matched:
-        note = "these logs drive the motion of the earlier ones, and are compared with them row by row"
+        note = "same motion as the earlier logs: old and new are compared row by row"
     elif problem.noise.misfit:
-        note = f"what the kept model left unexplained is more on {', '.join(names[j] for j in problem.noise.misfit)}"
+        note = f"more than noise was unexplained before on {', '.join(names[j] for j in problem.noise.misfit)}"
     return {"noise_from": source, "noise_note": note}
 
 
@@ -449,11 +449,13 @@ def _require_one_arm(record: GapRecord) -> None:
 
 
 def _stored(one: GapEffect) -> dict[str, Any]:
-    return asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
+    facts = asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
+    return facts | {"beside": facts.pop("fitted_with")}
 
 
 def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
     facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
+    facts["fitted_with"] = facts.pop("beside", "")
     keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
     numbers = {key: dict(stored[key]) for key in _MAPPINGS}
     if not all(set(names) <= set(numbers["values"]) for names in numbers.values()):

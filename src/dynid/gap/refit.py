@@ -78,7 +78,7 @@ class HeldOutImprovement:
 
     def worse(self, allowed: Floats | float = GROWN) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
-        # Why the number of joints: many have nothing to do with an effect but that the arm's parameters move beside it.
+        # Why the number of joints: many have nothing to do with an effect but that the arm's parameters move with it.
         sure = self.ratio[:, 0] > 1.0 if self.chance is None else self.chance < CHANCE / len(self.chance)
         return np.flatnonzero((self.after > allowed * self.before) & sure).tolist()
 
@@ -185,7 +185,7 @@ class _ShapeFit:
 
     Attributes:
         gain: drop of the whitened sum of squares by the effects.
-        gram: of the columns beside the baseline, (K + S, K + S).
+        gram: of the columns jointly with the baseline, (K + S, K + S).
         right: products with the residual of the baseline, (K + S,).
         beta: best amplitudes, (K,).
     """
@@ -205,14 +205,14 @@ class _ShapeFit:
 
 
 def _shape_fit(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> _ShapeFit:
-    """Fit amplitudes beside the baseline, and linearise in the shapes."""
+    """Fit amplitudes jointly with the baseline, and linearise in the shapes."""
     blocks: list[dict[int, Floats]] = []
     for one in selected:
         shapes = [one.shape, *(_stepped_shape(one, name, STEP) for name in one.free_shape)]
         tried = whitened_columns(regression, one.effect, one.joints, shapes)
         blocks.append(tried)
     columns = [{j: C[0] for j, C in tried.items()} for tried in blocks]
-    gram, right = _beside(regression, columns)
+    gram, right = _products(regression, columns)
     beta = np.asarray(np.linalg.lstsq(gram, right, rcond=1e-12)[0], dtype=np.float64)
     at, slopes = 0, []
     for one, tried in zip(selected, blocks, strict=True):
@@ -222,12 +222,12 @@ def _shape_fit(regression: WhitenedRegression, selected: Sequence[SelectedEffect
         slopes += [
             {j: (own @ (C[1 + s] - C[0]) / STEP)[None] for j, C in tried.items()} for s in range(len(one.free_shape))
         ]
-    wide, product = _beside(regression, [*columns, *slopes])
+    wide, product = _products(regression, [*columns, *slopes])
     return _ShapeFit(float(right @ beta), wide, product, beta)
 
 
-def _beside(regression: WhitenedRegression, columns: Sequence[EffectColumns]) -> tuple[Floats, Floats]:
-    """Return Gram matrix and products with the residual of columns beside the baseline, (K, K) and (K,)."""
+def _products(regression: WhitenedRegression, columns: Sequence[EffectColumns]) -> tuple[Floats, Floats]:
+    """Return Gram matrix and products with the residual of columns jointly with the baseline, (K, K) and (K,)."""
     counts = [len(next(iter(one.values()))) for one in columns]
     edges = np.cumsum([0, *counts])
     fit, total = regression.fit, int(edges[-1])
@@ -272,7 +272,7 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
     base = {j: C[: len(units)] for j, C in columns.items()}
     test = significance_test(others, columns)
     # Why: blocks of time say nothing of how far the links may be from what the prior takes them for.
-    covariance = test.covariance + test.open if regression.odd else test.covariance
+    covariance = test.covariance + test.open if regression.link_prior else test.covariance
     sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return replace(
         one,
@@ -300,7 +300,7 @@ def _linearised(regression: WhitenedRegression, one: SelectedEffect, beta: Float
 def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Return effects whose errors also count what another shape of reversals would change of them.
 
-    Numbers are fitted with the model's own sign of friction. Where columns of other widths beside it move them by more
+    Numbers are fitted with the model's own sign of friction. Where columns of other widths with it move them by more
     than these columns' own noise does, they depend on what nobody knows.
 
     Source: Hausman 1978, "Specification tests in econometrics", for the variance of the difference.
@@ -318,7 +318,7 @@ def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect])
         if one not in shown:
             found.append(one)
             continue
-        others = _beside_it(problem, shown, one)
+        others = _fitted_with(problem, shown, one)
         columns = _linearised(bare, one, np.array([one.values[name] for name in one.amplitudes]))
         own, wide = (significance_test(with_selected(rows, others), columns) for rows in (bare, judged))
         noise = np.maximum(np.diag(wide.covariance) - np.diag(own.covariance), 0.0)
@@ -348,7 +348,7 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
         if len(shapes) < 2 or search.problem.arm is not None:
             found.append(one)
             continue
-        rest = with_selected(bare, _beside_it(search.problem, shown, one))
+        rest = with_selected(bare, _fitted_with(search.problem, shown, one))
         made = whitened_columns(rest, one.effect, one.joints, shapes)
         tests = [significance_test(rest, {j: C[k] for j, C in made.items()}) for k in range(len(shapes))]
         lead = np.array([test.gain for test in tests])
@@ -360,13 +360,13 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
     return found
 
 
-def _beside_it(problem: GapProblem, shown: Sequence[SelectedEffect], one: SelectedEffect) -> list[SelectedEffect]:
-    """Return what the numbers of an effect were found beside: the other effects, and the formula for the rest."""
+def _fitted_with(problem: GapProblem, shown: Sequence[SelectedEffect], one: SelectedEffect) -> list[SelectedEffect]:
+    """Return what the numbers of an effect were found jointly with: the other effects, and the formula for the rest."""
     others = [other for other in shown if other is not one]
-    if not one.beside:
+    if not one.fitted_with:
         return others
     joint = one.test.joint
-    formula = Formula(one.beside, [each.revolute for each in problem.base.robot.joints], joint)
+    formula = Formula(one.fitted_with, [each.revolute for each in problem.base.robot.joints], joint)
     return [*others, SelectedEffect(formula, (joint,), {}, one.test, 0.0)]
 
 
@@ -383,7 +383,7 @@ def lead_over_always(regression: WhitenedRegression, selected: Sequence[Selected
     """
     one = selected[k]
     others = with_selected(regression, [other for other in selected if other is not one])
-    every = replace(others, segments=[replace(s, fresh=True) for s in others.segments])
+    every = replace(others, segments=[replace(s, is_new=True) for s in others.segments])
     gains = []
     for rows in (others, every):
         columns = whitened_columns(rows, one.effect, one.joints, [one.shape])
@@ -446,7 +446,7 @@ def chance_of_growth(before: HeldOutRows, after: HeldOutRows) -> float:
     return float(special.stdtr(len(names) - 1, -float(more.mean()) / error))
 
 
-def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
+def held_out_given_others(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
     """Return the 95 % interval of the held-out error with all effects over that without one, on its joint, (2,).
 
     Args:
@@ -456,10 +456,10 @@ def held_out_beside(search: EffectSearch, effects: Sequence[SelectedEffect], one
     """
     j = one.test.joint
     rest = [other for other in effects if other is not one]
-    without, beside = (
+    without, with_it = (
         _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j] for some in (rest, effects)
     )
-    return _ratio(without, beside, j, few=search.problem.since)
+    return _ratio(without, with_it, j, few=search.problem.since)
 
 
 def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
@@ -482,7 +482,7 @@ def _held_residuals(
     Args:
         problem: the problem.
         selected: effects that are fitted with the model.
-        in_force: noise of the rows beside the best possible arm; None to fit the model without bounds.
+        in_force: noise of the rows jointly with the best possible arm; None to fit the model without bounds.
     """
     problem = problem if in_force is None else replace(problem, noise=in_force)
     regression = fitted_with(problem, selected)

@@ -1,4 +1,4 @@
-"""The search: delays are taken out of the logs, and the noise is measured beside what was found."""
+"""The search: delays are taken out of the logs, and the noise is measured jointly with what was found."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
 #: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
 #: left of it, one with the noise of the first selection, and one more.
 MOST_SELECTIONS = 6
-#: When the noise measured beside what was found differs by more than this from what it was before, the search starts
+#: When the noise measured with what was found differs by more than this from what it was before, the search starts
 #: anew: its first rows were whitened with part of the effect.
 SAME_NOISE = 0.7
 #: The same where old and new logs leave more together than was taken for noise at first: nothing is named for that.
@@ -110,7 +110,7 @@ def search_effects(
         stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY, late=guess)
         late, guess = stepwise.run(), None
         if late is None and delay_test is not None and not settled and not problem.since:
-            # Why although it is no effect any more: what is left is small beside the noise, not beside its own error.
+            # Why although it is no effect any more: the rest is small compared with the noise, not with its own error.
             late, settled = rest_of_delay(stepwise.regression), True
         if late is not None:
             delay += float(late.amplitudes[0])
@@ -119,7 +119,7 @@ def search_effects(
             problem = problem_of_arm(shifted, base) if first.arm else make_problem(shifted, base, kept, earlier)
             continue
         floor = problem.noise.floor
-        problem = with_noise_beside(stepwise.problem, stepwise.regression, stepwise.selected)
+        problem = with_noise_of_fit(stepwise.problem, stepwise.regression, stepwise.selected)
         change = problem.noise.floor / floor
         most = MORE_NOISE if problem.pooled else 1 / SAME_NOISE
         if np.all((change > SAME_NOISE) & (change < most)) or (problem.pooled and not stepwise.selected):
@@ -132,17 +132,17 @@ def search_effects(
 
 
 def rest_of_delay(regression: WhitenedRegression) -> SignificanceTest:
-    """Return how late torques still are beside what was selected, and how sure that is."""
+    """Return how late torques still are jointly with what was selected, and how sure that is."""
     columns = whitened_columns(regression, CATALOGUE["torque_delay"], (), [{}])
     return significance_test(regression, {j: C[0] for j, C in columns.items()})
 
 
 def earlier_rows(problem: GapProblem) -> GapProblem:
     """Return the earlier logs of a search for changes alone, as noisy as there, for what acts in them already."""
-    old = [k for k, s in enumerate(problem.segments) if not s.fresh]
+    old = [k for k, s in enumerate(problem.segments) if not s.is_new]
     return replace(
         problem,
-        segments=[replace(problem.segments[k], fresh=True) for k in old],
+        segments=[replace(problem.segments[k], is_new=True) for k in old],
         train=[problem.train[k] for k in old],
         held=[problem.held[k] for k in old],
         pooled=False,
@@ -197,7 +197,7 @@ def with_part(search: EffectSearch, one: SelectedEffect) -> EffectSearch:
     return replace(search, selected=selected, after=after, between_reversals=between)
 
 
-def with_noise_beside(
+def with_noise_of_fit(
     problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
 ) -> GapProblem:
     """Return the problem with the noise measured again, after what was found is taken out of the residual.
@@ -209,9 +209,9 @@ def with_noise_beside(
         not problem.pooled and not problem.matched and not (problem.noise.repeats and selected)
     ):
         return problem
-    residuals = residuals_beside(problem, regression, selected)
+    residuals = residuals_of_fit(problem, regression, selected)
     noise = measure_noise(problem.segments, residuals, problem.repeats, problem.train)
-    # Why its parameters: candidates that scale with the model are those of the arm beside what was found.
+    # Why its parameters: candidates that scale with the model are those of the arm jointly with what was found.
     theta = regression.fit.theta[: problem.base.reduction.rank]
     return with_noise(replace(problem, theta=theta), noise, residuals)
 
@@ -234,7 +234,7 @@ def still_changed(search: EffectSearch, selected: Sequence[SelectedEffect]) -> t
     return change_test(segments, problem.train, nuisance, problem.held_by).joints
 
 
-def residuals_beside(
+def residuals_of_fit(
     problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
 ) -> list[Floats]:
     """Return what the model and the effects of a regression leave of all rows, one (M, n) per segment [N m or N]."""
@@ -248,5 +248,5 @@ def judged_search(search: EffectSearch) -> EffectSearch:
     """Return a search whose held-out rows are judged by the best possible arm."""
     problem = search.problem
     regression = with_selected(problem.regression(), search.selected)
-    residuals = residuals_beside(problem, regression, search.selected)
+    residuals = residuals_of_fit(problem, regression, search.selected)
     return replace(search, problem=judged_by_possible(problem, residuals))

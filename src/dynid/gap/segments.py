@@ -1,4 +1,4 @@
-"""Observation rows of conditioned logs, segment by segment, beside the motion that candidate columns are made from."""
+"""Observation rows of conditioned logs, segment by segment, with the motion that candidate columns are made from."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SHORTEST_BLOCK, LONGEST_BLOCK, BLOCKS = 0.25, 1.0, 40
 
 @dataclass(frozen=True)
 class SegmentRows:
-    """The observation rows of one segment of a log, beside the motion that candidate columns are made from.
+    """The observation rows of one segment of a log, with the motion that candidate columns are made from.
 
     Attributes:
         rows: of the base regressor, M instants.
@@ -36,7 +36,7 @@ class SegmentRows:
         q: positions of the rows, (M, n) [rad or m].
         qd: velocities of the rows, (M, n) [rad/s or m/s].
         use: rows that count: not clipped, not at rest, (M, n).
-        fresh: whether effects act here; not in earlier logs, when what has changed since is looked for.
+        is_new: whether effects act here; not in earlier logs, when what has changed since is looked for.
     """
 
     rows: ObservationRows
@@ -46,7 +46,7 @@ class SegmentRows:
     q: Floats
     qd: Floats
     use: Mask
-    fresh: bool = True
+    is_new: bool = True
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -132,7 +132,7 @@ def moving(qd: Floats, rate: float) -> Mask:
 
 
 def _sums(x: Mask, first: int, last: int) -> NDArray[np.int64]:
-    """Return how many of the rows from ``first`` to ``last`` beside each row are set, (M, n); none beyond the ends."""
+    """Return how many of the rows from ``first`` to ``last`` around each row are set, (M, n); none beyond the ends."""
     total = np.concatenate([np.zeros((1, x.shape[1]), dtype=np.int64), np.cumsum(x, axis=0)])
     rows = np.arange(len(x))
     return np.asarray(total[np.clip(rows + last + 1, 0, len(x))] - total[np.clip(rows + first, 0, len(x))])

@@ -1,4 +1,4 @@
-"""Selected effects: what they are, and their columns and torques beside the model."""
+"""Selected effects: what they are, and their columns and torques."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SelectedEffect:
         values: amplitudes and shape parameters by name, once it is refitted.
         std_errors: their standard errors; infinite for shape parameters that the rows do not determine.
         z: how many standard errors its amplitudes are from zero, all of them together, when the shape is free too.
-        beside: the formula that stood for the rest of its joint's gap when its numbers were found; "" for none.
+        fitted_with: the formula that stood for the rest of its joint's gap when its numbers were found; "" for none.
     """
 
     effect: Effect
@@ -39,7 +39,7 @@ class SelectedEffect:
     values: dict[str, float] = field(default_factory=dict)
     std_errors: dict[str, float] = field(default_factory=dict)
     z: float = float("inf")
-    beside: str = ""
+    fitted_with: str = ""
 
     @property
     def name(self) -> str:
@@ -102,7 +102,7 @@ def at_sizes(selected: Sequence[SelectedEffect], amplitudes: Floats) -> list[Sel
 
 def torque_in_rows(segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
     """Return the torque of effects in the rows of a segment, (n, M) [N m or N]; nothing where they do not act yet."""
-    if not segment.fresh:
+    if not segment.is_new:
         return np.zeros((segment.motion.n, len(segment)))
     return segment.filtered(effect_torque(segment.motion, selected, amplitudes))
 

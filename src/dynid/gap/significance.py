@@ -76,7 +76,7 @@ def whitened_columns(
     parts = []
     for segment in regression.segments:
         # Why nothing where no row counts either: motion that is held out takes as long as motion that is searched.
-        if not segment.fresh or not segment.use[:, list(rows)].any():
+        if not segment.is_new or not segment.use[:, list(rows)].any():
             count = len(effect.amplitudes(shapes[0]))
             parts.append(np.zeros((len(shapes), count, len(rows), len(segment))))
             continue
@@ -238,7 +238,7 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     amplitudes = beta / scale
     visible = {
         j: float(np.sqrt(regression.noise.count[j] * np.mean((amplitudes @ projected[j]) ** 2)))
-        for j in (projected if regression.odd else columns)
+        for j in (projected if regression.link_prior else columns)
         if len(fit.e[j])
     }
     joint = max(visible, key=lambda j: visible[j])

@@ -42,7 +42,7 @@ BY_CHANCE = 0.05
 SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
 #: Candidates that are refined before they are compared: refinement moves the order by a few places, and costs time.
 RIVALS = 6
-#: A rival has at least this share of an effect's evidence, and loses all but this share of its gain beside it: what
+#: A rival has at least this share of an effect's evidence, and loses all but this share of its gain with it: what
 #: explains something else is no rival.
 NEAR, INSTEAD = 0.7, 0.5
 #: Steps of the refinement of a shape, in shares of its first step; it ends early where there is little to gain: what a
@@ -155,9 +155,9 @@ class StepwiseSelection:
 
         Where the strongest on a joint is large but not sure, weaker ones there would only stand in for it.
         """
-        odd = self._least_odd()
-        if odd is not None:
-            return odd
+        balanced = self._most_plausible()
+        if balanced is not None:
+            return balanced
         ranked = self._ranked(self.regression, self.selected)
         if not self.visibility:
             for score, c in ranked:
@@ -181,8 +181,8 @@ class StepwiseSelection:
                     return None
                 ranked = [(score, c) for score, c in ranked if c.key not in self.barred]
 
-    def _least_odd(self) -> SelectedEffect | None:
-        """Return the counterbalance without which links would be oddest, where they imitate it and none would do.
+    def _most_plausible(self) -> SelectedEffect | None:
+        """Return the counterbalance without which links are least plausible, where they imitate it and none would do.
 
         Why not by its score: the parabola of the prior is wide, and knows nothing of where possible links end.
         """
@@ -205,7 +205,7 @@ class StepwiseSelection:
         return self.problem.arm is not None and one.name == COUNTERBALANCE
 
     def _worth(self, regression: WhitenedRegression, one: SelectedEffect) -> float:
-        """Return how much an effect brings beside possible links, exactly fitted, after its price."""
+        """Return how much an effect brings jointly with possible links, exactly fitted, after its price."""
         assert self.problem.arm is not None
         gain = least_gain(regression, self.problem.arm, self._columns_of(one))
         return gain - one.freedom * float(np.log(sum(len(e) for e in regression.fit.e)))

@@ -31,14 +31,14 @@ SHARES = (0.70, 0.85, 0.92)
 #: Chance below which an effect differs between logs and is no constant property of the arm.
 SAME = 1e-3
 #: A smaller companion of the same family on the same joint is the larger one's shape, not a second effect.
-COMPANION = 0.25
-#: So small beside another effect on the same joint, it may be that one's shape, whatever its kind.
+REDUNDANT = 0.25
+#: So small compared with another effect on the same joint, it may be that one's shape, whatever its kind.
 TRACE = 0.12
-#: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, beside what
+#: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, with what
 #: the model has at the null, has told them apart already.
 OUTSIDE = 1.96
-SMALL_DELAY = "it is shorter than the sampling can resolve"
-LITTLE = "it explains"
+SMALL_DELAY = "the delay is shorter than the sampling can resolve"
+LITTLE = "it explains only"
 NOT_SMALLER = "it does not reduce the error on unseen data"
 
 
@@ -122,8 +122,8 @@ def refusal(
         return "the disturbance of this joint does not repeat"
     return (
         undetermined(one)
-        or ("it is not the same in all parts of the logs" if _differs(search, one) else "")
-        or _beside_larger(effects, one)
+        or ("its size differs between parts of the logs" if _differs(search, one) else "")
+        or _shape_of_larger(effects, one)
         or _not_smaller(one, improvement)
         or _little_explained(search, effects, one)
     )
@@ -132,8 +132,8 @@ def refusal(
 def _differs(search: EffectSearch, one: SelectedEffect) -> bool:
     """Return whether an effect differs between parts of the logs.
 
-    Why not where odd links would absorb it: what is seen of it beside possible ones is the little that these miss, and
-    follows the motion.
+    Why not where implausible links would absorb it: what is seen of it with possible ones is the little that
+    these miss, and follows the motion.
     """
     return search.problem.arm is None and one.test.chow_p_value < SAME
 
@@ -141,14 +141,14 @@ def _differs(search: EffectSearch, one: SelectedEffect) -> bool:
 def undetermined(one: SelectedEffect) -> str:
     """Return why size or shape are not known well enough, or nothing."""
     if one.z < SURE_Z:
-        return f"its size is not determined: {one.z:.1f} standard errors from zero; {SURE_Z:g} are needed"
+        return f"its size is not determined: {one.z:.1f} standard errors from zero, limit {SURE_Z:g}"
     for name in one.free_shape:
         if one.shape_z(name) < (OUTSIDE if name in one.effect.nulls else SURE_Z):
             return _open_shape(one, name)
-    return "" if possible(one) else "no body has these parameters"
+    return "" if possible(one) else "no physical body has these parameters"
 
 
-def _beside_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
+def _shape_of_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
     """Return why it may be part of a larger effect, or nothing."""
     size, others = one.test.visible_rms, [(other, other.test) for other in effects if other is not one]
     family = [
@@ -156,10 +156,10 @@ def _beside_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> st
         for other, larger in others
         if one.effect.family and other.effect.family == one.effect.family and other.joints[:1] == one.joints[:1]
     ]
-    if any(size < COMPANION * larger for larger in family):
-        return "it is the shape of a larger effect of the same kind"
+    if any(size < REDUNDANT * larger for larger in family):
+        return "it is probably part of a larger effect of the same kind"
     if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == one.test.joint):
-        return "it is so small that it may be the remainder of a much larger effect"
+        return "it is small and may be a remainder of a much larger effect on this joint"
     return ""
 
 
@@ -168,7 +168,7 @@ def _little_explained(search: EffectSearch, effects: Sequence[SelectedEffect], o
     share, needed = explained_share(search, effects, one)
     if share >= needed:
         return ""
-    return f"{LITTLE} {np.floor(100 * share):.0f} % of the gap of this joint; {100 * needed:.0f} % are needed"
+    return f"{LITTLE} {np.floor(100 * share):.0f} % of the disagreement of this joint, limit {100 * needed:.0f} %"
 
 
 def explained_share(
@@ -191,9 +191,9 @@ def _open_shape(one: SelectedEffect, name: str) -> str:
     """Return why a shape parameter stands in the way of a name."""
     null = one.effect.nulls.get(name)
     if null is None:
-        return f"its {name} is not determined: {one.shape_z(name):.1f} standard errors from zero; {SURE_Z:g} are needed"
+        return f"its {name} is not determined: {one.shape_z(name):.1f} standard errors from zero, limit {SURE_Z:g}"
     size = f"{name} = {one.values[name]:.2g} +- {one.std_errors[name]:.2g}"
-    return f"{size} is not told from {null:g}, where it is part of the model; {OUTSIDE:g} standard errors are needed"
+    return f"{size} may be {null:g}, and with {null:g} the effect is in the model already"
 
 
 def labels(selected: SelectedEffect, joints: Sequence[str]) -> list[str]:
@@ -221,7 +221,7 @@ def advice_of(
     if stray and word == "unexplained":
         names = ", ".join(joints[j] for j in stray)
         return (
-            f"What disturbs {names} does not repeat: look for contacts, cables or a wandering sensor, and record again."
+            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, and record again."
         )
     if word == "ambiguous":
         one = next(f for f in named if f.rivals)
@@ -229,12 +229,12 @@ def advice_of(
         ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.rivals[0][0]].separate])
         return f"To tell {first} and {other} apart: {'; '.join(ways)}."
     if word == "named":
-        left = f" More is left on {', '.join(joints[j] for j in remainder)}." if remainder else ""
-        return f"Add it with --apply and check on a new log with dynid validate.{left}{repeat}"
+        left = f" More is missing on {', '.join(joints[j] for j in remainder)}." if remainder else ""
+        return f"Add it with --apply, then check the result on a new log with dynid validate.{left}{repeat}"
     if word == "unexplained":
-        near = f" The closest candidate is {closest[0][0].name}, but {closest[0][1]}." if closest else ""
-        look = "Look at where.png for the joint and the part of its motion, and at what the joints share."
+        near = f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
+        look = "where.png shows on which joint and in which part of its motion."
         return f"No effect of the catalogue explains it.{near} {look}{repeat}"
     if word == "nothing_changed":
-        return f"These logs show no change. What the model has always lacked is asked for with --ask numbers.{repeat}"
-    return f"No joint has more residual than its noise; these logs show nothing that is missing.{repeat}"
+        return f"These logs show no change. --ask numbers searches for what the model has always lacked.{repeat}"
+    return f"The residual of every joint is at its noise.{repeat}"

@@ -28,14 +28,14 @@ EffectColumns = Mapping[int, Floats]
 #: show it.
 ABSORBED = 1e-5
 #: The same of possible links: the data hold these a thousand times as tightly as their prior does, so what they take up
-#: nearly wholly is still told from an odd arm.
+#: nearly wholly is still told from an implausible arm.
 ABSORBED_BY_ARM = 1e-8
 #: Rows up to which the columns of all candidates stay in memory: those of so many take a quarter of a gigabyte.
 FEW_ROWS = 1 << 13
 #: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9
 #: The same where the prior of possible links tells apart what no row does: it knows a billionth of what rows would.
-WEAK_BESIDE_ARM = 1e-13
+WEAK_WITH_ARM = 1e-13
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class WhitenedRows:
     @cached_property
     def gram(self) -> Floats:
         """Products of all columns and torques with each other, (p + c + 1, p + c + 1)."""
-        # Why once: what is fitted beside the baseline changes again and again, these rows do not.
+        # Why once: what is fitted with the baseline changes again and again, these rows do not.
         both = np.column_stack([self.A, self.y])
         return np.asarray(both.T @ both)
 
@@ -101,7 +101,8 @@ class WhitenedRegression:
         prior: further rows [columns, value] on the baseline, such as what an earlier identification knows,
             (r, p + c + 1); None for none.
         effects: columns of selected effects.
-        odd: whether the prior rows say how odd an arm is. What frees the links then shows on other joints than its own.
+        link_prior: whether the prior rows say how implausible an arm is. What frees the links then shows on other
+            joints than its own.
     """
 
     segments: Sequence[SegmentRows]
@@ -109,7 +110,7 @@ class WhitenedRegression:
     joints: tuple[WhitenedRows, ...]
     prior: Floats | None = None
     effects: tuple[EffectColumns, ...] = ()
-    odd: bool = False
+    link_prior: bool = False
 
     @cached_property
     def store(self) -> Store | None:
@@ -119,12 +120,12 @@ class WhitenedRegression:
     @cached_property
     def motion(self) -> ArmMotion:
         """All motion in which candidates act, one segment after the other."""
-        return joined_motion([s.motion for s in self.segments if s.fresh])
+        return joined_motion([s.motion for s in self.segments if s.is_new])
 
     @property
     def absorbed(self) -> float:
         """Share of a candidate's power below which the model absorbs it."""
-        return ABSORBED_BY_ARM if self.odd else ABSORBED
+        return ABSORBED_BY_ARM if self.link_prior else ABSORBED
 
     @property
     def size(self) -> int:
@@ -156,7 +157,7 @@ class WhitenedRegression:
         length = np.sqrt(np.diag(gram))
         length = np.where(length > 0, length, 1.0)
         values, V = np.linalg.eigh(gram / np.outer(length, length))
-        kept = values > (WEAK_BESIDE_ARM if self.odd else WEAK) * values[-1]
+        kept = values > (WEAK_WITH_ARM if self.link_prior else WEAK) * values[-1]
         root = V[:, kept] / np.sqrt(values[kept]) / length[:, None]
         theta = root @ (root.T @ right)
         residuals = [rows.y - self.combined(rows.joint, theta) for rows in self.joints]
@@ -172,9 +173,9 @@ class WhitenedRegression:
             found[j][np.ix_(order, order)] = rows.gram
             here, E = self._effects_in(j)
             if len(here):
-                beside = np.column_stack([E @ rows.A, E @ rows.y])
-                found[j][np.ix_(here, order)] = beside
-                found[j][np.ix_(order, here)] = beside.T
+                block = np.column_stack([E @ rows.A, E @ rows.y])
+                found[j][np.ix_(here, order)] = block
+                found[j][np.ix_(order, here)] = block.T
                 found[j][np.ix_(here, here)] = E @ E.T
         return found
 
@@ -241,7 +242,7 @@ class WhitenedRegression:
             Gram matrix of the projected columns in the prior rows, and products with what is left of these, (k, k + 1).
         """
         # Why not what an earlier identification knows: it is overconfident; tests of what has changed go by the logs.
-        if self.prior is None or not self.odd:
+        if self.prior is None or not self.link_prior:
             return np.zeros((len(P), len(P) + 1))
         p = self.size
         C = -self.prior[:, :-1] @ (self.fit.root[:p] @ P.T)

@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     from dynid.signals.conditioned_log import ConditionedLog
     from dynid.workflows.arguments import LogsLike, ResultLike
 
+#: What each question asks, as the answer says it.
+ASKED = {
+    "numbers": "which effects remain after refitting all parameters?",
+    "arm": "which effects remain when the links have to be plausible?",
+    "changed": "what has changed since the model was identified?",
+}
 #: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
 EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
@@ -75,18 +81,18 @@ def find_gap(
     new = search.checked(recordings)
     before = search.checked(known) if question in ("auto", "changed") else []
     if question != "auto":
-        return search.ask(question, new, before, "as asked")
+        return search.ask(question, new, before, ASKED[question])
     fitted = {sha for sha in result.log_sha256 if sha}
     if any(log.sha256 in fitted for log in new):
-        return search.of_the_arm(new, "the model was identified from these logs, so nothing can have changed")
+        return search.of_the_arm(new, "the model was identified from these logs")
     if not before:
-        why = "the logs that the model was identified from are not at hand, so nothing can be said about changes"
+        why = "the logs that the model was identified from were not found, so changes cannot be judged"
         return search.of_the_arm(new, why)
-    changed = search.ask("changed", new, before, "the model was identified from other logs: what has changed since?")
+    changed = search.ask("changed", new, before, ASKED["changed"])
     if changed.named:
         return changed
-    said = VERDICTS["nothing_changed"] if changed.verdict == "nothing_changed" else "no change has a name"
-    why = f"{changed.asked} {said}; so all {len(before) + len(new)} logs were searched for what has always been missing"
+    found = "Nothing has changed" if changed.verdict == "nothing_changed" else "No change could be named"
+    why = f"{changed.asked} {found}, so all {len(before) + len(new)} logs were searched"
     return search.of_the_arm([*before, *new], why)
 
 
@@ -155,7 +161,7 @@ class _Search:
             now = relative_error(conditioned, self.base, self.result.theta)
             then = relative_error(before, self.base, self.result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
-            analysis = self._weighed(analysis, logs) if earlier else analysis
+            analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         made_from = str(self.result.path) if self.result.path.name else ""
         record = record_of(analysis, self.base.robot, question, why, made_from)
         return with_methods(
@@ -167,22 +173,22 @@ class _Search:
             signals=options,
         )
 
-    def _in_words(self, gap: Gap) -> Gap:
+    def _with_formulas(self, gap: Gap) -> Gap:
         """Return an answer with what is left put into words."""
-        from dynid.gap.analysis import in_words
+        from dynid.gap.analysis import fit_formulas
         from dynid.gap.record import record_of
 
         assert gap.analysis is not None
-        analysis = in_words(gap.analysis, self.progress)
+        analysis = fit_formulas(gap.analysis, self.progress)
         record = record_of(analysis, self.base.robot, gap.question, gap.asked, gap.made_from)
         more = {key: getattr(gap, key) for key in ("searched", "recordings", "before", "signals")}
         return with_methods(record, analysis=analysis, **more)
 
-    def _weighed(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
+    def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
         from dynid.errors import DynidError
         from dynid.estimation.payload import find_payload
-        from dynid.gap.loads import named_load, weighed
+        from dynid.gap.loads import named_load, with_reestimated_payload
         from dynid.workflows.identify import IdentifyOptions, identify
 
         load, result = named_load(analysis), self.result
@@ -195,7 +201,7 @@ class _Search:
             now = identify(self.base.robot, logs, options, base=self.base)
             # Why the other way round: what was taken off hung there when the model was identified.
             loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
-            return weighed(analysis, load, find_payload(loaded, bare))
+            return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
         except DynidError:
             # Why nothing is said: the load is there, and the search has numbers of its own.
             return analysis
@@ -213,14 +219,14 @@ class _Search:
         return found
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
-        """Ask what the model has always lacked: what no numbers absorb, and what only odd links would."""
+        """Ask what the model has always lacked: what no numbers absorb, and what only implausible links would."""
         from dynid.gap.counterbalance import LOOKALIKES, suspicions, with_rivals
         from dynid.gap.possible_arm import COUNTERBALANCE
 
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
         # Why without words at first: of two answers one is given, and words take as long as all else.
-        found = self.ask("numbers", logs, (), f"{why}: what can no numbers absorb?", (), conditioned, words=False)
+        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned, words=False)
         analysis = found.analysis
         suspected = [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
         effects, joints = self.wanted.effects, self.wanted.joints
@@ -228,9 +234,9 @@ class _Search:
             one for one in suspected if not effects or COUNTERBALANCE in effects if not joints or one.joint in joints
         ]
         if not suspected:
-            return self._in_words(found)
+            return self._with_formulas(found)
         names = self.base.robot.joint_names
-        why = f"{found.asked} {_suspected(suspected, names)}: what would only odd links absorb?"
+        why = f"{found.asked} {_suspected(suspected, names)}: {ASKED['arm']}"
         places = [(one.joint,) for one in suspected]
         named = [(one.effect, one.indices) for one in found.named]
         also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
@@ -238,40 +244,40 @@ class _Search:
         if any(one.effect == COUNTERBALANCE for one in odd.named):
             assert odd.analysis is not None
             equal = {one.joint: one.instead for one in suspected if one.instead is not None and not one.beaten}
-            return self._in_words(replace(odd, analysis=with_rivals(odd.analysis, equal)))
-        return replace(self._in_words(found), asked=f"{why} {_not_told(suspected, odd)}")
+            return self._with_formulas(replace(odd, analysis=with_rivals(odd.analysis, equal)))
+        return replace(self._with_formulas(found), asked=f"{why} {_not_told(suspected, odd)}")
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
-    """Return why it is asked what only odd links would absorb."""
+    """Return why it is asked what only implausible links would absorb."""
     said = []
     for one in suspected:
-        without, beside = one.masses
-        heavy = f" (without one, link {one.link} would weigh {without:.3g} kg, not {beside:.3g})"
-        odd = without > TOLD_MASS * beside
-        said.append(f"possible links do better beside a counterbalance of {names[one.joint]}{heavy if odd else ''}")
+        without, with_it = one.masses
+        heavy = f" (without it, link {one.link} would weigh {without:.3g} kg instead of {with_it:.3g} kg)"
+        shown = heavy if without > TOLD_MASS * with_it else ""
+        said.append(f"A counterbalance on {names[one.joint]} makes the links more plausible{shown}")
     return " and ".join(said)
 
 
 def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     """Return why no counterbalance is named, and what would tell."""
-    said = [one.said for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
+    reasons = [one.message for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
     links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
     sure = all(one.sure for one in suspected)
-    what = "only absurd links do as well" if sure else "torques alone do not tell it from heavier links"
+    what = "Only implausible links fit as well" if sure else "Torques alone cannot tell it from heavier links"
     return (
-        f"{what}{f' ({said[0]})' if said else ''}: give the mass {links} from the data sheet (known: link_mass in the "
-        "robot file) and identify again"
+        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass in the "
+        "robot file) and identify again."
     )
 
 
 def _kept_error(now: float, then: float, unchanged: bool) -> str:
     """Return how well the kept model does on new and on its own logs [%], in words."""
     if not then:
-        return f" (the kept model misses {now:.3g} % of these torques)"
-    text = f" (the kept model misses {now:.3g} % of these torques, {then:.3g} % of those it was identified from"
+        return f" (error of the model on these logs {now:.3g} %)"
+    text = f" (error of the model {now:.3g} % on these logs, {then:.3g} % on the logs it was identified from"
     if unchanged and now > EXTRAPOLATES * then:
-        return f"{text}: it extrapolates to another motion)"
+        return f"{text}; this motion differs from the identified one)"
     return f"{text})"
 
 
@@ -320,7 +326,7 @@ def earlier_logs(
     own = new & {sha for _, sha in before}
     if own:
         if options.question == "changed":
-            progress.stage("earlier", "the model was identified from a log given here: nothing has changed in that one")
+            progress.stage("earlier", "the model was identified from a log given here, so that log shows no change")
         elif options.question == "auto":
             return []
     there = [path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha]

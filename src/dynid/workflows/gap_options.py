@@ -33,8 +33,8 @@ class GapOptions(LogOptions):
 
     ask: str = option(
         "auto",
-        "numbers: what no identification can absorb; arm: what only links that no arm has would absorb; changed: what "
-        "is different since the model was identified; auto asks what the logs can answer, and says why.",
+        "numbers: effects that remain after refitting all parameters; arm: effects that only implausible links could "
+        "imitate; changed: what has changed since the model was identified; auto chooses by the logs and says why.",
         choices=("auto", *QUESTIONS), shown="",
     )  # fmt: skip
     mode: str | None = option(

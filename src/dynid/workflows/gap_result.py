@@ -27,8 +27,8 @@ VERDICTS = {
     "named": "named",
     "nothing_missing": "nothing is missing",
     "nothing_changed": "nothing has changed since the model was identified",
-    "unexplained": "something is missing that no effect of the catalogue explains",
-    "ambiguous": "fit equally well",
+    "unexplained": "something is missing, and no effect of the catalogue explains it",
+    "ambiguous": "several effects fit equally well",
 }
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
@@ -85,7 +85,7 @@ class Gap(GapRecord):
                 "rms after": one.rms_after,
                 "unit": one.unit,
                 "p-value": one.p_value,
-                "said": one.said,
+                "result": one.message,
             }
             for one in (*self.named, *self.closest, *self.formulas)
         ]
@@ -261,7 +261,11 @@ class Gap(GapRecord):
         if analysis is None:
             raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
         wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
-        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest), *analysis.wording.formulas)
+        every = (
+            *analysis.verdict.named,
+            *(one for one, _ in analysis.verdict.closest),
+            *analysis.formula_results.formulas,
+        )
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
             raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")

@@ -27,7 +27,7 @@ class TwoLinkLogs:
     base: BaseModel
 
     def log(self, plan, noise, added=None, *, seconds=15.0, start=0.0, delay=0.0, name="log"):
-        """Return one conditioned log: motion ``plan``, its own noise, and ``added(t, q, qd, qdd)`` beside the law."""
+        """Return one conditioned log: motion ``plan``, its own noise, and ``added(t, q, qd, qdd)`` with the law."""
         t, q, qd, qdd = twolink.motion(plan, seconds)
         tau = twolink.torque(q, qd, qdd)
         tau = tau if added is None else tau + added(start + t, q, qd, qdd)

@@ -39,7 +39,7 @@ def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely
 
 
 def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_again(twolinks, on_joint):
-    """An offset that is gone in the held-out part, beside friction that stays."""
+    """An offset that is gone in the held-out part, jointly with friction that stays."""
     sources = on_one_clock(
         twolinks.logs(
             lambda t, q, qd, qdd: on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
@@ -75,8 +75,8 @@ def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
 
 def test_time_runs_through_logs_whose_stamps_do(twolinks):
     made = [twolinks.log(1, k, start=100.0 * k) for k in range(3)]
-    fresh = [replace(s, segments=[replace(x, elapsed=x.t - x.t[0]) for x in s.segments]) for s in made]
-    for k, source in enumerate(on_one_clock(fresh)):
+    is_new = [replace(s, segments=[replace(x, elapsed=x.t - x.t[0]) for x in s.segments]) for s in made]
+    for k, source in enumerate(on_one_clock(is_new)):
         assert source.segments[0].elapsed[0] == pytest.approx(100.0 * k, abs=0.2)
 
 

@@ -78,7 +78,7 @@ def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_abso
 
 @pytest.mark.parametrize(("shaken", "joints"), [(0.0, ()), (0.25, (1,))])
 def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint, shaken, joints):
-    """A joint that rings the more the faster it turns, then and now, and shakes beside that since."""
+    """A joint that rings the more the faster it turns, then and now, and shakes jointly with that since."""
 
     def rings(shaken):
         return lambda t, q, qd, qdd: on_joint(
@@ -94,7 +94,7 @@ def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint,
 def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
     """Half as many rows as parameters: one set for them alone fits anything, and foretells nothing."""
     problem = make_problem(twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old)
-    few = [m & (s.fresh <= (np.arange(len(m)) < 12)) for m, s in zip(problem.train, problem.segments, strict=True)]
+    few = [m & (s.is_new <= (np.arange(len(m)) < 12)) for m, s in zip(problem.train, problem.segments, strict=True)]
     assert compared(replace(problem, train=few)).joints == ()
 
 
@@ -102,8 +102,8 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
     """Chow's statistic by least squares of stacked, weighted rows instead of normal equations."""
     problem = make_problem(twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old)
     found, eras = compared(problem), []
-    for fresh in (False, True):
-        parts = [(s, m) for s, m in zip(problem.segments, problem.train, strict=True) if s.fresh is fresh]
+    for is_new in (False, True):
+        parts = [(s, m) for s, m in zip(problem.segments, problem.train, strict=True) if s.is_new is is_new]
         eras.append([stacked(parts, j) for j in range(2)])
 
     def left(groups, sigma):
@@ -126,10 +126,10 @@ def stacked(parts, joint):
     """Return the rows [columns, torque] of one joint, columns that are not judged at their own place."""
     found = []
     for s, m in parts:
-        beside = nuisance_columns(s)
-        wide = np.zeros((len(s), sum(map(len, beside))))
-        k = len(beside[joint])
-        wide[:, joint * k : (joint + 1) * k] = beside[joint].T
+        extra = nuisance_columns(s)
+        wide = np.zeros((len(s), sum(map(len, extra))))
+        k = len(extra[joint])
+        wide[:, joint * k : (joint + 1) * k] = extra[joint].T
         found.append(np.column_stack([s.W[:, joint], wide, s.tau[:, joint]])[m & s.use[:, joint]])
     return np.vstack(found)
 
@@ -138,10 +138,10 @@ def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
     """Torques of earlier logs may be anything: with their rows weightless the size of the change would be the same."""
     new = twolinks.logs(more_friction, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
-    fresh = {s.number for s in problem.segments if s.fresh}
-    assert len(fresh) == len(new)
-    assert not fresh & {s.number for s in problem.segments if not s.fresh}
-    assert all(not held.any() for s, held in zip(problem.segments, problem.held, strict=True) if not s.fresh)
+    is_new = {s.number for s in problem.segments if s.is_new}
+    assert len(is_new) == len(new)
+    assert not is_new & {s.number for s in problem.segments if not s.is_new}
+    assert all(not held.any() for s, held in zip(problem.segments, problem.held, strict=True) if not s.is_new)
     assert replace(problem, pooled=False).since is False
 
 

@@ -1,4 +1,4 @@
-"""Whether links do better beside a counterbalance, before anything is searched."""
+"""Whether links do better jointly with a counterbalance, before anything is searched."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ def test_it_is_likely_where_links_would_be_heavy_and_sure_where_they_would_be_ab
     assert (one.joint, one.link) == (0, 1)
     assert one.gain > 25.0
     assert one.sure is sure, "a counterweight of 200 kg would do the same, one of three tons would not"
-    without, beside = one.masses
-    assert without > 10 * beside
+    without, with_it = one.masses
+    assert without > 10 * with_it
 
 
 def test_an_arm_without_one_is_not_suspected(clean):

@@ -112,8 +112,8 @@ def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(twolink
     """A cable that slackens, or a sensor that wanders: of the two only one can be said."""
 
     def torque(t, q, qd, qdd):
-        wander = np.cumsum(np.random.default_rng(int(t[0])).standard_normal(len(t))) / 150
-        return on_joint(1, size * t * np.cos(2 * q[:, 1]) * qd[:, 0] + (wander if not told else 0.0))
+        drift = np.cumsum(np.random.default_rng(int(t[0])).standard_normal(len(t))) / 150
+        return on_joint(1, size * t * np.cos(2 * q[:, 1]) * qd[:, 0] + (drift if not told else 0.0))
 
     problem = make_problem(on_one_clock(twolinks.logs(torque)), twolinks.base, None)
     search = search_of(problem)
@@ -137,4 +137,4 @@ def test_a_name_that_a_formula_explains_clearly_better_is_refused(twolinks, on_j
         assert len(seen.verdict.named) == names
         if not names:
             assert any("a formula explains clearly more of this joint" in why for _, why in seen.verdict.closest)
-            assert len(seen.wording.formulas) == 1
+            assert len(seen.formula_results.formulas) == 1

@@ -60,7 +60,7 @@ def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, 
     new = twolinks.logs(plans=(5, 6), repeats=1, first=20, delay=0.2)
     problem = make_problem(new, twolinks.base, kept, old)
     for s, rows in zip(problem.segments, problem.train, strict=True):
-        if s.fresh:
+        if s.is_new:
             s.use[:] = False
             rows[:] = False
     assert late_torques(problem) is None

@@ -1,4 +1,4 @@
-"""Names that explain a part of a joint's gap beside errors that nothing explains."""
+"""Names that explain a part of a joint's gap jointly with errors that nothing explains."""
 
 from dataclasses import replace
 
@@ -7,18 +7,18 @@ import pytest
 
 import twolink
 from dynid.gap import analysis, verdict
-from dynid.gap.analysis import analyse_gap, on_one_clock, unsized
-from dynid.gap.beside_formula import explanations, parts_beside_formulas, same_motion
-from dynid.gap.formulas import outdone
-from dynid.gap.partial import change_of_size, doubt, with_cutoff
+from dynid.gap.analysis import analyse_gap, on_one_clock, weakly_determined
+from dynid.gap.formulas import better_explained_by_formula
+from dynid.gap.partial import change_of_size, why_no_part, with_cutoff
 from dynid.gap.record import record_of
 from dynid.gap.refit import refit
 from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import LITTLE
+from dynid.gap.with_formula import explanations, parts_with_formulas, same_motion
 from dynid.model.effects.catalogue import CATALOGUE
 
-#: Ripple of the elbow [N m] with its frequency [1/rad], and rms of what repeats beside it [N m].
+#: Ripple of the elbow [N m] with its frequency [1/rad], and rms of what repeats jointly with it [N m].
 RIPPLE, WAVES, REST = 0.2, 21.3, 0.12
 SOME = SelectionOptions(
     effects=("torque_ripple", "asymmetric_viscous", "spring", "stribeck", "position_friction", "torque_offset")
@@ -57,7 +57,7 @@ def test_a_part_is_named_with_its_size_and_share_and_the_rest_is_told(twolinks, 
     assert 1 in seen.verdict.remainder
     (told,) = record_of(seen, twolinks.base.robot, "numbers", "", "").named
     assert 0.5 < told.share < 0.97
-    assert told.said == f"named; explains {100 * told.share:.0f} % of the gap of elbow; the rest is unexplained"
+    assert told.message == f"named; explains {100 * told.share:.0f} % of the gap of elbow; the rest is unexplained"
     assert told.facts()["share_of_gap"] == told.share
 
 
@@ -70,12 +70,12 @@ def test_its_size_holds_at_other_cut_offs(seen):
 
 def test_what_is_not_sure_enough_is_no_part(seen):
     (one,) = seen.effects
-    assert doubt(seen.search, seen.effects, one) == ""
-    assert doubt(seen.search, seen.effects, replace(one, z=4.9)) == (
+    assert why_no_part(seen.search, seen.effects, one) == ""
+    assert why_no_part(seen.search, seen.effects, replace(one, z=4.9)) == (
         "its size is 4.9 standard errors from zero; 5 are needed"
     )
     small = replace(one, test=replace(one.test, visible_rms=0.8))
-    assert doubt(seen.search, seen.effects, small) == "its size is 0.8 of the noise; 1 is needed"
+    assert why_no_part(seen.search, seen.effects, small) == "its size is 0.8 of the noise; 1 is needed"
 
 
 def test_a_stand_in_for_something_else_is_no_part(twolinks, on_joint):
@@ -95,11 +95,11 @@ def test_a_part_is_named_and_sized_beside_a_formula_for_the_rest(twolinks, on_jo
     found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False)
     (one,) = found.verdict.named
     assert one.key == ("asymmetric_viscous", (1,))
-    assert "sin(2 q2)" in one.beside
+    assert "sin(2 q2)" in one.fitted_with
     assert abs(one.values["a"] - size) < 3 * one.std_errors["a"]
     (told,) = record_of(found, twolinks.base.robot, "numbers", "", "").named
-    assert told.said.endswith(f"its size is that beside {one.beside}")
-    assert told.facts()["size_beside"] == one.beside
+    assert told.message.endswith(f"its size is that jointly with {one.fitted_with}")
+    assert told.facts()["size_beside"] == one.fitted_with
 
 
 def test_nothing_is_named_where_a_formula_explains_everything(twolinks, on_joint):
@@ -123,7 +123,7 @@ def test_names_of_a_joint_are_judged_as_parts_where_a_formula_does_better_than_o
     search = search_effects(on_one_clock(twolinks.logs(law)), twolinks.base, None, pair)
     effects, _ = refit(search)
     assert {one.name for one in effects} == {"asymmetric_viscous", "load_friction"}
-    refused = outdone(search, effects, ())
+    refused = better_explained_by_formula(search, effects, ())
     assert {one.name for one, _ in refused} == (set() if named_right else {one.name for one in effects})
     assert all(why.startswith("in place of load_friction a formula explains") for _, why in refused)
 
@@ -133,7 +133,7 @@ def test_a_spring_is_named_beside_a_formula_of_places_that_is_all_of_the_rest(tw
     law = lambda t, q, qd, qdd: on_joint(1, rate * q[:, 1] + 0.5 * np.cos(4 * (q[:, 0] + q[:, 1])))  # noqa: E731
     found = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, SOME, simulate=False, words=False)
     (one,) = found.verdict.named
-    assert (one.key, one.beside) == (("spring", (1,)), "a cos(4 q2 + 4 q1)")
+    assert (one.key, one.fitted_with) == (("spring", (1,)), "a cos(4 q2 + 4 q1)")
     assert abs(one.values["k1"] - rate) < 3 * one.std_errors["k1"]
 
 
@@ -141,15 +141,15 @@ def test_what_is_named_beside_a_formula_has_a_size_that_stands_by_its_told_error
     """Each amplitude counts alone: those of a spring may be sure together and none of them known."""
     (one,) = seen.effects
     unsure = replace(one, std_errors=one.std_errors | {"a": abs(one.values["a"]) / 2.5, "b": np.inf}, z=40.0)
-    assert unsized([unsure, replace(one, beside="a qd1")]) == []
-    ((refused, why),) = unsized([replace(unsure, beside="a qd1")])
+    assert weakly_determined([unsure, replace(one, fitted_with="a qd1")]) == []
+    ((refused, why),) = weakly_determined([replace(unsure, fitted_with="a qd1")])
     assert refused.key == one.key
     assert why == "its size is not determined: 2.5 standard errors from zero; 3 are needed"
 
 
 def test_what_a_formula_outdoes_is_a_part_only_beside_one_that_goes_with_other_motion(seen):
     (one,) = seen.effects
-    part = replace(one, beside="a cos(2 q2 + 2 q1) qd2 + b tau2 qd2")
+    part = replace(one, fitted_with="a cos(2 q2 + 2 q1) qd2 + b tau2 qd2")
     assert same_motion(part, "a sin(q2) qd2 + b cos(q2) qd2")
     assert not same_motion(part, "a sin(2 q2) |tau2| sign(qd2) + b cos(2 q2) |tau2| sign(qd2)")
     assert not same_motion(part, "")
@@ -161,7 +161,7 @@ FRICTION = 0.5
 
 @pytest.fixture(scope="module")
 def beside_larger(twolinks, on_joint):
-    """Logs with a part beside a larger rest, which hides what the part gains where it is fitted alone."""
+    """Logs with a part jointly with a larger rest, which hides what the part gains where it is fitted alone."""
     law = lambda t, q, qd, qdd: on_joint(  # noqa: E731
         1, FRICTION * np.abs(qd[:, 1]) + np.sin(2 * q[:, 1]) * np.abs(qd[:, 1]) * np.sign(qd[:, 0])
     )
@@ -221,6 +221,6 @@ def test_a_name_that_cannot_stand_is_in_the_way_of_no_other(nothing_selected, mo
         other = replace(right.one, effect=CATALOGUE[name], shape=shape)
         return [*found, replace(right, one=other, terms=terms or right.terms, score=right.score + 1)]
 
-    monkeypatch.setattr("dynid.gap.beside_formula.explanations", with_another)
-    (one,) = parts_beside_formulas(nothing_selected, SOME, [1])
+    monkeypatch.setattr("dynid.gap.with_formula.explanations", with_another)
+    (one,) = parts_with_formulas(nothing_selected, SOME, [1])
     assert one.key == ("asymmetric_viscous", (1,))

@@ -76,7 +76,7 @@ def weak(search):
 
 
 def test_another_wave_of_friction_is_weighed_beside_the_formula_that_its_numbers_were_found_beside(twolinks, on_joint):
-    """Alone, beside a rest that is larger, the other wave fits better than the right one."""
+    """Alone, jointly with a rest that is larger, the other wave fits better than the right one."""
     rest = "a sin(2 q2) |qd2| sign(qd1)"
 
     def law(t, q, qd, qdd):
@@ -88,11 +88,11 @@ def test_another_wave_of_friction_is_weighed_beside_the_formula_that_its_numbers
     one = weak(search)
     formula = fitted_formula(search.problem, [one], rest, 1)
     _, found = refit(replace(search, selected=[formula, one]))[0]
-    alone, beside = (unsure_of_shape(search, [replace(found, beside=text)])[0] for text in ("", rest))
+    alone, jointly = (unsure_of_shape(search, [replace(found, fitted_with=text)])[0] for text in ("", rest))
     for name, true in (("a", 0.2), ("b", 0.0)):
-        assert beside.std_errors[name] == pytest.approx(found.std_errors[name])
+        assert jointly.std_errors[name] == pytest.approx(found.std_errors[name])
         assert abs(found.values[name] - true) < 3 * found.std_errors[name]
-    assert max(alone.std_errors[name] / beside.std_errors[name] for name in ("a", "b")) > 3
+    assert max(alone.std_errors[name] / jointly.std_errors[name] for name in ("a", "b")) > 3
 
 
 SHAPES = {
@@ -119,7 +119,7 @@ def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_othe
 
 @pytest.mark.parametrize(("width", "wider"), [(twolink.SMOOTH, False), (0.04, True)])
 def test_errors_know_that_the_shape_of_reversals_is_not_known(twolinks, on_joint, width, wider):
-    """A power law beside friction that turns more slowly than the robot file says: its power comes out wrong."""
+    """A power law jointly with friction that turns more slowly than the robot file says: its power comes out wrong."""
 
     def torque(t, q, qd, qdd):
         turns = twolink.COULOMB[0] * (np.tanh(qd[:, 0] / width) - np.tanh(qd[:, 0] / twolink.SMOOTH))
@@ -181,7 +181,7 @@ def test_a_time_constant_that_the_logs_do_not_show_is_held_and_not_told(twolinks
 
 
 def test_an_effect_is_drawn_over_what_it_follows_on_unseen_data(twolinks, on_joint):
-    """The torque that was put in, to within the filter, and noise beside it; a square of speed follows the speed."""
+    """The torque that was put in, to within the filter, and noise with it; a square of speed follows the speed."""
     law, _ = SHAPES["nonlinear_viscous"]
     search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])), ("nonlinear_viscous",))
     (one,), _ = refit(search)

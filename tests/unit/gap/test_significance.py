@@ -29,7 +29,7 @@ def left(regression, extra=None):
 
 
 def with_noise(regression, seed, extra=0.0):
-    """Return the regression on white noise of variance one, with a torque {joint: (M,)} beside it."""
+    """Return the regression on white noise of variance one, with a torque {joint: (M,)} jointly with it."""
     rng = np.random.default_rng(seed)
     rows = [replace(one, y=rng.standard_normal(len(one.y))) for one in regression.joints]
     if extra:

@@ -1,7 +1,7 @@
 """Parts of a joint's gap whose rest a short formula describes.
 
-Beside an unmodelled rest an effect's own evidence says little: something else may take its place, and its size takes up
-part of the rest. Where a formula describes the rest, names and sizes are judged beside it: each effect with the best
+With an unmodelled rest an effect's own evidence says little: something else may take its place, and its size takes up
+part of the rest. Where a formula describes the rest, names and sizes are judged with it: each effect with the best
 formula for what it leaves, against every other effect with its own, and against the best formula alone.
 """
 
@@ -36,15 +36,15 @@ from dynid.gap.significance import (
 )
 from dynid.gap.stepwise_selection import EQUAL, SMALLEST, SelectionOptions, refined, wanted_effects
 from dynid.gap.stepwise_selection import SURE as SURE_LEAD
-from dynid.gap.verdict import COMPANION, SAME, SHARES, undetermined
+from dynid.gap.verdict import REDUNDANT, SAME, SHARES, undetermined
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.formula import Formula, formula_text
 from dynid.model.effects.interface import Floats
 from dynid.model.effects.position import Spring
 
-#: Effects that are tried beside a formula: the leading ones of the bare rows, and in place of each of its terms.
+#: Effects that are tried jointly with a formula: the leading ones of the bare rows, and in place of each of its terms.
 LEADING, IN_PLACE = 5, 2
-#: Products that may become terms beside an effect, the leading ones of the bare rows and beside all that are tried.
+#: Products that may become terms with an effect, the leading ones of the bare rows and with all that are tried.
 SCREENED = 400
 #: Power left on a joint, over that of its noise, from which on parts of it are looked for.
 LOUD = 1.0
@@ -56,9 +56,9 @@ class Explanation:
 
     Attributes:
         one: the effect; None for none.
-        own: how sure it is beside the formula; None for none.
+        own: how sure it is jointly with the formula; None for none.
         terms: those of the formula.
-        formula: visible size of the formula beside the effect, over the noise.
+        formula: visible size of the formula jointly with the effect, over the noise.
         gains: what both explain in each block of time, (B,).
         score: what both explain, less what their freedom costs.
         left: what both leave of the joint above its noise, reduced chi-square less 1.
@@ -76,7 +76,7 @@ class Explanation:
 
     @property
     def z(self) -> float:
-        """Standard errors between the effect's size and zero beside the formula."""
+        """Standard errors between the effect's size and zero jointly with the formula."""
         if self.own is None:
             return 0.0
         beta, covariance = self.own.amplitudes, self.own.covariance
@@ -85,16 +85,14 @@ class Explanation:
 
     @property
     def takes_part(self) -> bool:
-        """Whether the effect explains something beside the formula."""
+        """Whether the effect explains something jointly with the formula."""
         return self.own is not None and self.own.visible_rms >= SMALLEST and self.z >= SURE_Z
 
 
-def parts_beside_formulas(
-    search: EffectSearch, options: SelectionOptions, joints: Sequence[int]
-) -> list[SelectedEffect]:
-    """Return effects that explain a part of a joint's gap beyond doubt beside a formula for the rest, one for a joint.
+def parts_with_formulas(search: EffectSearch, options: SelectionOptions, joints: Sequence[int]) -> list[SelectedEffect]:
+    """Return effects that explain a part of a joint's gap beyond doubt with a formula for the rest, one for a joint.
 
-    Their numbers are those beside the formula, and what is named on the joint already comes with such numbers too.
+    Their numbers are those with the formula, and what is named on the joint already comes with such numbers too.
     Formulas of louder joints stay in place, because the parameters carry what is not described to other joints.
 
     Args:
@@ -111,36 +109,36 @@ def parts_beside_formulas(
         if float(regression.reduced_chi_square()[joint]) - 1 < LOUD:
             continue
         all_found = explanations(described, options, regression, joint)
-        best = _beyond_doubt(described, regression, all_found, joint)
+        best = _clearly_best(described, regression, all_found, joint)
         proved = best is not None and _proved(described, *best, joint)
         explained = best[0] if best is not None and proved else all_found[0]
-        found += _sizes_beside(described, explained, joint, float(regression.reduced_chi_square()[joint]) - 1)
+        found += _sizes_with_formula(described, explained, joint, float(regression.reduced_chi_square()[joint]) - 1)
         if best is not None and proved:
             found.append(best[1])
         described = replace(described, selected=_with_formula(described, explained, joint))
     return found
 
 
-def same_motion(one: SelectedEffect, outdone_by: str) -> bool:
-    """Return whether the formula beside an effect goes with the same factors of motion as one that does better than it.
+def same_motion(one: SelectedEffect, better_formula: str) -> bool:
+    """Return whether the formula with an effect goes with the same factors of motion as one that does better than it.
 
     That one is the effect with a factor of place then, and effect and rest are halves of one law. With other factors,
-    as of a friction that follows the load beside one that follows load and speed, the two are different laws.
+    as of a friction that follows the load next to one that follows load and speed, the two are different laws.
 
     Args:
-        one: an effect with the formula beside it.
-        outdone_by: the formula that explains more than the effect alone; "" for none.
+        one: an effect that is fitted jointly with the formula.
+        better_formula: the formula that explains more than the effect alone; "" for none.
     """
 
     def motions(text: str) -> set[frozenset[str]]:
         terms = [term.split() for term in re.split(r" \+ (?=[a-h] )", text)]
         return {frozenset(part for part in term if "qd" in part) for term in terms}
 
-    return bool(outdone_by) and not motions(one.beside).isdisjoint(motions(outdone_by))
+    return bool(better_formula) and not motions(one.fitted_with).isdisjoint(motions(better_formula))
 
 
-def _sizes_beside(search: EffectSearch, found: Explanation, joint: int, excess: float) -> list[SelectedEffect]:
-    """Return what is named on a joint already with its numbers beside the formula, where that describes the rest."""
+def _sizes_with_formula(search: EffectSearch, found: Explanation, joint: int, excess: float) -> list[SelectedEffect]:
+    """Return what is named on a joint already with its numbers with the formula, where that describes the rest."""
     named = [one.key for one in search.selected if one.test.joint == joint and one.name != Formula.name]
     if not found.terms or not named or not _describes(found, excess):
         return []
@@ -149,7 +147,7 @@ def _sizes_beside(search: EffectSearch, found: Explanation, joint: int, excess: 
 
 
 def _numbers(search: EffectSearch, found: Explanation, joint: int) -> list[SelectedEffect]:
-    """Return all effects with their numbers beside a formula, and errors that know of what it leaves.
+    """Return all effects with their numbers jointly with a formula, and errors that know of what it leaves.
 
     What is left of the rest moves a size by as much of what the whole rest moves it by as its root mean square is.
     """
@@ -157,18 +155,18 @@ def _numbers(search: EffectSearch, found: Explanation, joint: int) -> list[Selec
     plain = [one for one in whole if one.name != Formula.name]
     left = float(with_selected(search.problem.regression(), plain).reduced_chi_square()[joint]) - 1
     share = np.sqrt(min(max(found.left, NEGLIGIBLE) / max(left, NEGLIGIBLE), 1.0))
-    beside, alone = (refit(replace(search, selected=some, delay_test=None))[0] for some in (whole, plain))
+    whole_fit, alone = (refit(replace(search, selected=some, delay_test=None))[0] for some in (whole, plain))
     before = {one.key: one.values for one in alone}
     return [
         replace(
             one,
-            beside=formula_text(found.terms) if found.terms else "",
+            fitted_with=formula_text(found.terms) if found.terms else "",
             std_errors={
                 name: float(np.hypot(error, share * (one.values[name] - before[one.key].get(name, one.values[name]))))
                 for name, error in one.std_errors.items()
             },
         )
-        for one in beside
+        for one in whole_fit
         if one.name != Formula.name
     ]
 
@@ -178,10 +176,10 @@ def _describes(found: Explanation, excess: float) -> bool:
     return found.left < NEGLIGIBLE or 1 - found.left / excess >= SHARES[1]
 
 
-def _beyond_doubt(
+def _clearly_best(
     search: EffectSearch, regression: WhitenedRegression, found: Sequence[Explanation], joint: int
 ) -> tuple[Explanation, SelectedEffect] | None:
-    """Return the explanation whose effect no other goes without, and that effect with its numbers beside the formula.
+    """Return the explanation whose effect no other goes without, and that effect with its numbers with the formula.
 
     A name whose size or shape the rows leave open is none, and stands in the way of no other.
     """
@@ -190,7 +188,7 @@ def _beyond_doubt(
         x
         for x in sorted(found, key=lambda x: -x.score)
         if x.one is not None and x.own is not None and x.takes_part and x.own.chow_p_value >= SAME
-        if x.z >= SURE and x.own.visible_rms >= COMPANION * x.formula
+        if x.z >= SURE and x.own.visible_rms >= REDUNDANT * x.formula
         if _describes(x, excess) and not _slow_part(x)
     ]
     open_ones: list[Explanation] = []
@@ -232,18 +230,18 @@ def _clearly(one: Explanation, other: Explanation) -> bool:
 
 
 def _proved(search: EffectSearch, best: Explanation, fitted: SelectedEffect, joint: int) -> bool:
-    """Return whether the size of an effect beside a formula holds, and unseen rows speak for both."""
+    """Return whether the size of an effect jointly with a formula holds, and unseen rows speak for both."""
     if fitted.z < SURE:
         return False
     problem, whole = search.problem, _with_formula(search, best, joint)
-    beside = whole[:-1]
-    if any(held_out_ratio(problem, without, whole, joint)[1] >= 1 for without in (beside, search.selected)):
+    formula_alone = whole[:-1]
+    if any(held_out_ratio(problem, without, whole, joint)[1] >= 1 for without in (formula_alone, search.selected)):
         return False
     return max(change_of_size(problem, whole, share) for share in CUTOFFS) <= MOVED
 
 
 def _with_formula(search: EffectSearch, found: Explanation, joint: int) -> list[SelectedEffect]:
-    """Return what a search has selected, and what explains a joint beside it: the formula, then the effect."""
+    """Return what a search has selected, and what explains a joint jointly with it: the formula, then the effect."""
     own = [] if found.one is None else [found.one]
     if not found.terms:
         return [*search.selected, *own]
@@ -269,17 +267,17 @@ def explanations(
     columns = rows.made(regression, terms) if terms else np.zeros((0, 0))
     for k in range(len(terms)):
         rest = np.delete(columns, k, axis=0)
-        beside = regression.with_effects([*regression.effects, {joint: rest}]) if len(rest) else regression
-        leading = _leading(beside, candidates, IN_PLACE) | leading
+        extended = regression.with_effects([*regression.effects, {joint: rest}]) if len(rest) else regression
+        leading = _leading(extended, candidates, IN_PLACE) | leading
     if terms:
-        beside = regression.with_effects([*regression.effects, {joint: columns}])
-        leading = _leading(beside, candidates, IN_PLACE) | leading
+        extended = regression.with_effects([*regression.effects, {joint: columns}])
+        leading = _leading(extended, candidates, IN_PLACE) | leading
     every = regression.with_effects([*regression.effects, *(own for _, own in leading.values())])
     rows.kept = list(dict.fromkeys([*rows.kept[:SCREENED], *screened_rows(every, joint).kept[:SCREENED]]))
     found = [_explanation(regression, rows, joint, None, {}, terms)]
     for one, own in leading.values():
-        beside = regression.with_effects([*regression.effects, own])
-        chosen = short_formula(beside, rows)[0]
+        extended = regression.with_effects([*regression.effects, own])
+        chosen = short_formula(extended, rows)[0]
         each = _explanation(regression, rows, joint, one, own, chosen)
         # Why: what takes no part is no rival of what does; its formula may be one, which is often that by other words.
         found.append(each if each.takes_part else _explanation(regression, rows, joint, None, {}, chosen))
@@ -323,12 +321,12 @@ def _explanation(
     """Return what an effect and a formula explain together."""
     count = len(next(iter(own.values()))) if own else 0
     both = dict(own) or {joint: np.zeros((0, len(regression.fit.e[joint])))}
-    formula, beside = 0.0, regression
+    formula, extended = 0.0, regression
     if terms:
         columns = rows.made(regression, terms)
         with_one = regression.with_effects([*regression.effects, own]) if own else regression
         formula = significance_test(with_one, {joint: columns}).visible_rms
-        beside = regression.with_effects([*regression.effects, {joint: columns}])
+        extended = regression.with_effects([*regression.effects, {joint: columns}])
         nothing = {j: np.zeros((len(columns), C.shape[1])) for j, C in both.items()}
         both = {j: np.vstack([C, columns if j == joint else nothing[j]]) for j, C in both.items()}
     if not len(both[joint]):
@@ -337,7 +335,7 @@ def _explanation(
     gains = significance_test(regression, both).gains
     price = len(terms) * (np.log(len(regression.fit.e[joint])) + 2 * np.log(rows.columns))
     price += 0.0 if one is None else one.test.gain - one.score
-    whole = beside.with_effects([*beside.effects, own]) if own else beside
+    whole = extended.with_effects([*extended.effects, own]) if own else extended
     left = float(whole.reduced_chi_square()[joint]) - 1
-    test = significance_test(beside, own) if count else None
+    test = significance_test(extended, own) if count else None
     return Explanation(one, test, terms, formula, gains, float(gains.sum()) - float(price), left, both[joint])
