@@ -33,7 +33,7 @@ def test_nothing_hidden_is_called_nothing_missing():
     _, _, seen, _ = look([("torque_offset", 2)], 0.0, 21)
     assert seen.verdict.word == "nothing_missing"
     assert seen.effects == ()
-    assert "nothing that is missing" in seen.verdict.advice
+    assert "residual of every joint is at its noise" in seen.verdict.advice
 
 
 def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():

@@ -549,7 +549,8 @@ def clue_text(clue: Clue, names: Sequence[str]) -> str:
     repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of the rest repeats with the motion; "
     near = f"; closest formula {clue.near}" if clue.near else ""
     follows = f"it depends most on {clue.signal} ({100 * clue.share:.0f} % of its power)"
-    return f"{names[clue.joint]}: {repeats}{follows if clue.share > FOLLOWED else 'it depends on no single signal'}{near}"
+    follows = follows if clue.share > FOLLOWED else "it depends on no single signal"
+    return f"{names[clue.joint]}: {repeats}{follows}{near}"
 
 
 def advice_on_formulas(formula_results: FormulaResults, names: Sequence[str]) -> str:

@@ -63,7 +63,7 @@ def why_no_part(search: EffectSearch, effects: Sequence[SelectedEffect], one: Se
         return f"{name} in its place explains {100 * share:.0f} % as much; the limit is {100 * RIVAL:.0f} %"
     moved = [change_of_size(problem, [*rest, one], share) for share in CUTOFFS]
     if max(moved) > MOVED:
-        return f"its size changes by {100 * max(moved):.0f} % with the cut-off frequency; the limit is {100 * MOVED:.0f} %"
+        return f"its size changes by {100 * max(moved):.0f} % with the cut-off; the limit is {100 * MOVED:.0f} %"
     columns = whitened_columns(regression, one.effect, one.joints, [one.shape])
     gains = best_formula_gains(regression, one.test.joint, {j: C[0] for j, C in columns.items()})
     more, kept = (gain / max(one.test.gain, 1e-12) for gain in gains)

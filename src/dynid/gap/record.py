@@ -74,14 +74,14 @@ class GapEffect:
     fitted_with: str = ""
 
     @property
-    def said(self) -> str:
+    def message(self) -> str:
         """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
         if self.why_not or self.formula:
             return self.why_not or "formula, not in the catalogue"
         size = f"; fitted jointly with {self.fitted_with}" if self.fitted_with else ""
         if self.share is None:
             return f"named{size}"
-        return f"named; explains {100 * self.share:.0f} % of the disagreement of {self.joint}, the rest is unexplained{size}"
+        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, the rest is unexplained{size}"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""

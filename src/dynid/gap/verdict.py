@@ -168,7 +168,7 @@ def _little_explained(search: EffectSearch, effects: Sequence[SelectedEffect], o
     share, needed = explained_share(search, effects, one)
     if share >= needed:
         return ""
-    return f"{LITTLE} {np.floor(100 * share):.0f} % of the disagreement of this joint, limit {100 * needed:.0f} %"
+    return f"{LITTLE} {np.floor(100 * share):.0f} % of the gap of this joint, limit {100 * needed:.0f} %"
 
 
 def explained_share(
@@ -221,7 +221,8 @@ def advice_of(
     if stray and word == "unexplained":
         names = ", ".join(joints[j] for j in stray)
         return (
-            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, and record again."
+            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, then record "
+            "again."
         )
     if word == "ambiguous":
         one = next(f for f in named if f.rivals)

@@ -13,7 +13,7 @@ from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.gap_options import GapOptions, selection_options
-from dynid.workflows.gap_result import VERDICTS, Gap, with_methods
+from dynid.workflows.gap_result import Gap, with_methods
 from dynid.workflows.logs import checked_log, condition_logs, load_log
 from dynid.workflows.results import base_model_of
 
@@ -266,8 +266,8 @@ def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     sure = all(one.sure for one in suspected)
     what = "Only implausible links fit as well" if sure else "Torques alone cannot tell it from heavier links"
     return (
-        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass in the "
-        "robot file) and identify again."
+        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass in "
+        "the robot file) and identify again."
     )
 
 

@@ -102,9 +102,9 @@ def test_a_clue_names_a_signal_only_where_the_residual_follows_it():
     loud, faint = (Clue(1, "qd2", share, 0.9) for share in (0.4, 0.02))
     assert (
         clue_text(loud, ("a", "b"))
-        == "b: 90 % of what is left repeats with the motion; it follows qd2 most (40 % of its power)"
+        == "b: 90 % of the rest repeats with the motion; it depends most on qd2 (40 % of its power)"
     )
-    assert clue_text(faint, ("a", "b")).endswith("it follows no single signal")
+    assert clue_text(faint, ("a", "b")).endswith("it depends on no single signal")
 
 
 @pytest.mark.parametrize(("size", "told"), [(0.012, True), (0.0, False)])

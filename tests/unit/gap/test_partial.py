@@ -57,7 +57,7 @@ def test_a_part_is_named_with_its_size_and_share_and_the_rest_is_told(twolinks, 
     assert 1 in seen.verdict.remainder
     (told,) = record_of(seen, twolinks.base.robot, "numbers", "", "").named
     assert 0.5 < told.share < 0.97
-    assert told.message == f"named; explains {100 * told.share:.0f} % of the gap of elbow; the rest is unexplained"
+    assert told.message == f"named; explains {100 * told.share:.0f} % of the gap of elbow, the rest is unexplained"
     assert told.facts()["share_of_gap"] == told.share
 
 
@@ -72,10 +72,13 @@ def test_what_is_not_sure_enough_is_no_part(seen):
     (one,) = seen.effects
     assert why_no_part(seen.search, seen.effects, one) == ""
     assert why_no_part(seen.search, seen.effects, replace(one, z=4.9)) == (
-        "its size is 4.9 standard errors from zero; 5 are needed"
+        "its size is only 4.9 standard errors from zero; a partial effect needs 5"
     )
     small = replace(one, test=replace(one.test, visible_rms=0.8))
-    assert why_no_part(seen.search, seen.effects, small) == "its size is 0.8 of the noise; 1 is needed"
+    assert (
+        why_no_part(seen.search, seen.effects, small)
+        == "its torque is only 0.8 times the noise; a partial effect needs 1"
+    )
 
 
 def test_a_stand_in_for_something_else_is_no_part(twolinks, on_joint):
@@ -98,7 +101,7 @@ def test_a_part_is_named_and_sized_beside_a_formula_for_the_rest(twolinks, on_jo
     assert "sin(2 q2)" in one.fitted_with
     assert abs(one.values["a"] - size) < 3 * one.std_errors["a"]
     (told,) = record_of(found, twolinks.base.robot, "numbers", "", "").named
-    assert told.message.endswith(f"its size is that jointly with {one.fitted_with}")
+    assert told.message.endswith(f"fitted jointly with {one.fitted_with}")
     assert told.facts()["size_beside"] == one.fitted_with
 
 
@@ -144,7 +147,7 @@ def test_what_is_named_beside_a_formula_has_a_size_that_stands_by_its_told_error
     assert weakly_determined([unsure, replace(one, fitted_with="a qd1")]) == []
     ((refused, why),) = weakly_determined([replace(unsure, fitted_with="a qd1")])
     assert refused.key == one.key
-    assert why == "its size is not determined: 2.5 standard errors from zero; 3 are needed"
+    assert why == "its size is not determined: 2.5 standard errors from zero, limit 3"
 
 
 def test_what_a_formula_outdoes_is_a_part_only_beside_one_that_goes_with_other_motion(seen):
@@ -191,7 +194,7 @@ def test_a_part_that_is_proved_beside_a_formula_may_gain_nothing_alone_but_not_m
     assert [one.key for one in found.verdict.named] == ([("asymmetric_viscous", (1,))] if stays else [])
     for one in found.verdict.named:
         assert abs(one.values["a"] - FRICTION) < 3 * one.std_errors["a"]
-    assert stays or any("elbow worse on unseen data" in why for _, why in found.verdict.closest)
+    assert stays or any("error of elbow on unseen data" in why for _, why in found.verdict.closest)
 
 
 def test_an_effect_that_takes_no_part_is_no_rival_only_the_formula_that_was_found_beside_it(nothing_selected):
