@@ -144,7 +144,7 @@ def show(common: Common, gap: Gap) -> None:
     terminal.fact("where", gap.where_text)
     if gap.named or gap.closest:
         rows = [effect_row(one) for one in (*gap.named, *gap.closest)]
-        terminal.table(["candidate", "joints", "held-out error", "chance", "said"], rows, numbers=False)
+        terminal.table(["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False)
     for one in gap.named:
         effect = CATALOGUE[one.effect]
         terminal.fact("named", f"{effect.title} on {one.where}: {effect.signature}")

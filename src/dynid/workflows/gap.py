@@ -266,8 +266,8 @@ def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     sure = all(one.sure for one in suspected)
     what = "Only implausible links fit as well" if sure else "Torques alone cannot tell it from heavier links"
     return (
-        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass in "
-        "the robot file) and identify again."
+        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass "
+        "in the robot file) and identify again."
     )
 
 

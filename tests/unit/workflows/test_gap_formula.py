@@ -36,7 +36,7 @@ def test_it_is_written_down_with_size_and_unit(gap):
     assert "a formula describes what is left of elbow" in gap.advice
     assert gap.curves[-1].follows == "torque that the formula says [N m]"
     assert gap.facts()["formulas"][0]["formula"] == "a |qd2| qd1"
-    assert gap.table()[-1]["said"] == "not in the catalogue"
+    assert gap.table()[-1]["result"] == "formula, not in the catalogue"
 
 
 def test_it_is_stored_and_read_back(gap, tmp_path):

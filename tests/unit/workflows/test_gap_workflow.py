@@ -54,7 +54,7 @@ def test_it_prints_what_a_person_wants_to_see(gap):
         assert "elbow (" in text
         assert "check the result on a new log" in text
     (row,) = gap.table()
-    assert (row["effect"], row["where"], row["said"]) == ("spring", "elbow", "named")
+    assert (row["effect"], row["where"], row["result"]) == ("spring", "elbow", "named")
     assert [row["joint"] for row in gap.joint_table()] == ["shoulder", "elbow"]
     assert gap.joint_table()[1]["rms after"] == gap.named[0].rms_after
 

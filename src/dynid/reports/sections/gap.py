@@ -47,7 +47,7 @@ def _row(one: GapEffect) -> dict[str, Any]:
         "change": change.replace("-", "\N{MINUS SIGN}"),
         "chance": "< 0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %",
         "numbers": ", ".join(text.replace("+-", "±") for text in one.texts()),
-        "said": one.message,
+        "message": one.message,
     }
 
 
