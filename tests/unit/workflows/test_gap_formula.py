@@ -33,7 +33,7 @@ def test_it_is_written_down_with_size_and_unit(gap):
     assert one.units == {"a": "N m s^2/rad^2"}
     assert one.rms_after < 0.5 * one.rms_before
     assert "a |qd2| qd1 on elbow: a = 0." in gap.summary()
-    assert "a formula describes what is left of elbow" in gap.advice
+    assert "a formula describes the rest on elbow" in gap.advice
     assert gap.curves[-1].follows == "torque that the formula says [N m]"
     assert gap.facts()["formulas"][0]["formula"] == "a |qd2| qd1"
     assert gap.table()[-1]["result"] == "formula, not in the catalogue"
