@@ -269,9 +269,9 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
 
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     """Return a checked log as ``find_mistake`` takes it, before the driver's map, and the names of its columns."""
-    names = log.extra.get("driver_columns")
-    if names is None or robot.driver is None:
-        return log, names or ()
+    names = tuple(np.asarray(log.extra.get("driver_columns", []), dtype=str).tolist())
+    if robot.driver is None or "driver_columns" not in log.extra:
+        return log, names
     map_, matrix = robot.driver.map, None if robot.coupling is None else np.array(robot.coupling.matrix)
     q, tau = (log.q - np.array(map_.offset)) * np.array(map_.sign), log.tau * map_.sign * map_.torque_signs
     if matrix is not None:

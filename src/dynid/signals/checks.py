@@ -78,7 +78,7 @@ def prepare(
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
         is known to distort is moved to ``extra["qd_reported"]``; ``extra["driver_columns"]`` has the names of the
-        columns before the driver's map was applied, () where they had none.
+        columns before the driver's map was applied, none where they had none.
 
     Raises:
         DynidError: the first serious fault, by code E303 to E401 of the catalogue.
@@ -88,7 +88,7 @@ def prepare(
         log = robot_columns(log, robot)
         few = check_amount([log], robot) if identify and alone else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
-    named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
+    named = np.array([log.names[k] for k in matching_columns(log, robot)[0]] if log.names else [], dtype=str)
     in_dh = log.dh
     log = _usable_velocity(robot_columns(log, robot), robot)
     log = with_rising_time(log, sort_time=sort_time)
