@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dynid.drivers.joint_state import Sample
 from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
+from dynid.record import tuning
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -26,11 +27,11 @@ class StopRules:
         high_samples: a torque must be high in so many states running; one may be a spike of the sensor.
     """
 
-    deviation: float = 0.15
-    stale: float = 0.25
-    late: float = 0.1
-    torque: float = 0.8
-    high_samples: int = 3
+    deviation: float = tuning.STOP_DEVIATION
+    stale: float = tuning.STOP_STALE_S
+    late: float = tuning.STOP_LATE_S
+    torque: float = tuning.STOP_TORQUE_SHARE
+    high_samples: int = tuning.STOP_TORQUE_STATES
 
 
 @dataclass

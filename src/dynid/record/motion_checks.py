@@ -14,25 +14,17 @@ from numpy.typing import NDArray
 from dynid.errors import LimitBroken, PackageMissing
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
+from dynid.record import tuning
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
-from dynid.trajectory.clearance import Capsules, tool_speed
+from dynid.trajectory.clearance import Capsules, Distance, tool_speed
 from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
-from dynid.trajectory.preview import Distance, capsule_distances, measure_poses, require_clear, urdf_of
+from dynid.trajectory.preview import capsule_distances, measure_poses, require_clear, urdf_of
 from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
 
-#: A predicted torque may take this share of the rating: friction may be missing in the prediction, and the recording
-#: is stopped at 80 %.
-TORQUE_SHARE = 0.7
-#: Poses at which PyBullet measures distances; a metre of path at a usual speed has one every few millimetres.
-POSES = 2000
-#: The planner measured at other samples of the same path, which may be this much farther away [m].
-ROUNDING = 2e-3
 APPROACH_FIX = "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"
-#: Poses at which torques are predicted.
-TORQUE_POSES = 20000
 
 
 @dataclass(frozen=True)
@@ -214,7 +206,7 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
         Collision: with the pair, the time, the distance and what would pass.
     """
     motion = played.motion
-    few = np.unique(np.linspace(0, len(motion) - 1, POSES).astype(int))
+    few = np.unique(np.linspace(0, len(motion) - 1, tuning.CLEARANCE_POSES).astype(int))
     some = Motion(motion.t[few], motion.q[few], motion.qd[few], motion.qdd[few])
     try:
         with urdf_of(robot, urdf) as shapes:
@@ -222,8 +214,8 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
     except PackageMissing:
         found = capsule_distances(Capsules(robot, scene), some)
     everything = (*found.least, *found.usual)
-    require_clear((d for d in everything if d.time < played.approach), fix=APPROACH_FIX, slack=ROUNDING)
-    require_clear(everything, slack=ROUNDING)
+    require_clear((d for d in everything if d.time < played.approach), fix=APPROACH_FIX, slack=tuning.CLEARANCE_SLACK_M)
+    require_clear(everything, slack=tuning.CLEARANCE_SLACK_M)
     return found.least
 
 
@@ -247,16 +239,16 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     if not np.isfinite(rating).any():
         return None
     motion = _thinned(played.motion)
-    tau, limit = torque(motion), TORQUE_SHARE * rating
+    tau, limit = torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
         found = torque_violations(robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed)
-        raise_worst(found, 1 - TORQUE_SHARE, _speed)
+        raise_worst(found, 1 - tuning.PREDICTED_TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)
     return PeakTorque(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
 
 
 def _thinned(motion: Motion) -> Motion:
-    some = slice(None, None, 1 + len(motion) // TORQUE_POSES)
+    some = slice(None, None, 1 + len(motion) // tuning.TORQUE_POSES)
     return Motion(motion.t[some], motion.q[some], motion.qd[some], motion.qdd[some])

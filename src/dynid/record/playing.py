@@ -10,20 +10,11 @@ from numpy.typing import NDArray
 
 from dynid.drivers.command_port import Target
 from dynid.motion import Motion
+from dynid.record import tuning
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
-#: A slow approach uses this share of the velocity and acceleration limits.
-APPROACH_SHARE = 0.1
-#: Limits that stand in where the robot file has none [rad/s, rad/s^2].
-SLOW, SOFT = 0.5, 1.0
-#: Shortest approach [s].
-SHORTEST = 2.0
-#: Sample rate of an approach [Hz].
-RATE = 100.0
-#: The arm's remaining distance to the start dies away over this time [s].
-BLEND = 1.0
 #: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
 _SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
@@ -52,12 +43,12 @@ def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)
     velocity, acceleration = (
-        np.array([getattr(joint.limits, key) or usual for joint in robot.joints]) * APPROACH_SHARE
-        for key, usual in (("velocity", SLOW), ("acceleration", SOFT))
+        np.array([getattr(joint.limits, key) or usual for joint in robot.joints]) * tuning.APPROACH_SHARE
+        for key, usual in (("velocity", tuning.APPROACH_VELOCITY), ("acceleration", tuning.APPROACH_ACCELERATION))
     )
     needed = np.maximum(_SPEED * distance / velocity, np.sqrt(_ACCELERATION * distance / acceleration))
-    duration = max(SHORTEST, float(needed.max()))
-    t = np.linspace(0.0, duration, round(duration * RATE) + 1)
+    duration = max(tuning.SHORTEST_APPROACH_S, float(needed.max()))
+    t = np.linspace(0.0, duration, round(duration * tuning.APPROACH_RATE_HZ) + 1)
     s = t / duration
     shapes = (
         s**3 * (10 - 15 * s + 6 * s**2),
@@ -105,7 +96,7 @@ class ReferenceMotion:
 
     Attributes:
         motion: the motion.
-        gap: measured minus planned first pose, (n,); it dies away within ``BLEND``.
+        gap: measured minus planned first pose, (n,); it dies away within ``tuning.BLEND_S``.
     """
 
     motion: Motion
@@ -126,11 +117,11 @@ class ReferenceMotion:
         q = _hermite(motion.q[k : k + 2], motion.qd[k : k + 2], s, h)
         qd = _hermite(motion.qd[k : k + 2], motion.qdd[k : k + 2], s, h)
         qdd = (1 - s) * motion.qdd[k] + s * motion.qdd[k + 1]
-        u = min(max(time, 0.0) / BLEND, 1.0)
-        left, speed = 1 - u**3 * (10 - 15 * u + 6 * u**2), -30 * u**2 * (1 - u) ** 2 / BLEND
-        return Target(
-            q + left * self.gap, qd + speed * self.gap, qdd - 60 * u * (1 - u) * (1 - 2 * u) / BLEND**2 * self.gap
-        )
+        blend = tuning.BLEND_S
+        u = min(max(time, 0.0) / blend, 1.0)
+        left, speed = 1 - u**3 * (10 - 15 * u + 6 * u**2), -30 * u**2 * (1 - u) ** 2 / blend
+        slowing = -60 * u * (1 - u) * (1 - 2 * u) / blend**2
+        return Target(q + left * self.gap, qd + speed * self.gap, qdd + slowing * self.gap)
 
 
 def _hermite(values: Floats, slopes: Floats, s: float, h: float) -> Floats:

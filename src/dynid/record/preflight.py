@@ -28,33 +28,13 @@ from dynid.errors import (
 from dynid.model.rough_weight import expected_torque
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
+from dynid.record import tuning
 from dynid.record.monitor import StopRules
-from dynid.record.playing import APPROACH_SHARE, PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
+from dynid.record.playing import PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
-
-#: The rate is measured over this time [s].
-LISTEN = 2.0
-#: Accelerations cannot be found from fewer samples [Hz].
-LEAST_RATE = 50.0
-#: The arm may stand this far from the first pose [rad or m].
-START_TOLERANCE = 0.05
-#: A joint that turns without end may have been turned a few times by hand; more is degrees [rad].
-MOST_TURNS = 4 * 2 * np.pi
-#: Torques beyond this multiple of the rating are in another unit.
-MOST_RATING = 3.0
-#: At rest a joint does not change by more than this while the rate is measured [rad or m].
-STILL = 0.02
-#: Gravity is taken to be removed when every torque is below this share of the weight that the arm must carry.
-NO_WEIGHT = 0.1
-#: ... and the weight is worth looking at [N m].
-LEAST_WEIGHT = 5.0
-#: Kinova's torque sensors are zeroed where gravity loads no joint: all joints at 180 degrees.
-CANDLE, CANDLE_TOLERANCE = np.pi, 0.05
-#: A sensor at the candle pose reads less than this when it was zeroed [N m].
-ZEROED = 0.2
 
 
 @dataclass(frozen=True)
@@ -105,7 +85,7 @@ def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
         time.sleep(0.005)
     begin, count = time.monotonic(), listener.tally.messages
     rows, arrival = [], -1.0
-    while time.monotonic() < begin + LISTEN:
+    while time.monotonic() < begin + tuning.LISTENING_S:
         sample = listener.latest
         if sample.arrival != arrival:
             arrival = sample.arrival
@@ -119,9 +99,9 @@ def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
             where=listener.topic,
             fix="restart the driver",
         )
-    if rate < LEAST_RATE:
+    if rate < tuning.LEAST_RATE_HZ:
         raise RateTooLow(
-            f"joint states arrive at {rate:.1f} Hz; at least {LEAST_RATE:.0f} Hz is needed for accelerations",
+            f"joint states arrive at {rate:.1f} Hz; at least {tuning.LEAST_RATE_HZ:.0f} Hz is needed for accelerations",
             where=listener.topic, fix=driver_of(robot).rate_fix,
         )  # fmt: skip
     return ObservedState(q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names)
@@ -145,10 +125,10 @@ def check_units(seen: ObservedState, robot: Robot) -> None:
         TorqueScale: torques beyond anything its drives can give.
     """
     for joint, q, tau in zip(robot.joints, seen.q, seen.tau, strict=True):
-        lower, upper = joint.limits.position or (-MOST_TURNS, MOST_TURNS)
+        lower, upper = joint.limits.position or (-tuning.MOST_TURNS_RAD, tuning.MOST_TURNS_RAD)
         if joint.revolute and not lower - np.pi <= q <= upper + np.pi:
             raise PositionInDegrees(f"{joint.name} stands at {q:.4g} rad; its limits are {lower:.3g} to {upper:.3g}")
-        if joint.limits.torque and abs(tau) > MOST_RATING * joint.limits.torque:
+        if joint.limits.torque and abs(tau) > tuning.MOST_RATINGS * joint.limits.torque:
             raise TorqueScale(f"{joint.name} reads {tau:.4g} N m; its rating is {joint.limits.torque:g}")
 
 
@@ -162,7 +142,7 @@ def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
         )
         return (Finding("W501", "warning", text),)
     worst = int(np.abs(seen.tau).argmax())
-    if abs(seen.tau[worst]) < ZEROED:
+    if abs(seen.tau[worst]) < tuning.ZEROED_TORQUE_NM:
         return ()
     text = f"{robot.joint_names[worst]} reads {seen.tau[worst]:+.2f} N m at the candle pose: run with --zero-torques"
     return (Finding("W316", "warning", text, {"torque": seen.tau.tolist()}),)
@@ -170,7 +150,7 @@ def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
 
 def at_candle(seen: ObservedState) -> bool:
     """Return whether a Kinova Gen2 points straight up."""
-    return bool(np.abs(np.angle(np.exp(1j * (seen.q - CANDLE)))).max() < CANDLE_TOLERANCE)
+    return bool(np.abs(np.angle(np.exp(1j * (seen.q - tuning.CANDLE_POSE_RAD)))).max() < tuning.CANDLE_TOLERANCE_RAD)
 
 
 def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool | None:
@@ -188,9 +168,9 @@ def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool 
         )
     weight = np.abs(expected_torque(seen.q[None], robot)[0])
     heavy = int(weight.argmax())
-    if robot.torque.source != "motor_current" and weight[heavy] > LEAST_WEIGHT:
+    if robot.torque.source != "motor_current" and weight[heavy] > tuning.LEAST_WEIGHT_NM:
         largest = float(np.abs(seen.tau).max())
-        if largest < NO_WEIGHT * weight[heavy]:
+        if largest < tuning.NO_WEIGHT_SHARE * weight[heavy]:
             raise GravityRemoved(
                 f"no joint reads more than {largest:.2f} N m, but {robot.joint_names[heavy]} must carry about "
                 f"{weight[heavy]:.0f} N m here",
@@ -205,8 +185,9 @@ def check_start(seen: ObservedState, robot: Robot, motion: Motion) -> None:
     Raises:
         StartPoseOff: it is elsewhere, or moving.
     """
-    if seen.moved > STILL:
-        raise StartPoseOff(f"the arm is moving ({seen.moved:.2f} rad in {LISTEN:g} s)", fix="stop what moves it first")
+    if seen.moved > tuning.STILL_WHILE_LISTENING:
+        what = f"the arm is moving ({seen.moved:.2f} rad in {tuning.LISTENING_S:g} s)"
+        raise StartPoseOff(what, fix="stop what moves it first")
     _check_place(seen.q, robot, motion, "")
 
 
@@ -226,7 +207,7 @@ def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
 def _check_place(q: Floats, robot: Robot, motion: Motion, when: str) -> None:
     away = np.abs(q - motion.q[0])
     worst = int(np.nan_to_num(away, nan=np.inf).argmax())
-    if not away[worst] <= START_TOLERANCE:
+    if not away[worst] <= tuning.START_TOLERANCE:
         unit = "rad" if robot.joints[worst].revolute else "m"
         raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}")
 
@@ -259,12 +240,12 @@ def motion_to_play(
     try:
         check_start(seen, robot, motion)
     except StartPoseOff:
-        if not go_to_start or seen.moved > STILL:
+        if not go_to_start or seen.moved > tuning.STILL_WHILE_LISTENING:
             raise
     else:
         return PlayedMotion(motion, speed=speed)
     way_in = approach(robot, seen.q, motion.q[0])
-    share = 100 * APPROACH_SHARE
+    share = 100 * tuning.APPROACH_SHARE
     progress.stage("approach", f"{way_in.t[-1]:.0f} s to the start, at {share:.0f} % of the limits")
     return PlayedMotion(joined([way_in, motion]), float(way_in.t[-1]), speed)
 

@@ -21,12 +21,11 @@ import numpy as np
 from dynid.drivers.joint_state import Columns, Sample
 from dynid.drivers.ros import Node, import_ros
 from dynid.errors import CannotWrite
+from dynid.record import tuning
 
 #: Topic, arrival on the wall clock [ns], bytes, header of the connection, message where it was read.
 Queue = SimpleQueue[tuple[str, int, bytes, dict[str, str], Any]]
 
-#: The writer wakes up this often [s]; a crash loses no more.
-PERIOD = 0.02
 #: The paper's files and the fields of a joint state they hold.
 TEXTS = {"position": "position", "velocity": "velocity", "torque": "effort"}
 
@@ -189,7 +188,7 @@ class LogRecorder:
 
     def _write_all(self) -> None:
         while not (self._end.is_set() and self._queue.empty()):
-            self._end.wait(PERIOD)
+            self._end.wait(tuning.WRITER_PERIOD_S)
             try:
                 self._drain()
             except OSError as error:

@@ -1,4 +1,8 @@
-"""One recording: files open, arm moving, watched; whatever happens the arm is stopped first and the log is kept."""
+"""One recording: files open, arm moving, watched; whatever happens the arm is stopped first and the log is kept.
+
+Commands leave from a thread of its own, one a period, paced by absolute deadlines. A late period is skipped, never
+caught up: two commands in one period would queue in the driver and outlive the stream.
+"""
 
 from __future__ import annotations
 
@@ -13,21 +17,13 @@ from typing import Any
 import numpy as np
 
 from dynid.drivers.command_port import CommandPort
+from dynid.drivers.joint_state import Sample
 from dynid.drivers.ros import Node, ping_master
 from dynid.errors import CannotWrite, DynidError, MasterSilent
+from dynid.record import tuning
 from dynid.record.monitor import Monitor, StopRules
 from dynid.record.playing import ReferenceMotion
 from dynid.record.recorder import Listener, LogRecorder, Tally
-from dynid.record.stream import Stream
-
-#: The recording goes on this long after the last command, so that the end of the motion is in it [s].
-TAIL = 0.5
-#: How often the main thread looks around [s].
-GLANCE = 0.05
-#: The master is asked this often whether it lives, with this patience; it has to miss two in a row [s].
-ASK, ASK_PATIENCE = 0.5, 0.5
-#: A stopped arm stands still within this time [s]: it changes by less than this between two looks [rad or m].
-STANDSTILL, STILL = 1.0, 1e-3
 
 Poll = Callable[[float, Monitor], bool]
 
@@ -106,14 +102,14 @@ def play(port: CommandPort, reference: ReferenceMotion, rules: StopRules, record
     outcome.largest_lateness, outcome.largest_deviation = monitor.largest_lateness, monitor.largest_deviation
     outcome.largest_torque_share = monitor.largest_torque_share
     if outcome.failure is None:
-        time.sleep(TAIL)
+        time.sleep(tuning.TAIL_S)
     return outcome
 
 
 def _attend(stream: Stream, monitor: Monitor, recorder: LogRecorder, poll: Poll) -> None:
     """Wait for the end of the motion, looking at the recorder and for the operator's key."""
     while stream.is_alive():
-        stream.join(GLANCE)
+        stream.join(tuning.GLANCE_S)
         if recorder.failure is not None:
             raise disk_error(recorder)
         if poll(stream.time, monitor):
@@ -166,7 +162,7 @@ def _wait_for_end(
 ) -> None:
     """Wait until told to end, the time is over, or nothing comes any more."""
     begin = time.monotonic()
-    while not ended.wait(GLANCE):
+    while not ended.wait(tuning.GLANCE_S):
         now = time.monotonic()
         latest = recorder.listener.latest
         if (seconds is not None and now - begin >= seconds) or poll(now - begin):
@@ -199,17 +195,109 @@ def _stop(port: CommandPort, listener: Listener, outcome: Outcome) -> None:
 
 def _stands_still(listener: Listener) -> bool | None:
     """Return whether the arm stopped; None when no joint states come."""
-    end = time.monotonic() + STANDSTILL
+    end = time.monotonic() + tuning.STANDSTILL_S
     before = listener.latest
     while time.monotonic() < end:
-        time.sleep(2 * GLANCE)
+        time.sleep(2 * tuning.GLANCE_S)
         after = listener.latest
         if before is not None and after is not None and after.arrival > before.arrival:
-            if float(np.abs(after.q - before.q).max()) < STILL:
+            if float(np.abs(after.q - before.q).max()) < tuning.STILL_AFTER_STOP:
                 return True
             before = after
-    fresh = before is not None and time.monotonic() - before.arrival < STANDSTILL / 2
+    fresh = before is not None and time.monotonic() - before.arrival < tuning.STANDSTILL_S / 2
     return False if fresh else None
+
+
+class Stream(threading.Thread):
+    """Plays a motion.
+
+    Args:
+        port: the driver.
+        reference: the motion.
+        monitor: judges states and lateness, and stops the motion.
+        latest: returns the newest joint state.
+        sent: told of every command, as (topic, message).
+    """
+
+    def __init__(
+        self,
+        port: CommandPort,
+        reference: ReferenceMotion,
+        monitor: Monitor,
+        latest: Callable[[], Sample | None],
+        sent: Callable[[str, Any], None],
+    ) -> None:
+        super().__init__(name="stream", daemon=True)
+        self.port, self.reference, self.monitor, self.latest, self.sent = port, reference, monitor, latest, sent
+        self.failure: BaseException | None = None
+        self.commands = 0
+        self.skipped = 0
+        self.time = 0.0
+        self._stop_asked = threading.Event()
+
+    def halt(self, reason: BaseException | None = None) -> None:
+        """Stop publishing within a period; the first reason counts."""
+        self.failure = self.failure or reason
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """Send one command per period until the motion is over or something is wrong."""
+        try:
+            self._play()
+        except BaseException as error:  # noqa: BLE001 - the thread that waits for this one raises it
+            self.halt(error)
+
+    def _play(self) -> None:
+        period = 1.0 / self.port.rate
+        start, message = self.port.begin(self.reference.at, self.reference.duration)
+        self._keep(message)
+        k = 0
+        while not self._stop_asked.is_set() and k * period <= self.reference.duration:
+            now = self._wait(start + k * period)
+            if self._stop_asked.is_set():
+                return
+            self.time = k * period
+            late = now - start - k * period
+            self.monitor.pace(late, self.time)
+            self._step(now, start)
+            following = max(k + 1, int((time.monotonic() - start) / period))
+            self.skipped += following - k - 1
+            k = following
+        self._rest(start, k, period)
+
+    def _step(self, now: float, start: float) -> None:
+        """Judge the newest state, then send the command of this period."""
+        sample = self.latest()
+        assert sample is not None  # preflight has seen one
+        planned = self.reference.at(sample.arrival - start)
+        self.monitor.state(sample, planned.q, now, now - start)
+        # Why: a driver that plays one command per period is told what that period needs, however late it is; others are
+        # told what comes after now.
+        target = self.reference.at((self.time if self.port.slotted else now - start) + self.port.lead)
+        self._keep(self.port.send(target, sample.q))
+
+    def _rest(self, start: float, k: int, period: float) -> None:
+        """End with commands that keep the arm where the motion ends."""
+        for extra in range(tuning.RESTING_COMMANDS):
+            self._wait(start + (k + extra) * period)
+            if self._stop_asked.is_set():
+                return
+            self._keep(self.port.at_rest(self.reference.motion.q[-1]))
+        self.port.finish()
+
+    def _keep(self, message: Any) -> None:  # noqa: ANN401
+        if message is None:
+            return
+        self.commands += 1
+        self.sent(self.port.command_topic, message)
+
+    def _wait(self, deadline: float) -> float:
+        """Sleep until a deadline, or until asked to stop; return the time."""
+        left = deadline - time.monotonic()
+        if left > 0:
+            # Why: an event's wait is as exact as a sleep and ends at once when somebody presses the key.
+            self._stop_asked.wait(left)
+        return time.monotonic()
 
 
 class MasterMonitor(threading.Thread):
@@ -229,9 +317,9 @@ class MasterMonitor(threading.Thread):
     def run(self) -> None:
         """Ask until told to end."""
         missed = 0
-        while not self._end.wait(ASK):
+        while not self._end.wait(tuning.MASTER_INTERVAL_S):
             try:
-                ping_master(self._node.uri, ASK_PATIENCE)
+                ping_master(self._node.uri, tuning.MASTER_PATIENCE_S)
                 missed = 0
             except OSError:
                 missed += 1

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.npz import written_whole
-from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 
 if TYPE_CHECKING:
-    from dynid.trajectory.preview import Distance
+    from dynid.trajectory.clearance import Distance
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.trajectory import tuning
+
 Floats = NDArray[np.float64]
 
 #: Value, first and second derivative of (s^5, s^4, s^3, s^2, s, 1) at s = 0 and at s = 1 (Paper Eq. 18).
@@ -29,12 +31,6 @@ _ENDS = np.array(
 )
 #: Coefficients of the six polynomials that have one of those numbers 1 and the others 0, (6 powers, 6).
 HERMITE = np.linalg.inv(_ENDS)
-
-
-#: Knots or harmonics of a motion and seconds at full speed are fewer than this; searched motions have tens.
-MOST, LONGEST = 512, 1e6
-#: No two knots are nearer [s], whose fifth power divides.
-NEAREST = 1e-6
 
 
 class Basis(Protocol):
@@ -255,11 +251,12 @@ def basis_from(facts: dict[str, Any]) -> Basis:
     """
     if facts["kind"] == "fourier":
         period, harmonics = float(facts["period"]), int(facts["harmonics"])
-        if not (0 < period < LONGEST and 0 < harmonics < MOST):
+        if not (0 < period < tuning.LONGEST_MOTION_S and 0 < harmonics < tuning.MOST_KNOTS):
             raise ValueError(f"no motion has a period of {period:g} s and {harmonics:g} harmonics")
         return Fourier(period, harmonics)
     knots = np.array([float(t) for t in facts["knots"]])
-    if not (1 < len(knots) < MOST and np.all(np.diff(knots) > NEAREST) and np.all(np.abs(knots) < LONGEST)):
+    apart, short = np.diff(knots) > tuning.NEAREST_KNOTS_S, np.abs(knots) < tuning.LONGEST_MOTION_S
+    if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(apart) and np.all(short)):
         raise ValueError("its knots do not rise, stand too near to each other, or are none of a motion")
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
 

@@ -18,18 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import CannotWrite
+from dynid.trajectory import tuning
 from dynid.trajectory.drawing import animation, still
 
 Floats = NDArray[np.float64]
 
-#: Poses from which is learned which links always touch, and the share of poses that counts as always.
-POSES, USUAL = 300, 0.2
-#: Pairs that are always near are watched for contact that is deeper than in every one of those poses by this [m].
-DEEPER = 0.005
-#: Distances beyond this are not measured [m].
-FAR = 0.3
-#: Largest difference of joint axes between a user's URDF and the DH table: direction [rad] and distance [m].
-AXIS_ANGLE, AXIS_DISTANCE = 0.01, 0.01
 #: Size of a rendered picture; the tiny renderer needs no graphics library.
 WIDTH, HEIGHT = 480, 360
 #: From where the camera looks, in Bullet's angles, and its field of view upwards [deg].
@@ -38,8 +31,6 @@ YAW, PITCH, VIEW = 50.0, -20.0, 50.0
 TILES, FLOOR = 6, 2.4
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
-#: Share of the time for pictures that goes into drawing; the rest puts them into the animation.
-DRAWN = 0.6
 #: Colours of the links in turn, told apart by colour-blind people too.
 _BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
 _TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
@@ -139,7 +130,7 @@ class World:
         for sign, offset in maps:
             self._sign, self._offset = np.array(sign), np.array(offset)
             errors.append(_axis_errors(self._axes(poses), expected))
-            if np.all(errors[-1] < [AXIS_ANGLE, AXIS_DISTANCE]):
+            if np.all(errors[-1] < [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]):
                 return None
         return errors[0]
 
@@ -162,9 +153,9 @@ class World:
         return [(a, b) for i, a in enumerate(links) for b in links[i + 1 :] if self._parent.get(b) != a]
 
     def _distance(self, pair: Pair) -> float:
-        """Return the distance of two links, or of a link and a thing; FAR when there is more room."""
-        found = self._bullet.getClosestPoints(self._arm, pair.body, FAR, pair.link, pair.other)
-        return min((float(row[8]) for row in found), default=FAR)
+        """Return the distance of two links, or of a link and a thing; at most the farthest that is measured."""
+        found = self._bullet.getClosestPoints(self._arm, pair.body, tuning.FARTHEST_MEASURED_M, pair.link, pair.other)
+        return min((float(row[8]) for row in found), default=tuning.FARTHEST_MEASURED_M)
 
     def pairs_to_check(self, poses: Floats, job: dict[str, Any]) -> list[Pair]:
         """Return what can collide, with the distance that it is wanted to keep.
@@ -186,10 +177,10 @@ class World:
         for i, q in enumerate(poses):
             self.set_pose(q)
             least[i] = [self._distance(pair) for pair in (*links, *things)]
-        usual = (least[:, : len(links)] <= job["near"]).mean(axis=0) >= USUAL
-        deepest = np.minimum(least.min(axis=0) - DEEPER, job["self"])
+        usual = (least[:, : len(links)] <= job["near"]).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
+        deepest = np.minimum(least.min(axis=0) - tuning.DEEPER_CONTACT_M, job["self"])
         # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
-        built = usual | (least[:, : len(links)].min(axis=0) > DEEPER)
+        built = usual | (least[:, : len(links)].min(axis=0) > tuning.DEEPER_CONTACT_M)
         watched = [
             replace(pair, wanted=float(deepest[i]), usual=bool(usual[i])) if built[i] else pair
             for i, pair in enumerate(links)
@@ -263,7 +254,7 @@ def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> No
     if job["animation"]:
         frames: dict[int, tuple[float, NDArray[np.uint8]]] = {}
         for k in _coarse_to_fine(len(poses)):
-            if job["seconds"] is not None and time.monotonic() - begin > DRAWN * job["seconds"]:
+            if job["seconds"] is not None and time.monotonic() - begin > tuning.DRAWING_TIME_SHARE * job["seconds"]:
                 break
             if k not in frames:
                 frames[k] = frame(k)
@@ -296,7 +287,9 @@ def run(job_path: Path) -> None:
         world.play(times, poses)
     elif errors is None:
         if job["measure"]:
-            answer["distances"] = world.distances(poses, world.pairs_to_check(random[:POSES], job))
+            answer["distances"] = world.distances(
+                poses, world.pairs_to_check(random[: tuning.BULLET_LEARNING_POSES], job)
+            )
         _draw(world, job, times, poses)
     job_path.with_suffix(".answer").write_text(json.dumps(answer), encoding="utf-8")
 

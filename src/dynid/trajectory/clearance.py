@@ -15,29 +15,11 @@ from dynid.longarrays import filled
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
-from dynid.trajectory.scene import Box, Scene
-from dynid.trajectory.segments import nearest_of_segments, segment_to_box
+from dynid.trajectory.scene import Box, Scene, nearest_of_segments, segment_to_box
 
 Floats = NDArray[np.float64]
-
-#: Poses from which is learned which links always touch: those of a shoulder, elbow or wrist, the foot on the floor.
-POSES = 2000
-#: Links that are near in more than this share of random poses meet in a joint, whose limits keep them apart.
-USUAL = 0.2
-#: Such links are watched too: they come no deeper into each other than in all but this share of random poses ...
-DEEP = 0.05
-#: ... except for rounding [m].
-ROUNDING = 1e-3
-#: An arm that is built lower than the wanted distance need only stay this much below what its best pose reaches [m].
-BUILT = 1e-3
-#: A capsule is longer than its cylinder at both ends: capsules may come to this share of the wanted distance.
-NEARER = 0.75
-#: The search keeps this much more than the wanted distance, because a penalty is never quite obeyed [m].
-SPARE = 0.01
-#: Contact penalties: a violation of this size over the whole path costs as much as the weight [m].
-SCALE = 0.05
-WEIGHT = 3000.0
 
 
 def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
@@ -57,19 +39,19 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Contact:
-    """The least clearance of a motion of one kind.
+class Distance:
+    """The least distance of two things during a motion.
 
     Attributes:
-        what: the two things, such as ``"link 4 - base"``.
-        distance: clearance beyond the sum of radii, negative when they overlap [m].
-        index: sample where it is least.
-        wanted: what it should be at least [m].
+        pair: their names, such as ``"link_5 - base"``.
+        distance: negative when they overlap [m].
+        time: when [s].
+        wanted: what it should be at least [m]; less than asked for where the arm is built nearer.
     """
 
-    what: str
+    pair: str
     distance: float
-    index: int
+    time: float
     wanted: float
 
 
@@ -92,23 +74,24 @@ class Capsules:
         self._first, self._second = np.triu_indices(self.robot.n, 2)
         points = self.ends(self._random_poses())[0]
         distance = self._pairs(points)[0]
-        near = (distance < self.scene.self_distance).mean(axis=0) >= USUAL
-        usual, least = np.quantile(distance, DEEP, axis=0) - ROUNDING, distance.min(axis=0) - ROUNDING
+        near = (distance < self.scene.self_distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
+        rounded = distance - tuning.CAPSULE_ROUNDING_M
+        usual, least = np.quantile(rounded, tuning.DEEPEST_POSES_SHARE, axis=0), rounded.min(axis=0)
         # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
         wanted = np.where(near, usual, np.where(least > 0, least, np.inf))
         #: Distance that each pair of links is wanted to keep [m].
-        self._wanted = np.minimum(wanted, NEARER * self.scene.self_distance)
+        self._wanted = np.minimum(wanted, tuning.CAPSULE_DISTANCE_SHARE * self.scene.self_distance)
         #: Whether a pair is near in usual poses.
         self._usual = near
         #: Pairs of links that are near in usual poses as capsules of the guessed thickness.
         self.left_out = tuple(self._pair(k) for k in np.flatnonzero(near).tolist())
         floor = -np.inf if self.scene.floor is None else self.scene.floor
         height = points[..., 2] - self.radii[:, None]
-        low = (height - floor < self.scene.distance).mean(axis=0) >= USUAL
+        low = (height - floor < self.scene.distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
         # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
         self._lifted = ~(low & (np.arange(self.robot.n) == 0)[:, None])
         # Why: a shoulder may be built lower than the wanted distance; no motion lifts it.
-        self._above_floor = np.minimum(self.scene.distance, height.max(axis=0) - floor - BUILT)
+        self._above_floor = np.minimum(self.scene.distance, height.max(axis=0) - floor - tuning.BUILT_LOW_M)
 
     def _pair(self, k: int) -> str:
         return f"link {self._first[k] + 1} - link {self._second[k] + 1}"
@@ -124,7 +107,7 @@ class Capsules:
 
     def _random_poses(self) -> Floats:
         lower, upper = position_range(self.robot)
-        return np.random.default_rng(0).uniform(lower, upper, (POSES, self.robot.n))
+        return np.random.default_rng(0).uniform(lower, upper, (tuning.CAPSULE_LEARNING_POSES, self.robot.n))
 
     def ends(self, q: Floats) -> tuple[Floats, LinkFrames]:
         """Return both ends of all capsules in the world, (N, n, 2, 3) [m], and the frames of the links there."""
@@ -166,26 +149,26 @@ class Capsules:
                 moment[:, i] += np.cross(where[:, k], by[:, k])
 
         distance, here, there = self._pairs(points)
-        total, slope = _charge(distance, np.where(self._usual, self._wanted, self._wanted + SPARE))
+        total, slope = _charge(distance, np.where(self._usual, self._wanted, self._wanted + tuning.SPARE_DISTANCE_M))
         apart = here - there
         way = slope[..., None] * apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
         push(self._first, here, way)
         push(self._second, there, -way)
         every = np.arange(n)
         if scene.floor is not None:
-            extra, slope = _charge(self._heights(points), self._above_floor + SPARE)
+            extra, slope = _charge(self._heights(points), self._above_floor + tuning.SPARE_DISTANCE_M)
             total += extra
             for end in range(2):
                 push(every, points[:, :, end], slope[:, :, end, None] * np.array([0.0, 0.0, 1.0]))
         for box in scene.obstacles:
             distance, near, direction = self._to_box(points, box)
-            extra, slope = _charge(distance, scene.distance + SPARE)
+            extra, slope = _charge(distance, scene.distance + tuning.SPARE_DISTANCE_M)
             total += extra
             push(every, near, slope[..., None] * direction)
         if scene.workspace is not None:
             tool = frames.p[:, -1]
             for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
-                extra, slope = _charge(sign * (tool - edge), SPARE)
+                extra, slope = _charge(sign * (tool - edge), tuning.SPARE_DISTANCE_M)
                 total, tool_force = total + extra, tool_force + sign * slope
             force[:, -1] += tool_force
             moment[:, -1] += np.cross(tool, tool_force)
@@ -211,44 +194,47 @@ class Capsules:
             clear &= np.all((tool >= inside.lower) & (tool <= inside.upper), axis=1)
         return np.asarray(clear)
 
-    def contacts(self, q: Floats) -> list[Contact]:
+    def contacts(self, q: Floats, t: Floats | None = None) -> list[Distance]:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.
 
         Pairs of links that always overlap come one by one.
 
         Args:
             q: joint positions, (N, n) [rad or m].
+            t: their times, (N,) [s]; 0 when None.
         """
         points, frames = self.ends(q)
-        found = []
-        distance = self._pairs(points)[0]
-        usual = self._usual
+        times = np.zeros(len(q)) if t is None else t
+        found: list[Distance] = []
+
+        def note(pair: str, distance: Floats, wanted: float, sample: int) -> None:
+            found.append(Distance(pair, float(distance), float(times[sample]), wanted))
+
+        distance, usual = self._pairs(points)[0], self._usual
         # Why: links that always overlap are watched too, but the closest pair is that of the others.
         groups = [[k] for k in np.flatnonzero(usual)] + ([np.flatnonzero(~usual)] if not usual.all() else [])
         for pairs in groups:
             lack = distance[:, pairs] - self._wanted[pairs]
             k, i = np.unravel_index(lack.argmin(), lack.shape)
             pair = int(pairs[i])
-            found.append(Contact(self._pair(pair), float(distance[k, pair]), int(k), float(self._wanted[pair])))
+            note(self._pair(pair), distance[k, pair], float(self._wanted[pair]), int(k))
         if self.scene.floor is not None and self._lifted.any():
             height = self._heights(points)
             k, i, end = np.unravel_index((height - self._above_floor).argmin(), height.shape)
-            wanted = float(self._above_floor[i, end])
-            found.append(Contact(f"link {i + 1} - floor", float(height[k, i, end]), int(k), wanted))
+            note(f"link {i + 1} - floor", height[k, i, end], float(self._above_floor[i, end]), int(k))
         for number, box in enumerate(self.scene.obstacles, start=1):
             distance = self._to_box(points, box)[0]
             k, i = np.unravel_index(distance.argmin(), distance.shape)
-            found.append(
-                Contact(f"link {i + 1} - obstacle {number}", float(distance[k, i]), int(k), self.scene.distance)
-            )
+            note(f"link {i + 1} - obstacle {number}", distance[k, i], self.scene.distance, int(k))
         if self.scene.workspace is not None:
             tool, workspace = frames.p[:, -1], self.scene.workspace
             room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
-            found.append(Contact("tool - edge of the workspace", float(room.min()), int(room.argmin()), 0.0))
+            note("tool - edge of the workspace", room.min(), 0.0, int(room.argmin()))
         return found
 
 
 def _charge(distance: Floats, wanted: float | Floats) -> tuple[float, Floats]:
     """Return the penalty on distances below the wanted ones, (N, ...), and its gradient."""
-    lack = np.maximum(wanted - distance, 0.0) / SCALE
-    return WEIGHT * float(np.sum(lack**2)) / len(distance), -2 * WEIGHT / SCALE / len(distance) * lack
+    lack = np.maximum(wanted - distance, 0.0) / tuning.CONTACT_SCALE_M
+    weight = tuning.PENALTY_WEIGHT / len(distance)
+    return weight * float(np.sum(lack**2)), -2 * weight / tuning.CONTACT_SCALE_M * lack

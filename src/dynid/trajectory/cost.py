@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.trajectory import tuning
+
 Floats = NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are rounding noise: the motion does not determine that direction.
 FLOOR = 1e-15
-#: Information that a choice of samples starts from, as a share of the whole path's: makes the first choices well posed.
-RIDGE = 1e-9
-#: So many samples in turn that do not earn their place end the choice.
-REFUSALS = 10
 
 
 @dataclass(frozen=True)
@@ -126,13 +124,13 @@ def select_samples(W: Floats, eta: float, cost: Cost | None = None) -> NDArray[n
     cost = cost or Cost("paper")
     scale = 1 / np.sqrt(np.maximum(np.einsum("kjp,kjp->p", W, W), np.finfo(float).tiny))
     scaled = W * scale
-    inverse = np.eye(W.shape[2]) / RIDGE
+    inverse = np.eye(W.shape[2]) / tuning.SELECTION_RIDGE_SHARE
     G = np.zeros((W.shape[2], W.shape[2]))
     free = np.ones(len(W), dtype=bool)
     chosen: list[int] = []
     least = -(-W.shape[2] // W.shape[1])
     value, refused = np.inf, 0
-    while free.any() and refused < REFUSALS:
+    while free.any() and refused < tuning.SELECTION_REFUSALS:
         candidates = np.flatnonzero(free)
         A = scaled[candidates]
         gains = np.linalg.slogdet(np.eye(W.shape[1]) + A @ inverse @ A.transpose(0, 2, 1))[1]

@@ -6,7 +6,6 @@ goes through the scaling, so the search needs no penalties for positions, speeds
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,16 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.robot import Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Basis
 
 Floats = NDArray[np.float64]
-
-#: Range of a turning joint without position limits: it turns for ever, and no plan asks more than two turns each way.
-CONTINUOUS = (-4 * math.pi, 4 * math.pi)
-#: Range of a sliding joint without position limits, which no slide is without [m].
-TRAVEL = (-0.1, 0.1)
-#: Stand-ins for rates that the robot file leaves out [rad/s or m/s, and per second]: brisk for any arm of this size.
-DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -53,9 +46,9 @@ def assumed_limits(robot: Robot) -> tuple[str, ...]:
     soft = [joint.name for joint in robot.joints if joint.limits.acceleration is None]
     kinds = (
         ("position", endless, "turning without end, two turns each way"),
-        ("travel", slides, f"{TRAVEL[1]:g} m each way"),
-        ("velocity", slow, f"{DEFAULT_VELOCITY:g} rad/s or m/s"),
-        ("acceleration", soft, f"{DEFAULT_ACCELERATION:g} rad/s^2 or m/s^2"),
+        ("travel", slides, f"{tuning.SLIDE_RANGE_M[1]:g} m each way"),
+        ("velocity", slow, f"{tuning.DEFAULT_VELOCITY:g} rad/s or m/s"),
+        ("acceleration", soft, f"{tuning.DEFAULT_ACCELERATION:g} rad/s^2 or m/s^2"),
     )
     return tuple(
         f"{kind} of {'all joints' if len(joints) == robot.n else ', '.join(joints)}: {stand_in}"
@@ -71,7 +64,8 @@ def unsafe_to_play(assumed: Sequence[str]) -> tuple[str, ...]:
 
 def position_range(robot: Robot) -> tuple[Floats, Floats]:
     """Return the least and the greatest position of every joint, stand-ins included, (n,) each [rad or m]."""
-    ranges = [joint.limits.position or (CONTINUOUS if joint.revolute else TRAVEL) for joint in robot.joints]
+    free = {True: tuning.ENDLESS_RANGE_RAD, False: tuning.SLIDE_RANGE_M}
+    ranges = [joint.limits.position or free[joint.revolute] for joint in robot.joints]
     lower, upper = np.array(ranges, dtype=float).T
     return lower, upper
 
@@ -88,8 +82,8 @@ def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) 
     limits = [joint.limits for joint in robot.joints]
     lower, upper = position_range(robot)
     off = margin * (upper - lower) / 2
-    velocity = np.array([limit.velocity or DEFAULT_VELOCITY for limit in limits])
-    acceleration = np.array([limit.acceleration or DEFAULT_ACCELERATION for limit in limits])
+    velocity = np.array([limit.velocity or tuning.DEFAULT_VELOCITY for limit in limits])
+    acceleration = np.array([limit.acceleration or tuning.DEFAULT_ACCELERATION for limit in limits])
     torque = np.array([limit.torque or np.inf for limit in limits])
     return Bounds(lower + off, upper - off, velocity * rest, acceleration * rest, torque * rest)
 

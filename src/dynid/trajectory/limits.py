@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynid.errors import LimitBroken
 from dynid.motion import Motion
 from dynid.robot import Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.clearance import tool_speed
 from dynid.trajectory.feasible import Bounds
 from dynid.trajectory.plan import Trajectory
@@ -21,13 +22,6 @@ from dynid.units import joint_unit
 
 Floats = NDArray[np.float64]
 Torque = Callable[[Motion], Floats]
-
-#: Rate of the check at full speed; a slowed motion is checked at the same points of its path [Hz].
-RATE = 1000.0
-#: A limit is broken when it is exceeded by more than rounding.
-ROUNDING = 1e-7
-#: Steps of the bisection for the speed factor that keeps a torque limit; 2^-7 is finer than two digits of alpha.
-STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -101,14 +95,14 @@ def check_trajectory(
         torque: predicted torques of a motion, (N, n); None to leave torques out.
         speed: largest speed of the tool [m/s]; None for any.
     """
-    motion = trajectory.sampled(RATE * trajectory.alpha)
+    motion = trajectory.sampled(tuning.CHECK_RATE_HZ * trajectory.alpha)
     tau = None if torque is None else torque(motion)
     violations = [v for order in range(3) for v in _rates(trajectory, robot, limits, order)]
     if tau is not None and torque is not None:
         violations += _torques(trajectory, robot, limits, torque, tau, motion.t)
     moving = tool_speed(robot, motion.q, motion.qd)
     fastest = float(moving.max())
-    if speed is not None and fastest > speed * (1 + ROUNDING):
+    if speed is not None and fastest > speed * (1 + tuning.LIMIT_ROUNDING_SHARE):
         when = float(motion.t[moving.argmax()])
         violations.append(Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest))
     return LimitCheck(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
@@ -179,7 +173,7 @@ def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> 
         values = trajectory.basis.matrix(when, order) @ trajectory.coefficients[:, j] * trajectory.alpha**order
         beyond = np.maximum(values - upper[j], lower[j] - values)
         worst = int(beyond.argmax())
-        if beyond[worst] > ROUNDING * max(1.0, upper[j] - lower[j]):
+        if beyond[worst] > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j]):
             value, limit = float(values[worst]), float(upper[j] if values[worst] > upper[j] else lower[j])
             alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
             shown = (abs(value), abs(limit)) if order else (value, limit)
@@ -200,8 +194,9 @@ def _torques(
 ) -> list[Violation]:
     """Return broken torque limits, with the speed factor that keeps all of them."""
     alpha = None
-    if np.any(np.abs(tau) > limits.torque * (1 + ROUNDING)):
-        alpha = fitting_alpha(trajectory.slowed(1.0).sampled(RATE / 10), limits.torque, torque, trajectory.alpha)
+    if np.any(np.abs(tau) > limits.torque * (1 + tuning.LIMIT_ROUNDING_SHARE)):
+        path = trajectory.slowed(1.0).sampled(tuning.CHECK_RATE_HZ / 10)
+        alpha = fitting_alpha(path, limits.torque, torque, trajectory.alpha)
     return torque_violations(robot, limits.torque, tau, t, alpha)
 
 
@@ -217,7 +212,7 @@ def torque_violations(robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha
     """
     share = np.abs(tau) / limit
     found = []
-    for j in np.flatnonzero(share.max(axis=0) > 1 + ROUNDING).tolist():
+    for j in np.flatnonzero(share.max(axis=0) > 1 + tuning.LIMIT_ROUNDING_SHARE).tolist():
         joint, worst = robot.joints[j], float(np.abs(tau[:, j]).max())
         time = float(t[share[:, j].argmax()])
         found.append(Violation(joint.name, "torque", worst, float(limit[j]), time, alpha, joint.revolute))
@@ -241,7 +236,7 @@ def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0
     low = 1e-3
     if not fits(low):
         return None
-    for _ in range(STEPS):
+    for _ in range(tuning.ALPHA_BISECTIONS):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if fits(middle) else (low, middle)
     return float(low)

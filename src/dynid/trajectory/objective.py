@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Basis
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping
@@ -104,7 +105,7 @@ class ExcitationObjective:
     def __init__(self, problem: PlanProblem) -> None:
         self.problem = problem
         # Why: samples in the middle of equal parts weigh the path evenly and miss its two motionless ends.
-        fine = FINE * problem.samples
+        fine = tuning.CONTACT_SAMPLES_A_SAMPLE * problem.samples
         t = problem.basis.duration * (np.arange(fine) + 0.5) / fine
         self.shaping = Shaping(problem.basis, problem.limits, t, refinement=2)
         self._regressor = RegressorGradient(problem.model, problem.columns, problem.samples)
@@ -120,8 +121,9 @@ class ExcitationObjective:
             ease: factor on all penalties; small ones let a motion pass through things on its way to a good one.
         """
         problem = self.problem
+        coarse = slice(tuning.MIDDLE_CONTACT_SAMPLE, None, tuning.CONTACT_SAMPLES_A_SAMPLE)
         motion = self.shaping.motion(x)
-        W = self._regressor.dense(*(part[MIDDLE::FINE] for part in motion))
+        W = self._regressor.dense(*(part[coarse] for part in motion))
         cost, slope = problem.cost.value(information(problem, W), power)
         gW = 2 * self._weights[None, :, None] * (W.reshape(-1, W.shape[2]) @ slope).reshape(W.shape)
         penalty = 0.0
@@ -129,7 +131,7 @@ class ExcitationObjective:
             penalty, by_W = self._overload(W, problem.torque)
             gW = gW + ease * by_W
         by_motion = np.zeros((3, *motion[0].shape))
-        by_motion[:, MIDDLE::FINE] = self._regressor.gradient(gW)
+        by_motion[:, coarse] = self._regressor.gradient(gW)
         # Why: between two samples of the regressor an arm moves far enough to pass through its own wrist.
         for one in problem.penalties:
             extra, by_q = one.value(motion[0])
@@ -139,16 +141,8 @@ class ExcitationObjective:
 
     def _overload(self, W: Floats, theta: Floats) -> tuple[float, Floats]:
         """Return a penalty on torques beyond their limits and its gradient by W."""
-        limit = (1 - SPARE) * self.problem.limits.torque
+        limit = (1 - tuning.SPARE_TORQUE_SHARE) * self.problem.limits.torque
         excess = W @ theta / limit
         beyond = np.maximum(np.abs(excess) - 1, 0.0)
-        slope = 2 * WEIGHT * beyond * np.sign(excess) / limit / len(W)
-        return WEIGHT * float(np.sum(beyond**2)) / len(W), slope[:, :, None] * theta
-
-
-#: Samples at which contact is looked for, for each one of the regressor, and which of them that is.
-FINE, MIDDLE = 3, 1
-#: Weight of penalties against a logarithmic cost: 0.2 % of overload all along the path costs as much as 1 % of cost.
-WEIGHT = 3000.0
-#: The search leaves this share of a torque limit free, because a penalty is never quite obeyed.
-SPARE = 0.05
+        slope = 2 * tuning.PENALTY_WEIGHT * beyond * np.sign(excess) / limit / len(W)
+        return tuning.PENALTY_WEIGHT * float(np.sum(beyond**2)) / len(W), slope[:, :, None] * theta

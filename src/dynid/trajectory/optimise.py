@@ -22,27 +22,12 @@ from numpy.typing import NDArray
 from dynid import children
 from dynid.errors import WrongUsage
 from dynid.progress import SILENT, Progress
+from dynid.trajectory import tuning
 from dynid.trajectory.feasible import Shaping
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 from dynid.trajectory.options import PlanOptions
 
 Floats = NDArray[np.float64]
-
-#: Power of the p-norm, ease of the penalties and iterations of each stage: smooth costs first, the cost itself last;
-#: a motion may first pass through the floor and itself, or it would never get from one good region to another.
-STAGES = ((2.0, 0.01, 60), (8.0, 0.1, 60), (np.inf, 1.0, 200))
-#: Costs without extreme eigenvalues are smooth as they are. A stage that comes twice forgets its curvatures between.
-#: The first one is short and obeys everything, so that there is something to keep when the time is soon over.
-SMOOTH_STAGES = ((np.inf, 1.0, 60), (np.inf, 0.01, 100), (np.inf, 0.1, 100), (np.inf, 1.0, 100), (np.inf, 1.0, 100))
-#: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
-HOPELESS = 0.35
-#: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
-#: the work without a start's fate depending on how many there are. More processes than that are not used.
-LANES = 8
-#: No cost of a motion that determines all parameters is so large; penalties are.
-PENALISED = 50.0
-#: Seconds between two reports of the best so far.
-REPORT = 0.5
 
 
 @dataclass(frozen=True)
@@ -167,7 +152,7 @@ def _require_met(replay: tuple[int, int], best: dict[int, BestMotion]) -> None:
 def describe(problem: PlanProblem, value: float) -> str:
     """Return a cost in words."""
     cost = problem.cost
-    if value > PENALISED:
+    if value > tuning.PENALISED_COST:
         return "none that keeps clear yet"
     if cost.kind == "condition":
         return f"condition number {np.exp(value):.1f}"
@@ -182,7 +167,7 @@ def _workers(
 ) -> Iterator[tuple[queue.SimpleQueue[Any], list[children.Worker]]]:
     """Run the search in processes that end with the block."""
     reports: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    most = LANES if search.replay is None else 1
+    most = tuning.LANES if search.replay is None else 1
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts, most))
     running: list[children.Worker] = []
     try:
@@ -206,9 +191,9 @@ def _search(
         objective = ExcitationObjective(problem.of_start(start))
         send((start, descend(objective, start_variables(objective, search.seed, start), last=last)))
         return
-    best = np.full(LANES, np.inf)
+    best = np.full(tuning.LANES, np.inf)
     for start in range(search.restarts):
-        lane = start % LANES
+        lane = start % tuning.LANES
         if lane % step == first:
             objective = ExcitationObjective(problem.of_start(start))
             x = start_variables(objective, search.seed, start)
@@ -230,7 +215,7 @@ class _Report:
 
     def __call__(self, met: BestMotion, *, last: bool) -> None:
         now = time.monotonic()
-        if met.value < self._best and (last or now - self._sent > REPORT):
+        if met.value < self._best and (last or now - self._sent > tuning.REPORT_INTERVAL_S):
             self._best, self._sent = met.value, now
             self._send((self._start, met))
 
@@ -275,7 +260,8 @@ def descend(
         return found.value, found.gradient
 
     with suppress(_Enough):
-        _stages(measured, x, lambda: seen.value > best + HOPELESS, objective.problem.cost.kind in ("d", "i"))
+        smooth = objective.problem.cost.kind in ("d", "i")
+        _stages(measured, x, lambda: seen.value > best + tuning.HOPELESS_COST, smooth)
     return seen
 
 
@@ -285,7 +271,7 @@ def _stages(
     """Minimise through the stages of a cost."""
     from scipy.optimize import minimize
 
-    for power, ease, iterations in SMOOTH_STAGES if smooth else STAGES:
+    for power, ease, iterations in tuning.SMOOTH_STAGES if smooth else tuning.STAGES:
         if np.isinf(power) and not smooth and hopeless():
             return
         options = {"maxiter": iterations, "maxcor": 20}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import WrongUsage
 from dynid.motion import Motion
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Basis, Quintic
 from dynid.trajectory.feasible import Bounds, extrema
 
@@ -17,8 +18,6 @@ Floats = NDArray[np.float64]
 
 #: Samples evaluated at once: Phi of a long motion at 1 kHz would not fit into memory comfortably.
 BLOCK = 4096
-#: Rounds of the rule that stretches intervals; each round brings every interval to within a few percent.
-ROUNDS = 60
 #: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
 _REST_SPEED, _REST_ACCELERATION = 1.875, 10 / np.sqrt(3)
 
@@ -95,7 +94,7 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
         np.sqrt(_REST_ACCELERATION * step / limits.acceleration).max(axis=1),
     )
     lengths = np.maximum(shortest, 1e-2) if times is None else np.diff(times)
-    for _ in range(ROUNDS):
+    for _ in range(tuning.STRETCH_ROUNDS):
         trajectory = _spline(waypoints, lengths)
         stretch = _needed(trajectory, limits, lengths)
         if stretch.max() <= 1:

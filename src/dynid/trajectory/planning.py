@@ -22,8 +22,9 @@ from dynid.model.parameters import DEFAULT_CYLINDERS, prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Basis, Fourier, Quintic
-from dynid.trajectory.clearance import Capsules
+from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping, bounds
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
@@ -33,7 +34,6 @@ from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
 from dynid.trajectory.preview import (
-    Distance,
     Distances,
     Drawing,
     capsule_distances,
@@ -46,24 +46,6 @@ from dynid.trajectory.preview import (
 Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 Judgement = TypeVar("Judgement")
-
-#: How far a motion is drawn towards the clear pose, step by step, until all judges agree.
-SHRINK = (1.0, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
-#: Samples along the path for each segment, and at least.
-SAMPLES_A_SEGMENT, SAMPLES = 12, 200
-#: Rate at which contact is checked on the capsules [Hz] and random poses among which a clear one is looked for.
-CONTACT_RATE, CLEAR_POSES = 50.0, 400
-#: Share of random poses that shall be clear inside the range that is searched, their number, and the half range that
-#: is not narrowed any more [rad or m].
-ROOMY, ROOMY_POSES, NARROW = 0.5, 200, 0.4
-#: Poses that are tried as the middle of that range, and how far around them it shall be clear [rad or m].
-MIDDLES, SIXTH = 100, np.pi / 3
-#: Time for what comes after the search: this share of the whole, and this much at most [s].
-REST_SHARE, REST = 0.4, 14.0
-#: Values of each joint that must be passable, in which share of poses, and the poses in all of them.
-SLICES, PASSED, SLICED_POSES = 36, 0.04, 4000
-#: Random motions among which one is taken without a search.
-RANDOM_STARTS = 20
 
 
 @dataclass(frozen=True)
@@ -152,19 +134,19 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         context.base.model,
         context.base.reduction.base,
         basis_of(options),
-        roomy_limits(context),
+        collision_free_range(context),
         cost,
         noise=context.noise if kind in ("i", "d") or context.known is not None else None,
         known=context.known,
         rate=options.rate,
         torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
         penalties=(context.capsules,),
-        samples=max(SAMPLES, SAMPLES_A_SEGMENT * options.segments),
-        narrow=roomy_limits(context, passable=True),
+        samples=max(tuning.LEAST_SAMPLES, tuning.SAMPLES_A_SEGMENT * options.segments),
+        narrow=collision_free_range(context, passable=True),
     )
 
 
-def roomy_limits(context: PlanningContext, *, passable: bool = False) -> Bounds:
+def collision_free_range(context: PlanningContext, *, passable: bool = False) -> Bounds:
     """Return the limits for a start of the search, narrowed to where the arm is often clear.
 
     Args:
@@ -178,21 +160,22 @@ def roomy_limits(context: PlanningContext, *, passable: bool = False) -> Bounds:
     """
     limits, capsules = context.limits, context.capsules
     rng = np.random.default_rng(0)
-    unit = rng.uniform(-1, 1, (ROOMY_POSES, len(limits.lower)))
+    unit = rng.uniform(-1, 1, (tuning.RANGE_POSES, len(limits.lower)))
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
     share = float(capsules.keeps_clear(middle + unit * half).mean())
-    if share >= ROOMY and half.max() <= np.pi and not passable:
+    if share >= tuning.CLEAR_POSES_SHARE and half.max() <= np.pi and not passable:
         return limits
-    if share >= ROOMY and half.max() <= np.pi:
+    if share >= tuning.CLEAR_POSES_SHARE and half.max() <= np.pi:
         return _around(limits, middle, _passable(capsules, middle, half))
     half = np.minimum(half, np.pi)
-    around = unit * np.minimum(half, SIXTH)
-    middles = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (MIDDLES, len(half)))
+    around = unit * np.minimum(half, tuning.RANGE_MIDDLE_REACH_RAD)
+    lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    middles = rng.uniform(lower, upper, (tuning.RANGE_MIDDLES, len(half)))
     middle = middles[int(np.argmax([capsules.keeps_clear(pose + around).mean() for pose in middles]))]
     share = float(capsules.keeps_clear(middle + unit * half).mean())
-    while share < ROOMY and half.max() > NARROW:
+    while share < tuning.CLEAR_POSES_SHARE and half.max() > tuning.NARROWEST_HALF_RANGE:
         tried = []
-        for j in np.flatnonzero(half > NARROW):
+        for j in np.flatnonzero(half > tuning.NARROWEST_HALF_RANGE):
             less = np.where(np.arange(len(half)) == j, 0.8 * half, half)
             tried.append((float(capsules.keeps_clear(middle + unit * less).mean()), j))
         share, j = max(tried)
@@ -209,14 +192,14 @@ def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
 
     A motion that reaches both ends of a joint's range passes all values between: through an elbow folded onto itself.
     """
-    unit = np.random.default_rng(1).uniform(-1, 1, (SLICED_POSES, len(half)))
-    slices = np.minimum(((unit + 1) / 2 * SLICES).astype(int), SLICES - 1)
+    unit = np.random.default_rng(1).uniform(-1, 1, (tuning.SLICED_POSES, len(half)))
+    slices = np.minimum(((unit + 1) / 2 * tuning.RANGE_SLICES).astype(int), tuning.RANGE_SLICES - 1)
     half = half.copy()
-    while half.max() > NARROW:
+    while half.max() > tuning.NARROWEST_HALF_RANGE:
         clear = capsules.keeps_clear(middle + unit * half)
-        least = np.array([min(clear[at == k].mean() for k in range(SLICES)) for at in slices.T])
-        worst = int(np.argmin(np.where(half > NARROW, least, np.inf)))
-        if least[worst] >= PASSED:
+        least = np.array([min(clear[at == k].mean() for k in range(tuning.RANGE_SLICES)) for at in slices.T])
+        worst = int(np.argmin(np.where(half > tuning.NARROWEST_HALF_RANGE, least, np.inf)))
+        if least[worst] >= tuning.PASSABLE_SHARE:
             break
         half[worst] *= 0.8
     return half
@@ -250,7 +233,7 @@ def search_motions(
 
 def search_time(seconds: float) -> float:
     """Return how much of the whole time is for the search [s]: checks, pictures and files need the rest."""
-    return seconds - min(REST_SHARE * seconds, REST)
+    return seconds - min(tuning.AFTER_SEARCH_SHARE * seconds, tuning.AFTER_SEARCH_S)
 
 
 def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
@@ -263,7 +246,7 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
     options, basis = context.options, basis_of(context.options)
     candidates = list(_random(context, basis)) if found is None else found.candidates
     home = once_more(lambda: clear_pose(context))
-    for share in SHRINK:
+    for share in tuning.SHRINK_SHARES:
         for one in candidates:
             drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
             yield Proposal(Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share)
@@ -271,7 +254,7 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
 
 def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]:
     shaping = Shaping(basis, context.limits, np.zeros(1))
-    for start in range(RANDOM_STARTS):
+    for start in range(tuning.RANDOM_MOTIONS):
         x = shaping.random(np.random.default_rng((context.options.seed, start)))
         yield MotionCandidate(np.inf, shaping.coefficients(x), start, 0)
 
@@ -280,7 +263,7 @@ def clear_pose(context: PlanningContext) -> Floats:
     """Return a pose inside the limits with much room around the arm, (n,) [rad or m]."""
     rng = np.random.default_rng(0)
     lower, upper = np.maximum(context.limits.lower, -np.pi), np.minimum(context.limits.upper, np.pi)
-    q = rng.uniform(lower, upper, (CLEAR_POSES, len(lower)))
+    q = rng.uniform(lower, upper, (tuning.CLEAR_POSES, len(lower)))
     room = [min((c.distance - c.wanted for c in context.capsules.contacts(pose[None])), default=0.0) for pose in q]
     return np.asarray(q[int(np.argmax(room))])
 
@@ -307,7 +290,7 @@ def _capsules_clear(context: PlanningContext, trajectory: Trajectory) -> Distanc
     Raises:
         Collision: contact of the arm's capsules.
     """
-    found = capsule_distances(context.capsules, trajectory.sampled(CONTACT_RATE * trajectory.alpha))
+    found = capsule_distances(context.capsules, trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha))
     require_clear((*found.least, *found.usual), fix=clearance_fix(context.robot, guessed=True))
     return found
 

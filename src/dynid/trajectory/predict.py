@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.robot import Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Fourier
 from dynid.trajectory.cost import FLOOR, Figures, figures
 from dynid.trajectory.feasible import Bounds, Shaping
@@ -18,23 +19,13 @@ from dynid.trajectory.plan import Trajectory
 
 Floats = NDArray[np.float64]
 
-#: Torque noise of a joint that nobody has measured, as a share of its rating: that of the sensors of a KUKA LWR4+.
-NOISE_SHARE = 0.003
-#: Torque noise of a joint without a rating [N m].
-NOISE = 0.1
-#: The other motions on which the expected torque error is meant: so many random Fourier motions inside the limits.
-OTHER_MOTIONS, OTHER_DURATION, OTHER_HARMONICS = 12, 10.0, 5
-#: The recommended sequence of speed factors.
-ALPHAS = (0.2, 0.5, 1.0)
-#: Samples of a motion that its row of the table is computed from.
-SHOWN = 1000
-
 
 def default_noise(robot: Robot) -> Floats:
     """Return the torque noise of each joint: the robot file's, or what is assumed without one, (n,) [N m or N]."""
     if robot.torque.noise is not None:
         return np.array(robot.torque.noise)
-    return np.array([NOISE_SHARE * j.limits.torque if j.limits.torque else NOISE for j in robot.joints])
+    share, otherwise = tuning.NOISE_SHARE_OF_RATING, tuning.NOISE_WITHOUT_RATING
+    return np.array([share * j.limits.torque if j.limits.torque else otherwise for j in robot.joints])
 
 
 @dataclass(frozen=True)
@@ -108,12 +99,12 @@ def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 
 
 def held_out(
-    model: Model, columns: NDArray[np.intp], limits: Bounds, seed: int = 0, motions: int = OTHER_MOTIONS
+    model: Model, columns: NDArray[np.intp], limits: Bounds, seed: int = 0, motions: int = tuning.OTHER_MOTIONS
 ) -> Floats:
     """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p) [(N m)^2]."""
     observer = model.observer(columns)
-    basis = Fourier(OTHER_DURATION, OTHER_HARMONICS)
-    t = OTHER_DURATION * (np.arange(200) + 0.5) / 200
+    basis = Fourier(tuning.OTHER_DURATION_S, tuning.OTHER_HARMONICS)
+    t = tuning.OTHER_DURATION_S * (np.arange(200) + 0.5) / 200
     shaping = Shaping(basis, limits, t)
     total = np.zeros((len(columns), len(columns)))
     for k in range(motions):
@@ -144,7 +135,7 @@ class AlphaRow:
 
 def alpha_table(
     trajectory: Trajectory, model: Model, columns: NDArray[np.intp], noise: Floats, other: Floats,
-    samples: int, known: Floats | None = None, alphas: Sequence[float] = ALPHAS,
+    samples: int, known: Floats | None = None, alphas: Sequence[float] = tuning.RECOMMENDED_ALPHAS,
 ) -> tuple[AlphaRow, ...]:  # fmt: skip
     """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
 
@@ -160,12 +151,13 @@ def alpha_table(
         known: information matrix of earlier logs; None without any.
         alphas: speed factors.
     """
+    count = tuning.ALPHA_TABLE_SAMPLES
     # Why: fewer samples show the same of a motion, and count for as many as the log has.
-    noise = noise * np.sqrt(SHOWN / samples)
+    noise = noise * np.sqrt(tuning.ALPHA_TABLE_SAMPLES / samples)
     rows = []
     for alpha in sorted({*alphas, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
-        motion = slowed.motion(slowed.duration * (np.arange(SHOWN) + 0.5) / SHOWN)
+        motion = slowed.motion(slowed.duration * (np.arange(count) + 0.5) / count)
         found = predict(model, columns, motion, noise, other, known)
         rows.append(
             AlphaRow(

@@ -24,42 +24,15 @@ from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.scratch import scratch_folder
 from dynid.sim.urdf import write_urdf
-from dynid.trajectory.bullet import AXIS_ANGLE, AXIS_DISTANCE, HEIGHT, PITCH, VIEW, WIDTH, YAW
-from dynid.trajectory.clearance import Capsules
+from dynid.trajectory import tuning
+from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW
+from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
 Sketch = Callable[[Path, Trajectory, Capsules, "Sequence[Distance]", str], None]
-
-#: Poses that are measured for each second of the planned motion, and their number at most.
-RATE, POSES = 100.0, 3000
-#: Time after which a child that draws is taken to hang [s].
-PATIENCE = 600.0
-#: Time within which a window opens [s].
-OPENING = 60.0
-#: Poses that the camera keeps in view, and the share of the picture that they fill at most.
-SEEN, FILLED = 200, 0.92
-#: Poses at which the axes of a URDF are compared with the DH table.
-COMPARED = 10
-
-
-@dataclass(frozen=True)
-class Distance:
-    """The least distance of two things during a motion.
-
-    Attributes:
-        pair: their names, such as ``"link_5 - base"``.
-        distance: negative when they overlap [m].
-        time: when [s].
-        wanted: what it should be at least [m]; less than asked for where the arm is built nearer.
-    """
-
-    pair: str
-    distance: float
-    time: float
-    wanted: float
 
 
 @dataclass(frozen=True)
@@ -162,7 +135,7 @@ def _answer(robot: Robot, job: Path, urdf: Path) -> dict[str, Any]:
     with log.open("wb") as stream:
         child = subprocess.run(
             _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment(),
-            timeout=PATIENCE, check=False,
+            timeout=tuning.DRAWING_TIMEOUT_S, check=False,
         )  # fmt: skip
     answer = job.with_suffix(".answer")
     if not answer.is_file():
@@ -174,8 +147,7 @@ def _answer(robot: Robot, job: Path, urdf: Path) -> dict[str, Any]:
 
 def capsule_distances(capsules: Capsules, motion: Motion) -> Distances:
     """Return the least clearances that capsules along the links have during a motion, the closest first."""
-    near = sorted(capsules.contacts(motion.q), key=lambda contact: contact.distance)
-    found = [Distance(c.what, c.distance, float(motion.t[c.index]), c.wanted) for c in near]
+    found = sorted(capsules.contacts(motion.q, motion.t), key=lambda one: one.distance)
     usual = tuple(one for one in found if one.pair in capsules.left_out)
     return Distances(tuple(one for one in found if one not in usual), usual)
 
@@ -254,7 +226,7 @@ def _await(child: subprocess.Popen[bytes], job: Path) -> None:
     """Wait until the window is there."""
     begin = time.monotonic()
     while not job.with_suffix(".ready").exists():
-        if child.poll() is not None or time.monotonic() - begin > OPENING:
+        if child.poll() is not None or time.monotonic() - begin > tuning.WINDOW_TIMEOUT_S:
             raise NoDisplay("PyBullet could not open its window", why=job.with_suffix(".log").read_text()[-300:])
         time.sleep(0.05)
 
@@ -266,7 +238,7 @@ def has_display() -> bool:
 
 def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
     """Return times and poses that are measured, (N,) and (N, n)."""
-    count = int(np.clip(RATE * trajectory.basis.duration, 2, POSES)) + 1
+    count = int(np.clip(tuning.MEASURED_RATE_HZ * trajectory.basis.duration, 2, tuning.MOST_MEASURED_POSES)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
     return t, trajectory.motion(t).q
 
@@ -317,7 +289,7 @@ def _job(
             path = getattr(drawing, kind, None)
             facts[kind] = str(job.parent / path.name) if path else None
         job.write_text(json.dumps(facts), encoding="utf-8")
-        frames = link_frames(robot, random[:COMPARED], world=True)
+        frames = link_frames(robot, random[: tuning.AXIS_POSES], world=True)
         axes = np.concatenate([frames.axis, frames.point], axis=2)
         np.savez(job.with_suffix(".npz"), t=t, q=q, random=random, axes=axes)
         yield job
@@ -325,7 +297,7 @@ def _job(
 
 def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
     """Return what the camera looks at and from how far, so that the arm fills the picture and never leaves it."""
-    origins = link_frames(robot, q[:: max(1, len(q) // SEEN)], world=True).p.reshape(-1, 3)
+    origins = link_frames(robot, q[:: max(1, len(q) // tuning.CAMERA_POSES)], world=True).p.reshape(-1, 3)
     points = np.vstack([origins, [robot.base_xyz]])
     yaw, pitch = np.radians([YAW, PITCH])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
@@ -333,7 +305,7 @@ def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
     axes = np.array([right, np.cross(right, ahead), ahead])
     seen = points @ axes.T
     middle = (seen.max(axis=0) + seen.min(axis=0)) / 2
-    opening = FILLED * np.tan(np.radians(VIEW / 2)) * np.array([WIDTH / HEIGHT, 1.0])
+    opening = tuning.CAMERA_FILLED_SHARE * np.tan(np.radians(VIEW / 2)) * np.array([WIDTH / HEIGHT, 1.0])
     away = np.abs(seen - middle)[:, :2] / opening - (seen - middle)[:, 2:]
     return (middle @ axes).tolist(), float(max(away.max(), 0.3))
 
@@ -395,7 +367,7 @@ def _require_axes(robot: Robot, errors: list[list[float]] | None, urdf: Path) ->
     """
     if errors is None:
         return
-    wrong = [angle > AXIS_ANGLE or apart > AXIS_DISTANCE for angle, apart in errors]
+    wrong = [angle > tuning.AXIS_ANGLE_RAD or apart > tuning.AXIS_DISTANCE_M for angle, apart in errors]
     j = wrong.index(True)
     words = f"{np.degrees(errors[j][0]):.1f} deg and {1000 * errors[j][1]:.1f} mm"
     raise WrongRobotFile(

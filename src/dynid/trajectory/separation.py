@@ -21,6 +21,7 @@ from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
 from dynid.model.regressor import model_torques
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
+from dynid.trajectory import tuning
 from dynid.trajectory.feasible import Shaping, bounds
 from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import End, MotionCandidate, SearchOutcome
@@ -28,21 +29,6 @@ from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 
 Floats = NDArray[np.float64]
-
-#: Samples along the run, 20 a second of the planned motion of usual length, and trials of each start.
-SAMPLES, TRIALS = 1200, 60
-#: First step of a trial against the size of the free variables; it grows when a trial is better and shrinks when not.
-STEP, GROWS, SHRINKS, LEAST = 0.6, 1.5, 0.85, 0.05
-#: Shapes of a rival that are tried: the best imitation counts.
-SHAPES = 12
-#: Independent rows a second that are left of a torque after the filter of the search.
-INDEPENDENT = 20.0
-#: Harmonics of the general columns.
-HARMONICS = 3
-#: Random states that tell how large a column usually is.
-USUAL = 300
-#: A rival's directions below this share of the largest are rounding noise.
-WEAK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -115,7 +101,7 @@ def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separa
         motion: samples of the run.
     """
     seconds = float(motion.t[-1] - motion.t[0])
-    weight = np.sqrt(INDEPENDENT * seconds / len(motion.t)) / question.noise
+    weight = np.sqrt(tuning.INDEPENDENT_ROWS_A_SECOND * seconds / len(motion.t)) / question.noise
     reference = model_torques(base.model, base.reduction, question.theta)
     shape = base.robot.coulomb_shape
     sign = np.stack([coulomb_sign(motion.qd[:, j], shape, j) for j in range(base.robot.n)], axis=1)
@@ -133,7 +119,7 @@ def _lead(arm: ArmMotion, pair: Rivalry, weight: Floats, Q: Floats) -> float:
     torque = columns @ pair.amplitudes
     left = torque - Q @ (Q.T @ torque)
     grid = pair.rival.grid(arm, pair.rival_joints)
-    tried = grid[:: max(1, len(grid) // SHAPES)]
+    tried = grid[:: max(1, len(grid) // tuning.RIVAL_SHAPES)]
     best = float(left @ left)
     for shape in tried:
         rival = _rows(arm, pair.rival, pair.rival_joints, shape, weight)
@@ -173,9 +159,9 @@ def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
     """Return the rms of general columns over poses and speeds at random inside the limits, (K,)."""
     limits = bounds(arm.robot)
     rng = np.random.default_rng(0)
-    q = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (USUAL, arm.n))
+    q = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (tuning.USUAL_STATES, arm.n))
     qd, qdd = (rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration))
-    usual = replace(arm, t=np.arange(USUAL, dtype=float), q=q, qd=qd, qdd=qdd, coulomb_sign=np.sign(qd))
+    usual = replace(arm, t=np.arange(tuning.USUAL_STATES, dtype=float), q=q, qd=qd, qdd=qdd, coulomb_sign=np.sign(qd))
     found: Floats = np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1))
     return found
 
@@ -185,7 +171,7 @@ def general_columns(arm: ArmMotion, joint: int) -> Floats:
     near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < arm.n]
     q, qd = arm.q[:, joint], arm.qd[:, joint]
     columns = [np.abs(qd), qd**2, qd * np.abs(qd), arm.rigid[:, joint] * qd, np.abs(arm.rigid[:, joint]) * np.sign(qd)]
-    for h in range(1, HARMONICS + 1):
+    for h in range(1, tuning.GENERAL_HARMONICS + 1):
         for wave in (np.sin(h * q), np.cos(h * q)):
             columns += [wave, wave * np.sign(qd), wave * qd]
     for k in near[1:]:
@@ -199,7 +185,7 @@ def _basis(A: Floats) -> Floats:
     kept = size > 0
     scaled = A[:, kept] / size[kept]
     values, V = np.linalg.eigh(scaled.T @ scaled)
-    strong = values > WEAK * max(float(values[-1]) if len(values) else 0.0, 1e-300)
+    strong = values > tuning.WEAK_DIRECTION_SHARE * max(float(values[-1]) if len(values) else 0.0, 1e-300)
     found: Floats = scaled @ (V[:, strong] / np.sqrt(values[strong]))
     return found
 
@@ -222,7 +208,7 @@ def separate(
     Raises:
         KeyboardInterrupt: interrupted before a start was done.
     """
-    t = problem.basis.duration * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    t = problem.basis.duration * (np.arange(tuning.RUN_SAMPLES) + 0.5) / tuning.RUN_SAMPLES
     shaping = Shaping(problem.basis, problem.limits, t)
 
     def cost(x: Floats) -> float:
@@ -233,7 +219,7 @@ def separate(
 
     end = time.monotonic() + (np.inf if search.replay is not None else limit)
     starts: Sequence[int] = range(search.restarts) if search.replay is None else [search.replay[0]]
-    last = TRIALS if search.replay is None else search.replay[1]
+    last = tuning.TRIALS_A_START if search.replay is None else search.replay[1]
     found: list[MotionCandidate] = []
     ended: End = "all starts" if search.replay is None else "replay"
     finished = 0
@@ -258,20 +244,20 @@ def _climb(
     """Return the best of so many trials, each near the best before it."""
     rng = np.random.default_rng(seed)
     best = x = shaping.random(rng)
-    least, at, step = cost(x), 1, STEP
+    least, at, step = cost(x), 1, tuning.FIRST_STEP
     for trial in range(2, last + 1):
         if time.monotonic() > end:
             break
         x = best + step * shaping.random(rng)
         value = cost(x)
         if value < least:
-            best, least, at, step = x, value, trial, min(step * GROWS, 1.0)
+            best, least, at, step = x, value, trial, min(step * tuning.STEP_GROWTH, 1.0)
         else:
-            step = max(step * SHRINKS, LEAST)
+            step = max(step * tuning.STEP_DECAY, tuning.LEAST_STEP)
     return MotionCandidate(least, shaping.coefficients(best), seed[1], at)
 
 
 def run_of(trajectory: Trajectory) -> Motion:
     """Return a run at the samples that it is judged by."""
-    t = trajectory.duration * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    t = trajectory.duration * (np.arange(tuning.RUN_SAMPLES) + 0.5) / tuning.RUN_SAMPLES
     return trajectory.motion(t)

@@ -89,7 +89,8 @@ def separation_of_logs(
 ) -> Separation | None:
     """Return what the searched logs tell themselves; None where they are not at hand."""
     from dynid.motion import Motion
-    from dynid.trajectory.separation import SAMPLES, separation
+    from dynid.trajectory import tuning
+    from dynid.trajectory.separation import separation
     from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
 
     paths = [Path(name) for name in record.logs]
@@ -101,7 +102,7 @@ def separation_of_logs(
     except DynidError:
         return None
     segments = [segment for log in conditioned for segment in log.segments]
-    step = max(1, sum(len(segment) for segment in segments) // (SAMPLES * len(paths)))
+    step = max(1, sum(len(segment) for segment in segments) // (tuning.RUN_SAMPLES * len(paths)))
     q, qd, qdd = (np.concatenate([getattr(s, key)[::step] for s in segments]) for key in ("q", "qd", "qdd"))
     rate = conditioned[0].filter.rate / step
     return separation(base, question, Motion(np.arange(len(q)) / rate, q, qd, qdd))

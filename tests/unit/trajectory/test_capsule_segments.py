@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.trajectory.scene import Box
-from dynid.trajectory.segments import box_distance, nearest_of_segments, segment_to_box
+from dynid.trajectory.scene import Box, box_distance, nearest_of_segments, segment_to_box
 
 GRID = np.linspace(0, 1, 401)
 

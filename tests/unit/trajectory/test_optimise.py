@@ -11,12 +11,13 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.progress import Silent
 from dynid.robot import Joint, Limits, Robot
+from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds
 from dynid.trajectory.limits import check_trajectory
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
-from dynid.trajectory.optimise import HOPELESS, descend, optimise, start_variables
+from dynid.trajectory.optimise import descend, optimise, start_variables
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 
@@ -69,7 +70,7 @@ def test_a_start_is_given_up_only_when_it_is_far_from_the_best():
     x = start_variables(objective, 0, 0)
     met = descend(objective, x)
     assert descend(objective, x, best=met.value).evaluation == met.evaluation
-    assert descend(objective, x, best=met.value - 10 * HOPELESS).evaluation < met.evaluation
+    assert descend(objective, x, best=met.value - 10 * tuning.HOPELESS_COST).evaluation < met.evaluation
 
 
 def test_time_limit_is_kept_to_about_a_second(lwr):

@@ -11,9 +11,10 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.motion import Motion
+from dynid.trajectory import tuning
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.planning import plan_problem, planning_context
-from dynid.trajectory.separation import INDEPENDENT, GapQuestion, Rivalry, separate, separation
+from dynid.trajectory.separation import GapQuestion, Rivalry, separate, separation
 
 TWO = """
 name: two links
@@ -65,7 +66,7 @@ def test_the_lead_is_what_least_squares_with_the_rival_leaves(base):
     A = (np.concatenate([W, rival], axis=2) / noise[:, None]).reshape(1600, -1)
     y = (torque / noise).ravel()
     left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-    expected = left @ left * INDEPENDENT * 20 / 800
+    expected = left @ left * tuning.INDEPENDENT_ROWS_A_SECOND * 20 / 800
     assert separation(base, question(base, pair), motion).leads[0] == pytest.approx(expected, rel=1e-6)
 
 

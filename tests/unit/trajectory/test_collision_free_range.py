@@ -13,7 +13,7 @@ from dynid.robot import Limits
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
-from dynid.trajectory.planning import planning_context, roomy_limits, thickness
+from dynid.trajectory.planning import collision_free_range, planning_context, thickness
 from dynid.workflows.model import base_model
 from dynid.workflows.record import RecordOptions, require_usable
 
@@ -66,7 +66,7 @@ def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses
     assert "link 5 - link 7" in capsules.left_out
     lower, upper = position_range(robot)
     q = np.random.default_rng(3).uniform(lower, upper, (400, 7))
-    lack = [min(c.distance - c.wanted for c in capsules.contacts(p[None]) if c.what in capsules.left_out) for p in q]
+    lack = [min(c.distance - c.wanted for c in capsules.contacts(p[None]) if c.pair in capsules.left_out) for p in q]
     assert 0 < np.mean(np.array(lack) < 0) < 0.2
 
 
@@ -83,7 +83,7 @@ def test_a_slide_without_travel_is_assumed_short_and_its_plan_is_not_played():
 def test_an_arm_of_joints_without_end_is_searched_within_a_turn_where_half_the_poses_are_clear():
     robot = load_robot("kinova_gen3")
     context = planning_context(base_model(robot), PlanOptions())
-    limits = roomy_limits(context)
+    limits = collision_free_range(context)
     assert np.all(limits.upper - limits.lower <= 2 * np.pi + 1e-9)
     poses = np.random.default_rng(9).uniform(limits.lower, limits.upper, (300, 7))
     assert context.capsules.keeps_clear(poses).mean() > 0.4

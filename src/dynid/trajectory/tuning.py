@@ -1,0 +1,180 @@
+"""The numbers of this folder that decide something: unit, meaning, evidence.
+
+Margins that keep a motion safe are not tuned on benchmarks: their evidence is a rating, a law, or the judge after them.
+"""
+
+import math
+
+# ---------------------------------------------------------------- limits that a robot file leaves out
+#: Range of a turning joint without position limits [rad]: it turns for ever, and no plan asks more than two turns each
+#: way. evidence: none yet.
+ENDLESS_RANGE_RAD = (-4 * math.pi, 4 * math.pi)
+#: Range of a sliding joint without position limits [m], which no slide is without. evidence: none; it is not played.
+SLIDE_RANGE_M = (-0.1, 0.1)
+#: Stand-ins for rates [rad/s or m/s, and per second]. evidence: none; a plan says that it took them, and is not played.
+DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
+
+# ---------------------------------------------------------------- families of motions
+#: Knots or harmonics of a motion from a file are fewer than this: searched motions have tens.
+#: evidence: memory of the basis, a square of this.
+MOST_KNOTS = 512
+#: A motion from a file is shorter at full speed [s]. evidence: none; it bounds what a file may ask for.
+LONGEST_MOTION_S = 1e6
+#: No two knots are nearer [s]. evidence: its fifth power divides, 1e-30.
+NEAREST_KNOTS_S = 1e-6
+#: Rounds of the rule that stretches intervals between waypoints; each brings every interval to within a few percent,
+#: and what is left is stretched as a whole. evidence: none yet.
+STRETCH_ROUNDS = 60
+
+# ---------------------------------------------------------------- limits of a motion
+#: Rate of the check at full speed; a slowed motion is checked at the same points of its path [Hz].
+#: evidence: the rate at which controllers of arms interpolate (FRI of the LWR4+: 1 kHz).
+CHECK_RATE_HZ = 1000.0
+#: A limit is broken when it is exceeded by more than this share: rounding. evidence: double precision.
+LIMIT_ROUNDING_SHARE = 1e-7
+#: Steps of the bisection for the speed factor that keeps a torque limit: 2^-7 is finer than two digits of alpha.
+#: evidence: that law.
+ALPHA_BISECTIONS = 8
+
+# ---------------------------------------------------------------- clearance on capsules
+#: Random poses from which is learned which links always touch: those of a shoulder, elbow or wrist. evidence: none yet.
+CAPSULE_LEARNING_POSES = 2000
+#: Links that are near in more than this share of random poses meet in a joint, whose limits keep them apart.
+#: evidence: none yet.
+USUALLY_NEAR_SHARE = 0.2
+#: Such links are watched too: they come no deeper into each other than in all but this share of random poses, except
+#: for rounding [m]. evidence: none yet.
+DEEPEST_POSES_SHARE, CAPSULE_ROUNDING_M = 0.05, 1e-3
+#: An arm that is built lower than the wanted distance need only stay this much below what its best pose reaches [m].
+#: evidence: none yet.
+BUILT_LOW_M = 1e-3
+#: A capsule is longer than its cylinder at both ends: capsules may come to this share of the wanted distance.
+#: evidence: PyBullet judges the final motion with the cylinders.
+CAPSULE_DISTANCE_SHARE = 0.75
+#: The search keeps this much more than the wanted distance, because a penalty is never quite obeyed [m].
+#: evidence: none yet.
+SPARE_DISTANCE_M = 0.01
+#: Distance short by this costs as much as the weight [m]. evidence: none yet.
+CONTACT_SCALE_M = 0.05
+#: Rounds of the golden section search along a segment. evidence: 0.618^40 is 4e-9 of its length.
+GOLDEN_SECTIONS = 40
+#: So far to both sides of the nearest point is looked for another direction, as a share of the segment.
+#: evidence: none yet.
+KINK_SHARE = 1e-5
+
+# ---------------------------------------------------------------- PyBullet as the judge
+#: Poses from which is learned which links always touch. evidence: none yet.
+BULLET_LEARNING_POSES = 300
+#: Pairs that are always near are watched for contact that is deeper than in every one of those poses by this [m].
+#: evidence: none yet.
+DEEPER_CONTACT_M = 0.005
+#: Distances beyond this are not measured [m]. evidence: none yet; wanted distances are centimetres.
+FARTHEST_MEASURED_M = 0.3
+#: Largest difference of joint axes between a user's URDF and the DH table: direction and distance.
+#: evidence: none yet.
+AXIS_ANGLE_RAD, AXIS_DISTANCE_M = 0.01, 0.01
+#: Poses at which axes are compared. evidence: none yet.
+AXIS_POSES = 10
+#: Poses that are measured for each second of the planned motion [Hz], and their number at most. evidence: none yet.
+MEASURED_RATE_HZ, MOST_MEASURED_POSES = 100.0, 3000
+#: A child that draws for so long, or a window that does not open for so long, hangs [s]. evidence: none yet.
+DRAWING_TIMEOUT_S, WINDOW_TIMEOUT_S = 600.0, 60.0
+#: Poses that the camera keeps in view, and the share of the picture that they fill at most. evidence: by eye.
+CAMERA_POSES, CAMERA_FILLED_SHARE = 200, 0.92
+#: Share of the time for pictures that goes into drawing; the rest puts them into the animation. evidence: none yet.
+DRAWING_TIME_SHARE = 0.6
+
+# ---------------------------------------------------------------- what a motion is searched by
+#: Information that a choice of samples starts from, as a share of the whole path's: makes the first choices well posed.
+#: evidence: none yet.
+SELECTION_RIDGE_SHARE = 1e-9
+#: So many samples in turn that do not earn their place end the choice. evidence: none yet.
+SELECTION_REFUSALS = 10
+#: Samples at which contact is looked for, for each one of the regressor, and which of them that is. evidence: none yet.
+CONTACT_SAMPLES_A_SAMPLE, MIDDLE_CONTACT_SAMPLE = 3, 1
+#: Weight of penalties against a logarithmic cost: 0.2 % of overload, or ``CONTACT_SCALE_M`` / 550 of contact, all along
+#: the path costs as much as 1 % of cost. evidence: none yet.
+PENALTY_WEIGHT = 3000.0
+#: The search leaves this share of a torque limit free, because a penalty is never quite obeyed. evidence: none yet.
+SPARE_TORQUE_SHARE = 0.05
+#: Power of the p-norm, ease of the penalties and iterations of each stage: smooth costs first, the cost itself last; a
+#: motion may first pass through the floor and itself, or it would never get from one good region to another.
+#: evidence: benchmarks/excitation.md as a whole.
+STAGES = ((2.0, 0.01, 60), (8.0, 0.1, 60), (math.inf, 1.0, 200))
+#: Costs without extreme eigenvalues are smooth as they are. A stage that comes twice forgets its curvatures between.
+#: The first one is short and obeys everything, so that there is something to keep when the time is soon over.
+#: evidence: benchmarks/excitation.md as a whole.
+SMOOTH_STAGES = (
+    (math.inf, 1.0, 60),
+    (math.inf, 0.01, 100),
+    (math.inf, 0.1, 100),
+    (math.inf, 1.0, 100),
+    (math.inf, 1.0, 100),
+)
+#: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
+#: evidence: none yet.
+HOPELESS_COST = 0.35
+#: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
+#: the work without a start's fate depending on how many there are. evidence: none; more cores than that are rare.
+LANES = 8
+#: No cost of a motion that determines all parameters is so large; penalties are. evidence: none yet.
+PENALISED_COST = 50.0
+#: Time between two reports of the best so far [s]. evidence: a person reads no faster.
+REPORT_INTERVAL_S = 0.5
+
+# ---------------------------------------------------------------- collision-free search range
+#: Share of random poses that shall be clear inside the range that is searched, and their number. evidence: none yet.
+CLEAR_POSES_SHARE, RANGE_POSES = 0.5, 200
+#: Half range that is not narrowed any more [rad or m]. evidence: none yet.
+NARROWEST_HALF_RANGE = 0.4
+#: Poses that are tried as the middle of that range, and how far around them it shall be clear [rad or m].
+#: evidence: none yet.
+RANGE_MIDDLES, RANGE_MIDDLE_REACH_RAD = 100, math.pi / 3
+#: Values of each joint that must be passable, in which share of poses, and the poses in all of them.
+#: evidence: none yet.
+RANGE_SLICES, PASSABLE_SHARE, SLICED_POSES = 36, 0.04, 4000
+
+# ---------------------------------------------------------------- from the search to a motion that may be shown
+#: How far a motion is drawn towards the clear pose, step by step, until all judges agree. evidence: none yet.
+SHRINK_SHARES = (1.0, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
+#: Samples along the path for each segment, and at least. evidence: none yet.
+SAMPLES_A_SEGMENT, LEAST_SAMPLES = 12, 200
+#: Rate at which contact is checked on the capsules [Hz]. evidence: none yet.
+CONTACT_RATE_HZ = 50.0
+#: Random poses among which a clear one is looked for. evidence: none yet.
+CLEAR_POSES = 400
+#: Time for what comes after the search: this share of the whole, and this much at most [s]. evidence: none yet.
+AFTER_SEARCH_SHARE, AFTER_SEARCH_S = 0.4, 14.0
+#: Random motions among which one is taken without a search. evidence: none yet.
+RANDOM_MOTIONS = 20
+
+# ---------------------------------------------------------------- what a motion will teach
+#: Torque noise of a joint that nobody has measured, as a share of its rating. evidence: sensors of a KUKA LWR4+.
+NOISE_SHARE_OF_RATING = 0.003
+#: Torque noise of a joint without a rating [N m]. evidence: none yet.
+NOISE_WITHOUT_RATING = 0.1
+#: The other motions on which the expected torque error is meant: so many random Fourier motions inside the limits, of
+#: this length [s] and so many harmonics. evidence: none yet.
+OTHER_MOTIONS, OTHER_DURATION_S, OTHER_HARMONICS = 12, 10.0, 5
+#: The recommended sequence of speed factors. evidence: none yet; slow first.
+RECOMMENDED_ALPHAS = (0.2, 0.5, 1.0)
+#: Samples of a motion that its row of the table is computed from. evidence: none yet.
+ALPHA_TABLE_SAMPLES = 1000
+
+# ---------------------------------------------------------------- the motion that answers a gap search
+#: Samples along the run, 20 a second of the planned motion of usual length, and trials of each start.
+#: evidence: none yet.
+RUN_SAMPLES, TRIALS_A_START = 1200, 60
+#: First step of a trial against the size of the free variables; it grows when a trial is better, shrinks when not, and
+#: is never less. evidence: none yet.
+FIRST_STEP, STEP_GROWTH, STEP_DECAY, LEAST_STEP = 0.6, 1.5, 0.85, 0.05
+#: Shapes of a rival that are tried: the best imitation counts. evidence: none yet.
+RIVAL_SHAPES = 12
+#: Independent rows a second that are left of a torque after the filter of the search. evidence: none yet.
+INDEPENDENT_ROWS_A_SECOND = 20.0
+#: Harmonics of the general columns. evidence: none yet.
+GENERAL_HARMONICS = 3
+#: Random states that tell how large a column usually is. evidence: none yet.
+USUAL_STATES = 300
+#: A rival's directions below this share of the largest are rounding noise. evidence: double precision.
+WEAK_DIRECTION_SHARE = 1e-9
