@@ -6,13 +6,14 @@ A result may come from somebody else, or from a program that changed it. What th
 
 from __future__ import annotations
 
+import math
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +104,8 @@ class Contents:
         sizes: dict[str, int] = {}
         for place, fact in self.facts.items():
             for value in _values(header, place.split("."), fact.needed):
-                _require(value, fact.kind, place)
+                if fault := _fault(value, fact.kind, place):
+                    raise TypeError(fault)
                 if fact.size:
                     _agree(sizes, fact.size, len(value), place)
                 if fact.least is not None or fact.most is not None:
@@ -141,7 +143,7 @@ def _require_range(value: Any, fact: Fact, place: str) -> None:  # noqa: ANN401
         low = -_LARGEST if fact.least is None else fact.least
         high = _LARGEST if fact.most is None else fact.most
         if not low <= number <= high:
-            raise ValueError(f"'{place}' is {number:g}, which none is")
+            raise ValueError(f"'{place}' is {number:g}; it must lie between {low:g} and {high:g}")
 
 
 def _named(pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool) -> Iterator[tuple[str, str]]:
@@ -170,30 +172,11 @@ def _require_array(array: NDArray[Any], told: Array, name: str, number: str, siz
         return
     for part in (array[some].astype(np.float64, copy=False) for some in spans(len(array) if shape else 0)):
         if np.any(part < told.least) or np.any(part > told.most):
-            raise ValueError(f"'{name}' holds numbers that it never has")
+            raise ValueError(f"'{name}' must lie between {told.least:g} and {told.most:g}")
     if told.rising and not all(
         np.all(np.diff(array[max(0, some.start - 1) : some.stop]) > 0) for some in spans(len(array))
     ):
         raise ValueError(f"the numbers of '{name}' do not rise")
-
-
-def require_fields(value: Any) -> None:  # noqa: ANN401
-    """Raise when a field of a dataclass, or of one in it, is not of the type that it is declared with.
-
-    Raises:
-        TypeError: names the field.
-    """
-    for name, hint in _hints(type(value)):
-        _require(getattr(value, name), hint, name)
-
-
-def _hints(kind: type[Any]) -> Iterator[tuple[str, Any]]:
-    """Yield name and type of each field of a dataclass; not those whose types are imported for type checkers only."""
-    for each in fields(kind):
-        try:
-            yield each.name, eval(str(each.type), vars(sys.modules[kind.__module__]))
-        except NameError:
-            continue
 
 
 def require_numbers(
@@ -223,62 +206,72 @@ def require_numbers(
             size = np.abs(part.astype(np.float64, copy=False))
             known = (size < LARGEST) | (gaps & np.isnan(part)) | (endless & np.isinf(size))
             if not known.all():
-                raise ValueError(f"'{name}' holds values that are no numbers, or that nothing has")
+                raise ValueError(f"'{name}' holds numbers that are not finite, or larger than {LARGEST:g}")
 
 
-def _require(value: Any, hint: Any, name: str) -> None:  # noqa: ANN401
-    """Raise when a value is not of a type; numbers of numpy count as numbers, lists as tuples."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (tuple, list) and isinstance(value, (list, tuple)):
-        same = origin is list or inner[-1:] == (Ellipsis,)
-        for item, kind in zip(value, inner[:1] * len(value) if same else inner, strict=True):
-            _require(item, kind, name)
-    elif (origin or hint) in (dict, Mapping) and isinstance(value, Mapping):
-        for key, item in value.items():
-            _require(key, str, name)
-            _require(item, inner[1] if inner else Any, name)
-    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, hint):
-        require_fields(value)
-    elif is_dataclass(hint) and isinstance(hint, type) and isinstance(value, Mapping):
-        _require_mapping(value, hint, name)
-    elif not _is(value, hint, origin, name):
-        raise TypeError(f"'{name}' is {value!r:.60}, which is no {getattr(hint, '__name__', hint)}")
+# ---------------------------------------------------------------- types of facts
+def _fault(value: Any, kind: Any, place: str) -> str:  # noqa: ANN401
+    """Return what a value of JSON has of another type than it should, and where; "" when it is of that type."""
+    parts: list[tuple[Any, Any, str]] | None
+    if get_origin(kind) in (Union, UnionType):
+        parts = [] if any(not _fault(value, one, place) for one in get_args(kind)) else None
+    elif get_origin(kind) in (list, tuple, dict) or is_dataclass(kind):
+        parts = _parts(value, kind, place)
+    else:
+        parts = [] if _is(value, kind) else None
+    if parts is None:
+        return f"'{place}' is {value!r:.60}, expected {_words(kind)}"
+    return next(filter(None, (_fault(*part) for part in parts)), "")
 
 
-def _require_mapping(value: Mapping[str, Any], kind: type[Any], name: str) -> None:
-    """Raise when a mapping does not have the fields of a dataclass."""
-    known = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}
-    if not set(value) <= set(known) or not {key for key, needed in known.items() if needed} <= set(value):
-        raise TypeError(f"'{name}' has the keys {', '.join(map(str, value))}; a {kind.__name__} has {', '.join(known)}")
-    for key, hint in _hints(kind):
-        if key in value:
-            _require(value[key], hint, f"{name}.{key}")
+def _parts(value: Any, kind: Any, place: str) -> list[tuple[Any, Any, str]] | None:  # noqa: ANN401
+    """Return the values in a list or mapping with their types and places; None when it is not of the type."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (list, tuple) and isinstance(value, list):
+        kinds = inner if origin is tuple and Ellipsis not in inner else inner[:1] * len(value)
+        if len(kinds) == len(value):
+            return [(item, each, f"{place}[{k}]") for k, (item, each) in enumerate(zip(value, kinds, strict=True))]
+    elif origin is dict and isinstance(value, Mapping):
+        return [(item, inner[1], f"{place}.{key}") for key, item in value.items()]
+    elif origin is None and isinstance(value, Mapping):
+        known = _fields(kind)
+        if set(value) <= set(known) and all(key in value for key, (_, needed) in known.items() if needed):
+            return [(item, known[key][0], f"{place}.{key}") for key, item in value.items()]
+    return None
 
 
-def _is(value: Any, hint: Any, origin: Any, name: str) -> bool:  # noqa: ANN401
+def _is(value: Any, kind: Any) -> bool:  # noqa: ANN401
     """Return whether a value that holds no others is of a type."""
-    if origin is np.ndarray:
-        return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
-    if origin in (Union, UnionType):
-        return any(_fits(value, one, name) for one in get_args(hint))
-    if hint in (float, int):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer, float, np.floating)):
+    if kind in (int, float):
+        if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else int):
             return False
-        if isinstance(value, (float, np.floating)):
-            return hint is float and bool(-_LARGEST < value < _LARGEST or not np.isfinite(value))
-        return bool(-_LARGEST < value < _LARGEST)
-    if hint is NoneType:
-        return value is None
+        # Why endless ones pass: NaN and infinity are written for what is not known.
+        return -_LARGEST < value < _LARGEST or (isinstance(value, float) and not math.isfinite(value))
+    if get_origin(kind) is Literal:
+        return isinstance(value, str) and value in get_args(kind)
+    return kind is Any or isinstance(value, kind)
+
+
+@cache
+def _fields(kind: type[Any]) -> dict[str, tuple[Any, bool]]:
+    """Return type of each field of a dataclass, and whether it has to be given."""
+    hints = get_type_hints(kind)
+    missing = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}
+    return {name: (hints[name], needed) for name, needed in missing.items()}
+
+
+def _words(kind: Any) -> str:  # noqa: ANN401
+    """Return a type as a person calls it."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return " or ".join(map(_words, inner))
     if origin is Literal:
-        return isinstance(value, str) and value in get_args(hint)
-    if hint in (str, bool):
-        return isinstance(value, hint)
-    return origin not in (tuple, list, dict, Mapping) and hint not in (dict, Mapping) and not is_dataclass(hint)
-
-
-def _fits(value: Any, hint: Any, name: str) -> bool:  # noqa: ANN401
-    try:
-        _require(value, hint, name)
-    except (TypeError, ValueError):
-        return False
-    return True
+        return " or ".join(map(repr, inner))
+    if origin is tuple and Ellipsis not in inner:
+        return f"a list of {len(inner)}: {', '.join(map(_words, inner))}"
+    if origin in (list, tuple):
+        return f"a list, each entry {_words(inner[0])}"
+    if is_dataclass(kind) and isinstance(kind, type):
+        return f"a mapping with the keys {', '.join(_fields(kind))}"
+    names = {str: "text", int: "a whole number", float: "a number", bool: "true or false", NoneType: "null"}
+    return names.get(kind, "a mapping")
