@@ -103,7 +103,7 @@ def version_of(python: Path, package: str) -> str:
 
 def shipped_logs(python: Path) -> str:
     """Return the folder of the logs that came with the installed dynid."""
-    code = "from dynid.files.robotfile import packaged; print(packaged('trajectories'))"
+    code = "from dynid.files import packaged; print(packaged('trajectories'))"
     return subprocess.run([str(python), "-c", code], capture_output=True, text=True, check=False).stdout.strip()
 
 

@@ -50,7 +50,7 @@ def _effects() -> Iterable[str]:
 
 def _codes() -> Iterable[str]:
     from dynid.codes import codes
-    from dynid.files.pages import pages
+    from dynid.files import pages
 
     return [*codes(), *pages()]
 

@@ -74,7 +74,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
 
 def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict[str, float], str]:
     """Return a log to identify from, an unseen one, the true parameters, and what simulated them."""
-    from dynid.files.robotfile import packaged
+    from dynid.files import packaged
     from dynid.workflows.demo import simulate_own, truth_of
 
     if name in ARMS:

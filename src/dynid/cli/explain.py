@@ -8,7 +8,7 @@ from dynid.cli.completed import CODE
 from dynid.cli.options import Common, dynid_command
 from dynid.codes import codes, page, summary
 from dynid.errors import WrongUsage
-from dynid.files.pages import pages
+from dynid.files import pages
 
 
 @dynid_command(

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import BagTruncated, Finding, LogNotFound
-from dynid.files import tuning
 from dynid.files.artifact import HashedFile, Readable
 from dynid.files.messages import (
+    FEW,
     Broken,
     Connection,
     Messages,
@@ -271,7 +271,7 @@ def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
             break
         row = row + 1 if (head, size) == last else 0
         last, count = (head, size), 1
-        if row == tuning.ALIKE_RECORDS:
+        if row == FEW:
             count, row = _alike(chunk, position, head, size), 0
         after = position + count * (head + size)
         places.setdefault(last, []).extend(range(position, after, head + size))

@@ -9,16 +9,11 @@ import numpy as np
 
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
-from dynid.files import logs, tables
+from dynid.files import logs, tables, tuning
 from dynid.files.columnwords import in_amperes, members, suggested, usual_joints
 from dynid.files.messages import MULTI_ARRAY, Topic
 from dynid.log import Log
 from dynid.text import yaml_word
-
-#: Positions that span more than this [rad] are degrees: no joint turns four times in a recording.
-MOST_RADIANS = 25.0
-#: Torques beyond this are mN m or raw counts.
-MOST_TORQUE = 2000.0
 
 
 @dataclass(frozen=True)
@@ -45,8 +40,8 @@ class Joints:
         span = float(np.nanmax(np.ptp(q, axis=0))) if np.isfinite(q).any() else 0.0
         most = float(np.nanmax(np.abs(tau))) if np.isfinite(tau).any() else 0.0
         return {
-            "position": "deg" if span > MOST_RADIANS else "rad",
-            "effort": "mNm" if most > MOST_TORQUE else self.log.tau_unit or "Nm",
+            "position": "deg" if span > tuning.MOST_RADIANS else "rad",
+            "effort": "mNm" if most > tuning.MOST_TORQUE_NM else self.log.tau_unit or "Nm",
         } | {key: unit for key, unit in self.log.units.items() if key != "velocity"}
 
 

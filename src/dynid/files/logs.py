@@ -19,6 +19,7 @@ from dynid import limits
 from dynid.drivers.interface import JOINT_STATE
 from dynid.drivers.registry import driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, NewerSchema, WrongMessageType
+from dynid.files import tuning
 from dynid.files.artifact import sha256
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.log import SCHEMA, Log
@@ -37,8 +38,6 @@ FORMATS = {
     ".db3": "rosbag2", ".mcap": "rosbag2",
 }  # fmt: skip
 STARTS = {b"#ROSBAG": "bag", b"SQLite format 3\0": "rosbag2", b"\x89MCAP0\r\n": "rosbag2"}
-#: A log that starts later than this [s] is stamped with a calendar clock; its time is counted from the first sample.
-EPOCH = 1e6
 
 
 class Container(Protocol):
@@ -122,7 +121,7 @@ def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float 
     else:
         log = _read_joint_states(path, robot, topic, container_of(kind))
     log = replace(log, sha256=hash_of(path))
-    if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > EPOCH:
+    if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > tuning.CALENDAR_FROM_S:
         log = replace(log, t=log.t - log.t[0], extra={**log.extra, "t0": float(log.t[0])})
     if not log.names:
         text = f"{path.name} does not name its columns: the order {', '.join(robot.log_names)} is assumed"

@@ -29,6 +29,8 @@ Times = NDArray[np.int64]
 #: ``velocity`` and ``effort``, (N, n), NaN where a message has none, or (N, 0) where none has any.
 Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
+#: Fewer messages than this are not worth a call of NumPy; half or double makes no difference.
+FEW = 32
 
 MULTI_ARRAY = "std_msgs/Float64MultiArray"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
@@ -275,7 +277,7 @@ class Collector:
         limits.check("message_bytes", messages.raw.shape[1], self.connection.topic)
         self._count += len(messages)
         limits.check("samples", self._count, self.connection.topic)
-        if len(messages) < tuning.FEW_MESSAGES:
+        if len(messages) < FEW:
             for time, one in zip(messages.arrival.tolist(), messages.raw, strict=True):
                 self._pending.append((time, one.tobytes()))
             self._bytes += messages.raw.size

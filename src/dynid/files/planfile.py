@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, PositionInDegrees, TimeNotIncreasing
+from dynid.files import tuning
 from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
@@ -25,10 +26,6 @@ _LAYOUT = {
     "why": "a motion goes through one pose per row, with one column per joint",
     "fix": "write one row per waypoint: positions [rad or m] in the order of the joints, or a heading with their names",
 }
-#: Positions beyond two turns in each direction are no angles in radians that an arm would be asked for.
-TURNS = 4 * np.pi
-#: Least time between two waypoints [s]: what no arm can follow, splines cannot tell from no time.
-SHORTEST = 1e-3
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 #: Options that PLAN.yaml may set, all as numbers or words of the command line.
@@ -139,7 +136,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     if rows.shape[1] != robot.n:
         raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
     far = np.abs(rows) * [joint.revolute for joint in robot.joints]
-    if far.size and far.max() > TURNS:
+    if far.size and far.max() > tuning.MOST_WAYPOINT_RAD:
         row, j = np.unravel_index(far.argmax(), far.shape)
         raise PositionInDegrees(
             f"{path}: {robot.joint_names[j]} is {rows[row, j]:g} rad at waypoint {row + 1}",
@@ -154,10 +151,12 @@ def _checked(waypoints: Waypoints, where: str) -> Waypoints:
     if len(waypoints.q) < 2:
         raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where, **_LAYOUT)
     if waypoints.times is not None:
-        falling = np.flatnonzero(np.diff(waypoints.times) < SHORTEST)
+        falling = np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S)
         if len(falling):
             row = int(falling[0]) + 1
-            what = f"the time of waypoint {row + 1} is not {SHORTEST:g} s after that of waypoint {row}"
+            what = (
+                f"the time of waypoint {row + 1} is not {tuning.LEAST_WAYPOINT_STEP_S:g} s after that of waypoint {row}"
+            )
             raise TimeNotIncreasing(what, where=where)
     return waypoints
 

@@ -24,6 +24,7 @@ from dynid.errors import (
     RobotNotFound,
     WrongRobotFile,
 )
+from dynid.files import packaged, tuning
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
 from dynid.files.yamlfile import Value, closest, parse_yaml, read_text, read_yaml
@@ -31,8 +32,6 @@ from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation
 from dynid.text import printable, yaml_text
 from dynid.units import ANGLE
 
-#: Gravity on Earth lies between 9.76 and 9.84 m/s^2; the band leaves room for rounded values.
-GRAVITY_BAND = (9.6, 9.9)
 #: Other usual names of arms, without signs, and the robot file that a person probably means.
 USUAL_ROBOTS = {
     "emika": "franka_panda",
@@ -50,12 +49,6 @@ USUAL_ROBOTS = {
 }
 #: Other usual names of keys of the DH table.
 USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
-
-
-def packaged(folder: str) -> Path:
-    """Return the folder ``robots``, ``trajectories`` or ``docs`` that came with dynid."""
-    inside = Path(__file__).parents[1] / f"_{folder}"
-    return inside if inside.is_dir() else Path(__file__).parents[3] / folder
 
 
 def known_robots() -> dict[str, Path]:
@@ -179,7 +172,7 @@ def _check_gravity(
 ) -> None:
     """Refuse a gravity that no place on Earth has; say so where it points up in the world (W206)."""
     size = math.hypot(*gravity)
-    if size and not GRAVITY_BAND[0] <= size <= GRAVITY_BAND[1]:
+    if size and not tuning.GRAVITY[0] <= size <= tuning.GRAVITY[1]:
         hint = "; cm?" if 960 <= size <= 990 else "; in g?" if 0.9 <= size <= 1.1 else ""
         shown = ", ".join(f"{g:g}" for g in gravity)
         raise ImplausibleGravity(f"{value.where}: gravity is ({shown}): {size:g} m/s^2{hint}", where=value.where)

@@ -16,6 +16,7 @@ import numpy as np
 from dynid import limits
 from dynid.drivers.registry import DRIVERS
 from dynid.errors import AngleTooLarge, Finding, WrongRobotFile
+from dynid.files import tuning
 from dynid.files.yamlfile import Value
 from dynid.robot import (
     FRICTION_PARAMETERS,
@@ -35,14 +36,11 @@ from dynid.robot import (
 )
 from dynid.units import ANGLE, FACTORS
 
-#: DH angles this close to a multiple of 15 degrees are taken to mean it [rad]: 1.5708 must not break exact zeros.
-SNAP_RAD = 1e-4
+#: DH angles that nearly are a multiple of this are taken to mean it [rad].
 SNAP_STEP = math.pi / 12
 
 #: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
 LEAST = 1e-12
-#: Share of an inertia that rounding may have made too large: a thin rod has two moments that are equal, and none.
-ROUNDED_INERTIA = 1e-6
 
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -143,13 +141,13 @@ def _dh_angle(value: Value, context: Context) -> float:
         raise AngleTooLarge(what, where=value.where)
     nearest = round(angle / SNAP_STEP) * SNAP_STEP
     miss, degrees = abs(angle - nearest), f"{math.degrees(nearest):g} deg"
-    if 1e-9 < miss < SNAP_RAD:
+    if 1e-9 < miss < tuning.SNAP_RAD:
         text = (
             f"{value.where}: {value.path} = {value.text()} is {miss:.1e} rad from {degrees}; "
             f"{degrees} is used (write `{degrees}` to silence this)"
         )
         context.findings.append(Finding("W202", "warning", text, {"given_rad": angle, "used_rad": nearest}))
-    return nearest if miss < SNAP_RAD else angle
+    return nearest if miss < tuning.SNAP_RAD else angle
 
 
 def _wrong(value: Value, text: str, fix: str = "") -> WrongRobotFile:
@@ -378,7 +376,7 @@ def _body(value: Value, context: Context) -> Body:
     found = Body(**read_keys(value, BODY, context))
     size = float(np.abs(found.inertia_com).max())
     moments = np.linalg.eigvalsh(found.tensor / (size or 1.0))
-    if moments[0] + moments[1] - moments[2] < -ROUNDED_INERTIA:
+    if moments[0] + moments[1] - moments[2] < -tuning.ROUNDED_INERTIA:
         shown = [float(f"{size * moment:.3g}") for moment in moments]
         moments_text = ", ".join(f"{moment:g}" for moment in shown)
         text = (

@@ -36,9 +36,8 @@ SUFFIXES = (".db3", ".mcap")
 SQLITE = b"SQLite format 3\0"
 #: First bytes of the journal of a store, of either byte order.
 _JOURNALS = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
-#: Steps of SQLite that are counted together, those that every file may take, and those for each of its bytes.
-#: Why they are counted: pages that name each other as their children hold rows without end. A row takes about 15.
-_STEPS, _FREE_STEPS, _STEPS_PER_BYTE = 10_000, 1_000_000, 4
+#: Steps of SQLite that are counted together.
+_STEPS = 10_000
 
 
 def is_recording(path: Path) -> bool:
@@ -179,7 +178,7 @@ def _opened(part: Path) -> Iterator[sqlite3.Connection]:
     made = journal and not index.exists()
     base = sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
     try:
-        left = iter(range((_FREE_STEPS + _STEPS_PER_BYTE * _size(part)) // _STEPS))
+        left = iter(range((tuning.SQLITE_STEPS + tuning.SQLITE_STEPS_PER_BYTE * _size(part)) // _STEPS))
         base.set_progress_handler(lambda: next(left, None) is None, _STEPS)
         base.execute("PRAGMA trusted_schema = OFF")
         if hasattr(base, "setlimit"):  # Python 3.11

@@ -35,14 +35,7 @@ USUAL = {
     "effort": ("tau_{name}", "i_{name}"),
     "reference": ("q_ref_{name}",),
 }
-#: Median step between samples, in each unit of time, of recorders from 2.5 Hz to 2 kHz; the ranges do not overlap.
-#: Why not faster: a step of 0.2 is a slow log in seconds (E314), not one of 5 kHz in milliseconds.
-STEPS = {"s": (0.0, 0.4), "ms": (0.5, 400.0), "us": (500.0, 4e5), "ns": (5e5, 4e8)}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: Seconds since 1970 of 2001 and of 2100.
-CALENDAR = (1e9, 4.1e9)
-#: Fewer stamps than this do not tell their unit.
-TOLD = 20
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 #: Columns of an index that pandas has written without a name.
 _INDEX = ("__index_level_0__", "")
@@ -156,10 +149,10 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
 def _unit_of(start: float, count: int, step: float) -> str:
     """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
     for unit, factor in SECONDS.items():
-        if CALENDAR[0] < start * factor < CALENDAR[1]:
+        if tuning.CALENDAR_S[0] < start * factor < tuning.CALENDAR_S[1]:
             return unit
-    told = next((unit for unit, (low, high) in STEPS.items() if low <= step < high), "s")
-    return told if count >= TOLD else "s"
+    told = next((unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high), "s")
+    return told if count >= tuning.LEAST_STAMPS else "s"
 
 
 def template(names: Sequence[str]) -> dict[str, str]:

@@ -4,15 +4,40 @@
 #: enough to be forgotten soon. Evidence: benchmarks/read_bag.md (speed and peak memory of an hour).
 MESSAGES = 4096
 MESSAGE_BYTES = 8 << 20
-#: Messages of one layout below which they are put together with others. Evidence: benchmarks/read_bag.md.
-FEW_MESSAGES = 64
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
-#: Records of one length in a row from which on it is tried whether those after them have it too.
-#: Evidence: benchmarks/read_bag.md.
-ALIKE_RECORDS = 16
 #: Lines from which the dialect of a table is told, rows of numbers among them, and bytes from which its encoding is
 #: told [byte]. Evidence: tests/unit/files/test_tables_of_other_programs.py (headers of up to some tens of lines).
 FIRST_LINES, FIRST_ROWS, ENCODED_BYTES = 200, 40, 1 << 16
 #: Rows of a table that are turned into numbers together. Evidence: none yet.
 ROWS = 20_000
+
+#: Seconds since 1970 of 2001 and of 2100 [s]: stamps between them are of a calendar. Evidence: ROS began in 2007.
+CALENDAR_S = (1e9, 4.1e9)
+#: Start beyond which time counts from the first sample [s]. Evidence: 1e6 s are 11 days, which no recording has.
+CALENDAR_FROM_S = 1e6
+#: Median step between samples in each unit of time, of recorders from 2.5 Hz to 2 kHz; the ranges do not overlap.
+#: Why not faster: a step of 0.2 is a slow log in seconds (E314), not one of 5 kHz in ms. Evidence: rates of drivers.
+STEPS = {"s": (0.0, 0.4), "ms": (0.5, 400.0), "us": (500.0, 4e5), "ns": (5e5, 4e8)}
+#: Least number of stamps that tell their unit by their step. Evidence: none yet.
+LEAST_STAMPS = 20
+#: Span of positions [rad] and size of torques [N m] beyond which an unknown recording is in degrees or mN m.
+#: Evidence: 25 rad are four turns, which no joint with stops makes; none yet for the torque.
+MOST_RADIANS, MOST_TORQUE_NM = 25.0, 2000.0
+
+#: Miss of a multiple of 15 degrees up to which an angle is taken to mean it [rad]: 1.5708 must not break exact zeros.
+#: Evidence: law; four digits behind the point miss by up to 5e-5.
+SNAP_RAD = 1e-4
+#: Size of gravity [m/s^2]. Evidence: law; 9.76 to 9.84 on Earth, with room for rounded values.
+GRAVITY = (9.6, 9.9)
+#: Share of an inertia by which the largest moment may exceed the other two together: a thin rod has two that are equal
+#: and none. Evidence: law; what six digits leave out.
+ROUNDED_INERTIA = 1e-6
+#: Largest angle of a waypoint [rad], two turns in each direction: more is in degrees. Evidence: none yet.
+MOST_WAYPOINT_RAD = 4 * 3.141592653589793
+#: Least time between two waypoints [s]: what no arm can follow, splines cannot tell from no time. Evidence: none yet.
+LEAST_WAYPOINT_STEP_S = 1e-3
+
+#: Steps of SQLite that every store may take, and those for each of its bytes: pages that name each other as their
+#: children hold rows without end. Evidence: benchmarks/read_bag.md; a row of 300 bytes takes about 15.
+SQLITE_STEPS, SQLITE_STEPS_PER_BYTE = 1_000_000, 4

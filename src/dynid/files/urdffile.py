@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import WrongUrdf
-from dynid.files.robotkeys import SNAP_RAD, SNAP_STEP
+from dynid.files import tuning
+from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.yamlfile import LARGEST, closest
 from dynid.robot import Body, Limits, rotation_rpy
 from dynid.text import shell
@@ -219,7 +220,7 @@ def _pose(element: ET.Element | None, clean: Callable[[float], float]) -> Floats
 
 def _snapped(angle: float) -> float:
     nearest = round(angle / SNAP_STEP) * SNAP_STEP
-    return nearest if abs(angle - nearest) < SNAP_RAD else angle
+    return nearest if abs(angle - nearest) < tuning.SNAP_RAD else angle
 
 
 def _body(link: ET.Element) -> Body | None:
@@ -247,7 +248,7 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     axis = axis / (np.linalg.norm(axis) or 1.0)
     if not exact:
         # Why: an axis such as (0, 1, 2e-5) would give common normals kilometres away.
-        axis = np.where(np.abs(axis) < SNAP_RAD, 0.0, axis)
+        axis = np.where(np.abs(axis) < tuning.SNAP_RAD, 0.0, axis)
         axis = axis / (np.linalg.norm(axis) or 1.0)
     dynamics = joint.find("dynamics")
     parent, child = joint.find("parent"), joint.find("child")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.files.robotfile import packaged
+from dynid.files import packaged
 from dynid.files.yamlfile import Value, read_yaml
 from dynid.log import Log
 from dynid.model.parameters import prior_bodies

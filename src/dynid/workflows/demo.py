@@ -89,8 +89,9 @@ def simulate_hidden(
     """
     import numpy as np
 
+    from dynid.files import packaged
     from dynid.files.artifact import write_text
-    from dynid.files.robotfile import load_robot, packaged
+    from dynid.files.robotfile import load_robot
     from dynid.sim.hidden import hidden_logs
     from dynid.sim.plant import read_plant
 
@@ -224,7 +225,8 @@ def self_test_gap(seed: int, folder: Path, progress: Progress = SILENT) -> Itera
     """
     import numpy as np
 
-    from dynid.files.robotfile import load_robot, packaged
+    from dynid.files import packaged
+    from dynid.files.robotfile import load_robot
     from dynid.gap.analysis import CUTOFF, analyse_gap
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.base_model import BaseModel

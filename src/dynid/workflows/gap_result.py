@@ -329,7 +329,7 @@ def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
     import os
 
-    from dynid.files.robotfile import packaged
+    from dynid.files import packaged
     from dynid.gap.apply import new_name
 
     shipped = packaged("robots").resolve()
