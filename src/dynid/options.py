@@ -11,6 +11,8 @@ import inspect
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass
+from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 from dynid.errors import WrongUsage
@@ -98,16 +100,20 @@ class Options:
         for declared in fields(self):
             try:
                 self._read(declared)
-            except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+            except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError) as error:
                 what = f"{flag_of(declared)} {getattr(self, declared.name)!r:.60} is not possible: {error}"
                 raise WrongUsage(what, fix=declaration_of(declared).help) from error
 
     def _read(self, declared: Field[Any]) -> None:
         said = declaration_of(declared)
         value = getattr(self, declared.name)
+        if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
+            raise TypeError("bytes are no value")
         if said.read is not None:
             object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
-        elif said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
+        else:
+            object.__setattr__(self, declared.name, _plain(value, str(declared.type)))
+        if said.read is None and said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
             raise WrongUsage(f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}")
         value = getattr(self, declared.name)
         if any(isinstance(each, float) and not abs(each) <= MOST for each in _listed(value)):
@@ -135,6 +141,30 @@ class Options:
             if text:
                 found[each.name] = text
         return found
+
+
+#: What stands for a value in annotations of options that no function reads.
+_PLAIN: dict[str, Any] = {
+    "bool": bool,
+    "int": Integral,
+    "float": Real,
+    "str": str,
+    "Path": (str, Path),
+    "None": type(None),
+}
+
+
+def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401
+    """Return a value of one of the types of an annotation.
+
+    Raises:
+        TypeError: it is of another type.
+    """
+    words = annotation.split(" | ")
+    fits = any(isinstance(value, _PLAIN[word]) for word in words)
+    if not fits or (isinstance(value, bool) and "bool" not in words):
+        raise TypeError(f"it must be {' or '.join(words)}")
+    return Path(value) if "Path" in words and isinstance(value, str) else value
 
 
 def _listed(value: Any) -> Sequence[Any]:  # noqa: ANN401

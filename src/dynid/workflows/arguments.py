@@ -51,6 +51,8 @@ _LOG = "a log: its path, or what dynid.load_log returns"
 _RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
 _MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of a log"
 
+#: No file system has longer names.
+LONGEST_NAME = 255
 #: The public function that runs.
 _running: ContextVar[Callable[..., Any] | None] = ContextVar("running", default=None)
 
@@ -210,7 +212,8 @@ def progress(value: Progress | None) -> Progress:
 
 def path(value: str | Path, name: str) -> Path:
     """Return a path given as text or as a path."""
-    if not isinstance(value, (str, Path)) or not str(value).strip() or "\0" in str(value):
+    text = str(value) if isinstance(value, (str, Path)) else ""
+    if not text.strip() or "\0" in text or max(map(len, Path(text).parts), default=0) > LONGEST_NAME:
         raise refused(name, "a path", value)
     return Path(value)
 

@@ -164,7 +164,7 @@ def compare_methods(
     from dynid.estimation.physical_parameters import is_possible
 
     options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
-    robot = arguments.robot(robot)
+    robot, base = arguments.robot(robot), arguments.base_model(base)
     seen = observe(robot, arguments.logs(logs, robot, options), options, base=base, progress=progress)
     stack, base, header = seen.stack, seen.base, seen.header()
     holdout = last_share(stack, HELD_OUT)

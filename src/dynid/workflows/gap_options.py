@@ -23,6 +23,8 @@ MODES = {"refit": "numbers", "frozen": "changed"}
 def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
     """Return words given as text with commas or one by one; () for ``all`` and for nothing."""
     items = () if value is None or value == "all" else (value,) if isinstance(value, (str, int)) else value
+    if not all(isinstance(item, (str, int)) for item in items):
+        raise TypeError("it must be a word or a list of words")
     words = [word.strip() for item in items for word in str(item).split(",")]
     return tuple(word for word in words if word)
 

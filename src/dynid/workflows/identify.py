@@ -56,6 +56,8 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
         return "auto"
     if isinstance(value, (Log, Path)):
         return value
+    if not isinstance(value, (str, float)):
+        raise TypeError("it is neither a share nor a log")
     text = str(value)
     digits = text.removesuffix("%").replace(".", "", 1)
     return share(value, name) if digits.isdigit() else Path(text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,15 @@ def _samples(value: Any, name: str) -> int:  # noqa: ANN401
     return int(value)
 
 
+def _links(value: Any, name: str) -> str | tuple[int, ...] | None:  # noqa: ANN401
+    if value is None or isinstance(value, str):
+        return value
+    found = tuple(value)
+    if not all(isinstance(link, Integral) for link in found):
+        raise WrongUsage(f"{name} {value!r:.60} is no list of links", fix=f"such as {name} 1-7")
+    return tuple(int(link) for link in found)
+
+
 @dataclass(frozen=True)
 class ModelOptions(Options):
     """What differs from the robot file, and how the base parameters are found."""
@@ -78,7 +88,7 @@ class ModelOptions(Options):
         None,
         "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
         metavar="LIST",
-        read=lambda value, _: value,
+        read=_links,
     )
     samples: int = option(
         200, "Number of random states that singular values are taken of.", bounds=(10, 100_000), read=_samples, shown=""

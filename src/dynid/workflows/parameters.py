@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dynid.workflows.arguments import LogsLike, RobotLike
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Observations:
     """Logs stacked for one arm, ready to be identified from.
 
@@ -48,6 +48,11 @@ class Observations:
     applied_delay: float
     findings: tuple[Finding, ...]
     checked: tuple[Log, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return arm, logs, size and findings, one line each."""
+        size = f"{self.stack.samples} samples, {len(self.base.names)} base parameters, cut-off {self.cutoff:g} Hz"
+        return "\n".join([self.base.robot.name, *self.logs, size, *(finding.text for finding in self.findings)])
 
     @property
     def cutoff(self) -> float:

@@ -67,6 +67,14 @@ def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[fl
     return parts[0], parts[1]
 
 
+def _prior(value: Any, name: str) -> Path | Prior | None:  # noqa: ANN401
+    if value is None or isinstance(value, (Path, Prior)):
+        return value
+    if not isinstance(value, str):
+        raise WrongUsage(f"{name} {value!r:.60} is no file", fix=f"such as {name} prior.yaml")
+    return Path(value)
+
+
 @dataclass(frozen=True)
 class PriorOptions(Options):
     """What is known about the bodies of an arm before anything is measured."""
@@ -75,7 +83,7 @@ class PriorOptions(Options):
         None,
         "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
         "arm (default: those of the robot file).",
-        metavar="FILE", kind="file",
+        metavar="FILE", kind="file", read=_prior,
     )  # fmt: skip
     total_mass: Range | None = option(
         None, "Smallest and largest mass of all identified links together [kg].", metavar="LOW:HIGH", read=_range

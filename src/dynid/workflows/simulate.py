@@ -31,10 +31,12 @@ Floats = NDArray[np.float64]
 def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
     """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
     found = []
-    for item in value:
+    for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
         if isinstance(item, EffectSpec):
             found.append(item)
             continue
+        if not isinstance(item, str):
+            raise TypeError("it must be a list of words")
         head, _, numbers = str(item).partition(":")
         effect, _, joints = head.partition("@")
         try:

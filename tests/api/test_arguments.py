@@ -1,0 +1,248 @@
+"""What a notebook may give to each public function, and what it hears when it gives something else."""
+
+import copy
+import inspect
+import pickle
+import pydoc
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import dynid
+import twolink
+from dynid.errors import DynidError, WrongUsage
+
+FUNCTIONS = [name for name in dynid.__all__ if inspect.isfunction(getattr(dynid, name))]
+OPTIONS = [name for name in dynid.__all__ if name.endswith("Options")]
+#: Search that is over at once.
+QUICK = {"duration": 10.0, "segments": 5, "optimise": False, "floor": None}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """An arm, logs, a result, a motion and a gap search: as objects, and as files."""
+    folder = tmp_path_factory.mktemp("api")
+    twolink.write_arm(folder)
+    twolink.write_log(folder / "third.csv", seed=3)
+    from dynid.workflows.identify import save_result
+
+    arm = dynid.load_robot(folder / "arm.yaml")
+    log, unseen = (dynid.load_log(folder / name, arm) for name in ("log.csv", "unseen.csv"))
+    result = dynid.identify(arm, log)
+    save_result(folder / "out", result)
+    gap = dynid.find_gap(result, unseen, effects="spring")
+    gap.save(folder / "gap.npz")
+    t, q, qd, qdd = twolink.motion(1)
+    plan = dynid.plan_trajectory(arm, **QUICK)
+    plan.save(folder / "trajectory.npz")
+    return SimpleNamespace(
+        folder=folder, arm=arm, log=log, unseen=unseen, result=dynid.load(folder / "out"), new=result, gap=gap,
+        plan=plan, motion=dynid.Motion(t, q, qd, qdd), base=dynid.base_model(arm), observations=dynid.observe(arm, log),
+    )  # fmt: skip
+
+
+def right(here, name):
+    """A call of a public function that is right."""
+    arm, log, result = here.arm, here.log, here.result
+    return {
+        "base_model": {"robot": arm},
+        "compare": {"results": [result]},
+        "compare_methods": {"robot": arm, "logs": log},
+        "earlier_logs": {"result": result, "logs": here.unseen},
+        "export": {"result": result, "path": here.folder / "arm.xml"},
+        "find_drive_gains": {"robot": arm, "logs": log},
+        "find_gap": {"result": result, "logs": here.unseen, "effects": "spring"},
+        "find_payload": {"loaded": result, "unloaded": result},
+        "identify": {"robot": arm, "logs": log},
+        "load": {"path": here.folder / "out"},
+        "load_log": {"path": here.folder / "log.csv", "robot": arm},
+        "load_robot": {"source": here.folder / "arm.yaml"},
+        "observe": {"robot": arm, "logs": log},
+        "plan_trajectory": {"robot": arm, **QUICK},
+        "report": {"result": result},
+        "sensitivity": {"result": result, "logs": log},
+        "simulate": {"robot": arm, "motion": here.motion},
+        "validate": {"result": result, "log": here.unseen},
+    }[name]
+
+
+#: What each parameter takes besides what the right call gives.
+ALSO = {
+    "robot": lambda here: [str(here.folder / "arm.yaml"), here.folder / "arm.yaml"],
+    "source": lambda here: [str(here.folder / "arm.yaml"), here.arm],
+    "result": lambda here: [here.new, str(here.folder / "out"), here.folder / "out/parameters.npz"],
+    "loaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
+    "unloaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
+    "results": lambda here: [here.result, str(here.folder / "out"), [here.folder / "out", here.result], (here.new,)],
+    "baseline": lambda here: [here.result, str(here.folder / "out"), here.folder / "out"],
+    "update": lambda here: [],
+    "like": lambda here: [here.result, here.folder / "out"],
+    "log": lambda here: [str(here.folder / "unseen.csv"), here.folder / "unseen.csv"],
+    "logs": lambda here: [str(here.folder / "third.csv"), here.folder / "third.csv", [here.folder / "third.csv"]],
+    "motion": lambda here: [
+        here.plan, dynid.load(here.folder / "trajectory.npz"), str(here.folder / "trajectory.npz"), here.log,
+        here.folder / "log.csv",
+    ],
+    "waypoints": lambda here: [[[0.0, 0.0], [0.5, 0.4], [0.0, -0.3]]],
+    "for_gap": lambda here: [],
+}  # fmt: skip
+PAIRS = [
+    (name, parameter.name)
+    for name in FUNCTIONS
+    for parameter in inspect.signature(getattr(dynid, name)).parameters.values()
+    if parameter.kind is not inspect.Parameter.VAR_KEYWORD
+]
+# Why not gains: these logs hold torques.
+RIGHT = [pair for pair in PAIRS if pair[1] in ALSO and pair[0] != "find_drive_gains"]
+#: Parameters where a text that is no file makes sense.
+WORDS = {"baseline_name", "names", "base", "tip", "folder"}
+
+
+@pytest.mark.parametrize(("name", "parameter"), RIGHT)
+def test_paths_and_objects_are_both_taken(here, name, parameter):
+    for value in ALSO[parameter](here):
+        call = right(here, name) | {parameter: value}
+        assert getattr(dynid, name)(**call) is not None
+
+
+@pytest.mark.parametrize(("name", "parameter"), PAIRS)
+def test_a_wrong_argument_is_answered_by_a_sentence_that_names_it(here, name, parameter):
+    function = getattr(dynid, name)
+    default = inspect.signature(function).parameters[parameter].default
+    wrong = [
+        np.zeros((3, 5, 2)),
+        object(),
+        3.75j,
+        b"bytes",
+        [object()],
+        {"a": 1},
+        *([None] if default is not None else []),
+    ]
+    for value in wrong:
+        with pytest.raises(WrongUsage) as refused:
+            function(**right(here, name) | {parameter: value})
+        assert parameter in refused.value.what, value
+        assert f"dynid.{name}(" in refused.value.fix or "--" in refused.value.what, value
+
+
+@pytest.mark.parametrize(("name", "parameter"), [pair for pair in PAIRS if pair[1] not in WORDS])
+@pytest.mark.parametrize("value", ["no/such/file", Path("no/such/file"), "", "nul\0byte", "x" * 5000])
+def test_a_path_that_leads_nowhere_is_a_mistake_of_the_catalogue(here, name, parameter, value):
+    if (name, parameter) == ("export", "path") and "/" in str(value):
+        value = here.folder / "no" / "such"
+    with pytest.raises(DynidError):
+        getattr(dynid, name)(**right(here, name) | {parameter: value})
+
+
+def test_nothing_at_all_is_refused(here):
+    with pytest.raises(WrongUsage, match="results is empty"):
+        dynid.compare([])
+    with pytest.raises(WrongUsage, match="logs is empty"):
+        dynid.identify(here.arm, [])
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_call_without_arguments_or_with_unknown_ones_shows_a_right_one(here, name):
+    function = getattr(dynid, name)
+    with pytest.raises(WrongUsage, match="missing") as refused:
+        function()
+    assert f"dynid.{name}(" in refused.value.fix
+    with pytest.raises(WrongUsage, match=r"there is no argument.*'nonsense'"):
+        function(**right(here, name), nonsense=1)
+
+
+def test_a_misspelt_word_is_told_its_neighbour(here):
+    with pytest.raises(WrongUsage, match="did you mean 'cutoff'"):
+        dynid.identify(here.arm, here.log, cutof=5)
+    with pytest.raises(WrongUsage, match="did you mean 'progress'"):
+        dynid.report(here.result, progres=None)
+
+
+def test_a_log_where_a_result_is_wanted_and_the_other_way_round(here):
+    with pytest.raises(WrongUsage, match=r"result must be a result.*object of type Log"):
+        dynid.validate(here.log, here.result)
+    with pytest.raises(WrongUsage, match=r"logs must be a log.*object of type Identification"):
+        dynid.identify(here.arm, here.result)
+    with pytest.raises(WrongUsage, match=r"holds no|object of type"):
+        dynid.load(here.folder / "trajectory.npz", dynid.Identification)
+
+
+def test_options_are_keywords_or_an_object_or_both(here):
+    words = {"method": "ols", "holdout": "30%", "cutoff": 5}
+    by_words = dynid.identify(here.arm, here.log, **words)
+    by_object = dynid.identify(here.arm, here.log, dynid.IdentifyOptions(**words))
+    by_both = dynid.identify(
+        here.arm, here.log, dynid.IdentifyOptions(method="wls", holdout=0.3), method="ols", cutoff=5.0
+    )
+    shared = dynid.identify(here.arm, here.log, dynid.LogOptions(cutoff=5), method="ols", holdout="30%")
+    assert by_words.cutoff == 5
+    for other in (by_object, by_both, shared):
+        assert np.array_equal(other.theta, by_words.theta)
+    with pytest.raises(WrongUsage, match=r"options must be dynid.ValidateOptions"):
+        dynid.validate(here.result, here.unseen, dynid.GapOptions())
+
+
+def test_a_held_out_log_is_a_path_or_an_object(here):
+    unseen = here.folder / "unseen.csv"
+    by_path = dynid.identify(here.arm, here.folder / "log.csv", holdout=str(unseen))
+    by_options = dynid.identify(here.arm, here.log, dynid.IdentifyOptions(holdout=unseen))
+    by_object = dynid.identify(here.arm, here.log, holdout=here.unseen)
+    errors = {found.heldout_relative_error_percent for found in (by_path, by_options, by_object)}
+    assert len(errors) == 1
+    assert "unseen.csv" in by_path.heldout
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_every_option_refuses_what_it_cannot_be_when_the_object_is_made(name):
+    kind = getattr(dynid, name)
+    for option in inspect.signature(kind).parameters:
+        for value in (object(), np.zeros((2, 3, 2)), 3j, [object()], b"bytes"):
+            with pytest.raises(WrongUsage):
+                kind(**{option: value})
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_help_is_short(name):
+    text = pydoc.plain(pydoc.render_doc(getattr(dynid, name)))
+    assert sum(1 + len(line) // 120 for line in text.splitlines()) <= 40
+    assert " object at 0x" not in text
+
+
+THINGS = ["arm", "base", "log", "observations", "new", "result", "gap", "plan", "motion"]
+
+
+@pytest.mark.parametrize("what", [*THINGS, "validation", "report", "simulation", "exported"])
+def test_what_functions_return_pickles_copies_and_prints_quietly(here, what):
+    make = {
+        "validation": lambda: dynid.validate(here.result, here.unseen),
+        "report": lambda: dynid.report(here.result),
+        "simulation": lambda: dynid.simulate(here.arm, here.motion),
+        "exported": lambda: dynid.export(here.result, here.folder / "arm.py"),
+    }
+    thing = make[what]() if what in make else getattr(here, what)
+    for twin in (pickle.loads(pickle.dumps(thing)), copy.copy(thing), copy.deepcopy(thing)):
+        assert type(twin) is type(thing)
+        assert repr(twin) == repr(thing)
+    assert len(repr(thing)) < 3000
+    assert " object at 0x" not in repr(thing)
+
+
+def test_a_pickled_result_predicts_alike(here):
+    twin = pickle.loads(pickle.dumps(here.new))
+    state = (here.motion.q[:5], here.motion.qd[:5], here.motion.qdd[:5])
+    assert np.array_equal(twin.inverse_dynamics(*state), here.new.inverse_dynamics(*state))
+
+
+def test_a_plan_read_back_can_be_simulated(here):
+    simulated = dynid.simulate(here.arm, dynid.load(here.folder / "trajectory.npz"), noise=0, payload=1.0)
+    assert len(simulated.log) == len(here.plan.motion)
+
+
+def test_a_motion_has_one_shape():
+    t, q = np.arange(4.0), np.zeros((4, 2))
+    with pytest.raises(DynidError, match="qdd"):
+        dynid.Motion(t, q, q, None)
+    with pytest.raises(DynidError, match="qd"):
+        dynid.Motion(t, q, q[:3], q)
