@@ -155,12 +155,14 @@ _PLAIN: dict[str, Any] = {
 
 
 def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401
-    """Return a value of one of the types of an annotation.
+    """Return a value of one of the types of an annotation, and any value where these are not plain ones.
 
     Raises:
         TypeError: it is of another type.
     """
     words = annotation.split(" | ")
+    if not set(words) <= set(_PLAIN):
+        return value
     fits = any(isinstance(value, _PLAIN[word]) for word in words)
     if not fits or (isinstance(value, bool) and "bool" not in words):
         raise TypeError(f"it must be {' or '.join(words)}")

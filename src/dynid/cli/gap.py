@@ -98,14 +98,14 @@ def run_gap(
         earlier = earlier_logs(stored, read, options, progress) if options.question in ("auto", "changed") else []
         gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
-        wrote = gap.write_figures(parameters.parent / "gap") if plot else []
+        wrote = gap.write_figures(stored.path.parent / "gap") if plot else []
     show(common, gap)
     chosen = gap.chosen(apply_ or "best")
     given = False if no_apply else True if apply_ else None
     if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
         wrote += add(common, gap, chosen, new_name)
-    gap.save(parameters.parent / "gap.npz")
-    return {**gap.facts(), "wrote": [*wrote, parameters.parent / "gap.npz"]}
+    path = gap.save(stored.path.parent / "gap.npz")
+    return {**gap.facts(), "wrote": [*wrote, path]}
 
 
 def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None) -> list[Path]:

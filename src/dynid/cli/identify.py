@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 SIMULATED = ("idim-iv", "didim")
 #: Options of reading and filtering: without logs they are those of the stored observations.
 READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
-_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @dynid_command(
@@ -55,9 +54,9 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--payload-from",
-    type=_FILE,
+    type=click.Path(path_type=Path),
     metavar="RESULT",
-    help="parameters.npz without the load: find the body that the arm of the LOG carries on its last link.",
+    help="Result without the load: find the body that the arm of the LOG carries on its last link.",
 )
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html and summary.md as well.")
 @click.option("--open", "open_report", is_flag=True, help="Open report.html in the browser.")
@@ -75,9 +74,9 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--update",
-    type=_FILE,
+    type=click.Path(path_type=Path),
     metavar="RESULT",
-    help="Add the LOG to this parameters.npz, whose own logs are not needed; it may be overwritten.",
+    help="Add the LOG to this result, whose own logs are not needed; it may be overwritten.",
 )
 @click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
 def command(
@@ -137,13 +136,14 @@ def run_identify(
     arm = load_robot(robot)
     # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
     read = reading(arm, logs, options)
-    from dynid.estimation import result_files as results
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import answer_of, find_payload, signals_as
     from dynid.workflows.prior import with_prior
+    from dynid.workflows.results import load_run
 
-    files = {"loaded": loaded, "prior_file": options.prior, "update": update, "holdout": options.holdout}
-    unloaded, earlier = (results.load(path) if path else None for path in (payload_from, update))
+    unloaded, earlier = (load_run(path) if path else None for path in (payload_from, update))
+    files = {"loaded": loaded, "prior_file": options.prior, "holdout": options.holdout}
+    files["update"] = earlier.path if earlier else None
     if before := unloaded or earlier:
         options = signals_as(options, before)
     arm = with_prior(arm, options)

@@ -69,8 +69,8 @@ class TerminalOperator:
 @click.option("--convert/--no-convert", default=None, help="Write log.npz afterwards.")
 @click.option(
     "--parameters",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    metavar="FILE",
+    type=click.Path(exists=True, path_type=Path),
+    metavar="RESULT",
     help="Identified model that predicts the torques (default: the robot file's prior).",
 )
 def command(
@@ -79,9 +79,9 @@ def command(
 ) -> ExitStatus:  # fmt: skip
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     from dynid.drivers.ros import raise_priority
-    from dynid.estimation import result_files
     from dynid.files.trajectoryfile import read_trajectory
     from dynid.workflows.record import record, require_usable
+    from dynid.workflows.results import load_run
     from dynid.workflows.robots import load_robot
 
     options, arm = options_of(RecordOptions, values), load_robot(robot)
@@ -97,7 +97,7 @@ def command(
             options,
             TerminalOperator(common, bar, move),
             common.folder(arm.slug),
-            parameters=result_files.load(parameters) if parameters is not None else None,
+            parameters=load_run(parameters) if parameters is not None else None,
             command=common.header({})["command"],
             progress=bar,
         )

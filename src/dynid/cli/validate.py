@@ -66,22 +66,22 @@ def run_validate(
     mcap: Path | None = None,
 ) -> dict[str, Any]:
     """Replay a log, write and print what comes out, and return the JSON answer."""
-    from dynid.estimation import result_files
     from dynid.workflows.logs import read_log
-    from dynid.workflows.results import base_model_of
+    from dynid.workflows.results import base_model_of, load_run
     from dynid.workflows.validate import urdf_of, validate
 
     options = options or ValidateOptions()
     terminal = common.terminal
     largest = share_or_none(max_unexplained, "--max-unexplained")
-    stored = result_files.load(parameters)
+    stored = load_run(parameters)
+    parent = stored.path.parent
     if mcap is not None:
         may_write(common, mcap, {})
     with terminal.progress() as progress:
-        base = base_model_of(stored, parameters.parent, progress)
+        base = base_model_of(stored, parent, progress)
         progress.stage("read")
         found = validate(stored, read_log(log, stored.robot, options), options, base=base, progress=progress)
-        folder = found.folder(parameters.parent / "validation")
+        folder = found.folder(parent / "validation")
         wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
         if mcap is not None:
             wrote.append(found.save_mcap(mcap, urdf_of(stored, base)))

@@ -174,11 +174,12 @@ class Gap(GapRecord):
             "advice": self.advice,
         }
 
-    def save(self, path: Path | str) -> None:
+    def save(self, path: Path | str) -> Path:
         """Write gap.npz."""
         from dynid.gap.record import write_record
 
         write_record(Path(path), self)
+        return Path(path)
 
     @classmethod
     def load(cls, path: Path | str) -> Gap:
