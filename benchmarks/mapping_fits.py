@@ -30,7 +30,8 @@ def facts(robot, log):
     found = identify(robot, checked)
     left = np.linalg.norm(found.factors @ np.append(found.plain, -1.0), axis=1)
     impossible = bool({"W404", "W405"} & {finding.code for finding in found.findings})
-    return accused, float(np.max(left / np.linalg.norm(found.factors[:, :, -1], axis=1))), impossible
+    size = np.maximum(np.linalg.norm(found.factors[:, :, -1], axis=1), 1e-300)
+    return accused, float(np.max(left / size)), impossible
 
 
 def main():

@@ -3,69 +3,82 @@
 import numpy as np
 
 #: Share of a joint's torque that the plain fit may leave before ``identify`` asks whether the robot file is wrong.
+#: Evidence: benchmarks/mapping.md, When does identify ask: half and double miss nothing.
 UNEXPLAINED = 0.05
 #: Share of the roughly expected weight that the fit must have found at the heaviest joint, else it is asked as well.
+#: Evidence: none yet.
 WEIGHT = 0.2
-#: Poses that the weight is compared in.
+#: Poses that the weight is compared in. Evidence: none yet.
 POSES_OF_WEIGHT = 500
 
-# ---- diagnosis
 #: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
+#: Evidence: none yet.
 GAIN_OVER_GRAVITY = 4.0
-#: What each edit has to lower the mean logarithm of the joints' residuals by.
+#: What each edit has to lower the mean logarithm of the joints' residuals by. Evidence: benchmarks/mapping.md: what
+#: is hidden and what is named.
 CLEAR = 0.1
-#: Free numbers of a joint: a short log explains itself with many robot files.
+#: Free numbers of a joint: a short log explains itself with many robot files. Evidence: none yet.
 FREE_NUMBERS = 10.0
-#: Hypotheses that are taken further with a second edit, and a third; and where no first one helps.
+#: Hypotheses that are taken further with a second edit, and a third; and where no first one helps. Evidence: none
+#: yet.
 BEAM, BEAM_LOST = 4, 16
-#: They are when they are not so much worse than the best.
+#: They are when they are not so much worse than the best. Evidence: none yet.
 NEAR_BEST = 0.4
-#: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint.
+#: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint. Evidence: none
+#: yet.
 MODEL_ERROR = 0.01
 #: Hypotheses whose residuals agree to this share may make the same torques: boxes around links differ a little.
+#: Evidence: none yet.
 SAME_RESIDUAL = 0.05
-#: A robot file of which less is explained (mean logarithm) may have two mistakes that hide each other.
+#: A robot file of which less is explained (mean logarithm) may have two mistakes that hide each other. Evidence: none
+#: yet.
 WELL_EXPLAINED = -0.7
-#: How much less likely a mistake is, in units of ``CLEAR``, where several explain the log equally well.
+#: How much less likely a mistake is, in units of ``CLEAR``, where several explain the log equally well. Evidence:
+#: none yet.
 UNLIKELY = {
     "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
     "positions": 0.08, "signs": 0.08, "torque": 0.08, "position": 0.1,
 }  # fmt: skip
 #: The same for each column beyond two that another order moves, and for an order that recorders and people make.
+#: Evidence: none yet.
 COLUMN_MOVED, REGULAR_ORDER = 0.3, 0.3
 #: The same for each joint that moves far beyond its limits, of which so many count; the limits may be wrong as well.
+#: Evidence: none yet.
 OUT_OF_RANGE, MOST_OUTSIDE = 0.5, 2
-#: Hypotheses whose ranks differ by less explain a log equally well.
+#: Hypotheses whose ranks differ by less explain a log equally well. Evidence: none yet.
 TIED = 0.02
 
-# ---- fit
-#: Samples that robot files are fitted to.
+#: Samples that robot files are fitted to. Evidence: none yet.
 SAMPLES = 250
 #: Longest time that positions are smoothed over before they are differentiated [s]; a third of the fastest period.
+#: Evidence: none yet.
 SMOOTHING_S = 0.15
-#: Samples from the middle of a long log.
+#: Samples from the middle of a long log. Evidence: none yet.
 MIDDLE_SAMPLES = 60_000
 #: Usual sizes of the ten parameters of a link [kg, kg m, kg m^2]: much larger values come from fitting noise.
+#: Evidence: none yet.
 USUAL_BODY = np.array([5.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3])
-#: Samples that follow each other say the same: so many count as one.
+#: Samples that follow each other say the same: so many count as one. Evidence: none yet.
 SAMPLES_ALIKE = 10.0
-#: Torques are never modelled better than to this share of what a joint's change at all.
+#: Torques are never modelled better than to this share of what a joint's change at all. Evidence: none yet.
 MODELLED = 0.01
 #: Point masses along each side of a link's box, and how far it reaches beyond the joints: [m], and as a share.
+#: Evidence: none yet.
 BOX_POINTS, BOX_MARGIN_M, BOX_MARGIN_SHARE = 4, 0.1, 0.25
 
-# ---- gravity
 #: Poses at rest from which the change of torque with the pose is judged; with fewer the whole motion is used.
+#: Evidence: none yet.
 LEAST_POSES = 4
-#: A joint takes part when its expected torque changes by this share of the largest change.
+#: A joint takes part when its expected torque changes by this share of the largest change. Evidence: none yet.
 SIGNIFICANT_LOAD = 0.3
-#: Expected changes below this [N m] drown in friction.
+#: Expected changes below this [N m] drown in friction. Evidence: none yet.
 LEAST_LOAD_NM = 1.0
 #: A counterbalance may carry all that the heaviest joint would; where masses are known, lighter joints of heavy arms
-#: then tell: those whose expected torque changes by this share of the largest change, and by so much [N m].
+#: then tell: those whose expected torque changes by this share of the largest change, and by so much [N m]. Evidence:
+#: none yet.
 LIGHTER_JOINT, LIGHTER_LOAD_NM = 0.05, 10.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 WEIGHT_SHARE_KNOWN = 0.1
 WEIGHT_SHARE_UNKNOWN = 0.03
-#: A load whose change is, but for this share, also that of friction or inertia shows nothing.
+#: A load whose change is, but for this share, also that of friction or inertia shows nothing. Evidence: none yet.
 DISTINCT_LOAD = 0.2

@@ -195,7 +195,7 @@ def _exclude_options(t: Floats) -> str:
 
 def _usual_speed(log: Log) -> Floats:
     """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
-    every = max(1, len(log) // tuning.SPEED_SAMPLES)
+    every = max(1, len(log) // tuning.ENOUGH_SAMPLES)
     some = [np.abs(v[-part.start % every :: every]) for part, v in speeds(log)]
     speed = np.concatenate(some)
     place = 0.95 * (len(speed) - 1)
@@ -426,8 +426,8 @@ def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     share = float(repeated.sum() / alive.sum()) if alive.any() else 0.0
     if share < tuning.REPEAT_SHARE:
         return ()
-    fresh = log.rate * (1 - share)
-    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {fresh:.0f} Hz"
+    new = log.rate * (1 - share)
+    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz"
     return (Finding("W314", "warning", text, {"share": share}),)
 
 

@@ -7,7 +7,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -40,6 +40,8 @@ from dynid.signals.filters import (
 from dynid.signals.motion import runs
 
 Floats = NDArray[np.float64]
+#: Gives a signal of a log on a part of an even grid.
+OnGrid = Callable[[NDArray[Any], slice], NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -141,61 +143,37 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     return replace(segment, usable=usable)
 
 
-@dataclass(frozen=True)
-class _OnGrid:
-    """Part of a log without gaps, seen on an even grid.
-
-    Attributes:
-        log: the log.
-        part: its samples.
-        count: number of the grid's times.
-        rate: of the grid [Hz].
-        even: whether the samples lie on the grid as they are.
-    """
-
-    log: Log
-    part: slice
-    count: int
-    rate: float
-    even: bool
-
-    def times(self, wanted: slice) -> Floats:
-        """Return the times of part of the grid [s]."""
-        return np.asarray(
-            self.log.t[self.part.start] + np.arange(wanted.start, min(wanted.stop, self.count)) / self.rate
-        )
-
-    def column(self, x: NDArray[Any], wanted: slice) -> NDArray[Any]:
-        """Return a signal of the log on part of the grid."""
-        if self.even:
-            return x[self.part][wanted]
-        return resampled(self.log.t[self.part], x[self.part], self.times(wanted))
-
-
 def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
     """Filter one part, block by block so that only the thinned result is stored."""
     t = log.t[part]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
-    on_grid = _OnGrid(log, part, count, chosen.rate, even=True)
-    stray = [float(np.abs(t[some] - on_grid.times(some)).max()) for some in spans(min(count, len(t)))]
-    on_grid = replace(on_grid, even=count == len(t) and max(stray) < tuning.EVEN_STEP / chosen.rate)
+
+    def times(wanted: slice) -> Floats:
+        return np.asarray(t[0] + np.arange(wanted.start, min(wanted.stop, count)) / chosen.rate)
+
+    stray = [float(np.abs(t[some] - times(some)).max()) for some in spans(min(count, len(t)))]
+    even = count == len(t) and max(stray) < tuning.EVEN_STEP / chosen.rate
+
+    def on_grid(x: NDArray[Any], wanted: slice) -> NDArray[Any]:
+        return x[part][wanted] if even else resampled(t, x[part], times(wanted))
+
     kernels, step = chosen.first_kernels, chosen.first_step
     taps = kernels.shape[1]
     outputs = (count - taps) // step + 1
     per_block = max(1, tuning.FILTER_BLOCK // step)
     velocity_sign = None
     if coulomb is not None:
-        some = on_grid.column(log.qd if measured and log.qd is not None else log.q, slice(0, tuning.SIGN_SAMPLES))
+        some = on_grid(log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES))
         velocity_sign = choose_velocity_sign(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
-    # Why filled in place: of a long log, pieces and joined arrays would not fit into memory together.
+    # Why filled in place: of a long log, parts and joined arrays would not fit into memory together.
     joined: list[Any] = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        block = _block(on_grid, wanted, kernels, step, measured, velocity_sign)
+        block = _block(log, on_grid, times(wanted), wanted, kernels, step, measured, velocity_sign)
         joined = joined or [empty((outputs, *x.shape[1:]), x.dtype) for x in block]
-        for whole, piece in zip(joined, block, strict=True):
-            whole[first:last] = piece
+        for whole, some in zip(joined, block, strict=True):
+            whole[first:last] = some
         if outputs > per_block:
             release()
     elapsed = filled(outputs, lambda some: joined[0][some] - log.t[0])
@@ -204,33 +182,41 @@ def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Cou
 
 
 def _block(
-    on_grid: _OnGrid, wanted: slice, kernels: Floats, step: int, measured: bool, velocity_sign: VelocitySign | None
+    log: Log,
+    on_grid: OnGrid,
+    grid: Floats,
+    wanted: slice,
+    kernels: Floats,
+    step: int,
+    measured: bool,
+    velocity_sign: VelocitySign | None,
 ) -> tuple[NDArray[Any], ...]:
-    log, grid, taps = on_grid.log, on_grid.times(wanted), kernels.shape[1]
+    """Return the arrays of a segment, but for effects and elapsed time, on the part ``wanted`` of the even grid."""
+    taps = kernels.shape[1]
     half = (taps - 1) // 2
 
     def filtered(x: NDArray[Any], weights: Floats) -> Floats:
         """Return a signal on the grid under kernels, (K, n, M)."""
         return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
 
-    q = on_grid.column(log.q, wanted)
+    q = on_grid(log.q, wanted)
     motion = filtered(q, kernels)
     if measured and log.qd is not None:
-        motion[1:] = filtered(on_grid.column(log.qd, wanted), kernels[:2])
+        motion[1:] = filtered(on_grid(log.qd, wanted), kernels[:2])
     count = motion.shape[2]
     centres = slice(half, half + (count - 1) * step + 1, step)
     clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
     usable = np.ones((count, log.n), dtype=bool)
-    if clipped is not None and (some := on_grid.column(clipped, wanted)).any():
+    if clipped is not None and (some := on_grid(clipped, wanted)).any():
         usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
-    raw_qd = on_grid.column(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
+    raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
     # Why: a command has no noise, but where it is a staircase its corners are no reversals.
     sign_of_command = None if command is None or velocity_sign is None else replace(velocity_sign, measured=False)
-    commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid.column(command, wanted), kernels)
+    commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid(command, wanted), kernels)
     return (
         grid[centres],
         *(np.ascontiguousarray(x.T) for x in motion),
-        np.ascontiguousarray(filtered(on_grid.column(log.tau, wanted), kernels[:1])[0].T),
+        np.ascontiguousarray(filtered(on_grid(log.tau, wanted), kernels[:1])[0].T),
         usable,
         q[centres],
         raw_qd[centres],
@@ -241,13 +227,13 @@ def _block(
 
 
 def _coulomb_sign(
-    on_grid: _OnGrid, x: Floats | None, wanted: slice, kernels: Floats, step: int, velocity_sign: VelocitySign | None
+    on_grid: OnGrid, x: Floats | None, wanted: slice, kernels: Floats, step: int, velocity_sign: VelocitySign | None
 ) -> Floats:
     """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without ``velocity_sign``."""
     if velocity_sign is None or x is None:
         return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
     start = max(0, wanted.start - velocity_sign.margin)
-    around = on_grid.column(x, slice(start, wanted.stop + velocity_sign.margin))
+    around = on_grid(x, slice(start, wanted.stop + velocity_sign.margin))
     signs = velocity_sign.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
     return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
 
@@ -264,7 +250,7 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
         The signals at the times of the grid, (M, C).
 
     Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
-    it is read whole or in pieces.
+    it is read whole or in parts.
     """
     result = empty((len(grid), x.shape[1]))
     for part in spans(len(grid)):

@@ -1,7 +1,7 @@
 """Zero-phase low-pass filters with finite memory, and decimation by them.
 
-Symmetric windowed-sinc kernels delay nothing, and because their memory is finite a long log can be filtered piece by
-piece with exactly the result of filtering it whole. The same kernel goes over the torques and over the columns of the
+Symmetric windowed-sinc kernels delay nothing, and because their memory is finite a long log can be filtered part by
+part with exactly the result of filtering it whole. The same kernel goes over the torques and over the columns of the
 regressor (parallel filtering), so what it removes, it removes on both sides of tau = W theta. Before them, torque
 samples that no arm can have produced are replaced: a filter would smear a spike over its whole length.
 """
@@ -149,8 +149,8 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
     """
     if len(log) <= 2 * tuning.SPIKE_REACH or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate:
         return log, ()
-    every = max(1, len(log) // tuning.SPIKE_SAMPLES)
-    # Why a copy: a slice would keep the whole piece in memory.
+    every = max(1, len(log) // tuning.ENOUGH_SAMPLES)
+    # Why a copy: a slice would keep the whole part in memory.
     usual = [np.abs(x - medians)[-part.start % every :: every].copy() for part, x, medians in _medians(log.tau)]
     low, high = extremes(log.tau)
     least = np.maximum(
@@ -175,7 +175,7 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
 
 
 def _medians(x: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Yield samples of x, (N, n), piece by piece, with the median of each and its neighbours, (M, n)."""
+    """Yield samples of x, (N, n), part by part, with the median of each and its neighbours, (M, n)."""
     for part in spans(len(x)):
         first, last = max(0, part.start - tuning.SPIKE_REACH), min(len(x), part.stop + tuning.SPIKE_REACH)
         edges = tuning.SPIKE_REACH - (part.start - first), tuning.SPIKE_REACH - (last - part.stop)
@@ -253,7 +253,7 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
 
 def level_of(log: Log) -> Floats:
     """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
-    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.CUTOFF_SAMPLES)]
+    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.ENOUGH_SAMPLES)]
     return np.asarray(median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
 
 
@@ -285,7 +285,7 @@ def position_noise(log: Log, robot: Robot) -> Noise | None:
 def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     """Return the share of noise in what the accelerations below each cut-off are, (C, n)."""
     power: Floats = np.zeros((len(cutoffs), log.n))
-    parts = spread(len(log), tuning.CUTOFF_SAMPLES)
+    parts = spread(len(log), tuning.ENOUGH_SAMPLES)
     for part in parts:
         q = log.q[part] - log.q[part].mean(axis=0)
         f = np.fft.rfftfreq(len(q), 1 / log.rate)
@@ -304,7 +304,7 @@ def _moves(log: Log, robot: Robot, level: Floats) -> NDArray[np.bool_]:
 
 def white_noise(x: Floats) -> Floats:
     """Return the standard deviation of the white noise in slow signals x, (N, n), on an even grid, (n,) [unit of x]."""
-    some = x[: tuning.SIGN_SAMPLES]
+    some = x[: tuning.ENOUGH_SAMPLES]
     if len(some) <= tuning.NOISE_ORDER:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
@@ -348,7 +348,7 @@ class VelocitySign:
 
 
 def choose_velocity_sign(x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool) -> VelocitySign:
-    """Choose for each joint the highest cut-off whose velocity noise is small beside the velocity of the Coulomb sign.
+    """Choose for each joint the highest cut-off whose velocity noise is small against the velocity of the Coulomb sign.
 
     Args:
         x: positions [rad or m], or measured velocities [rad/s or m/s], (N, n).

@@ -46,7 +46,7 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
 
 
 def speeds(log: Log) -> Iterator[tuple[slice, Floats]]:
-    """Yield the samples of a log piece by piece, with the change of position over a short window, (M, n) [rad/s].
+    """Yield the samples of a log part by part, with the change of position over a short window, (M, n) [rad/s].
 
     Of sliding joints [m/s]. Needs increasing time.
     """

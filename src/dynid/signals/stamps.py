@@ -47,19 +47,19 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if np.any(some > 0):
         limits.check("rate_hz", 1.0 / float(median(some[some > 0])), log.topic or "the time of the log")
     step = steps(log.t)
-    fresh = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
-    repeated = int(np.sum(~fresh))
+    later = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
+    repeated = int(np.sum(~later))
     if not repeated:
         return log
-    twice = ~fresh[1:] & same_rows(log.q) & same_rows(log.tau)
+    twice = ~later[1:] & same_rows(log.q) & same_rows(log.tau)
     # Why: a sample that is stored twice leaves nothing open; two samples with one stamp do.
     if repeated - int(twice.sum()) > tuning.DUPLICATE_SHARE * len(log):
         text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
         raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
-    first = float(log.t[np.flatnonzero(~fresh)[0]])
+    first = float(log.t[np.flatnonzero(~later)[0]])
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
     log = with_findings(
-        take_samples(log, np.flatnonzero(fresh)), Finding("W311", "warning", text, {"samples": repeated})
+        take_samples(log, np.flatnonzero(later)), Finding("W311", "warning", text, {"samples": repeated})
     )
     _check_length(log)
     return log
@@ -174,8 +174,8 @@ def _sums(x: NDArray[Any], count: int) -> Floats:
 
 
 def _mean(count: int, some: Callable[[slice], Floats]) -> float:
-    """Return the mean of what is taken of each piece of so many samples."""
-    # Why long: so that a sum is the same however many pieces it is made of.
+    """Return the mean of what is taken of each part of so many samples."""
+    # Why long: so that a sum is the same however many parts it is made of.
     total, length = np.longdouble(0.0), 0
     for part in spans(count):
         values = some(part)
@@ -329,12 +329,12 @@ def without_stale(log: Log, robot: Robot) -> Log:
     kept = take_samples(log, np.flatnonzero(np.concatenate([[True], ~stale | ~_near_motion(busy)])))
     if len(kept) < tuning.LEAST_SAMPLES:
         raise LogTooShort(f"only {len(kept)} of {len(log)} samples are not repeats of the one before", where=log.topic)
-    fresh = log.rate * (1 - share)
+    new = log.rate * (1 - share)
     text = (
         f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "
-        f"new ones come at {fresh:.0f} Hz"
+        f"new ones come at {new:.0f} Hz"
     )
-    return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": fresh}))
+    return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": new}))
 
 
 def _counts(stale: Flags, busy: Flags) -> bool:
@@ -370,12 +370,13 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     """
     kept: list[Log] = []
     findings: list[Finding] = []
-    seen = _Seen()
+    seen = np.zeros(0, dtype=np.uint64)
     for number, log in enumerate(logs, start=1):
         keys = _keys(log)
         copied = _copied(keys, seen)
         if number < len(logs):
-            seen.add(keys[~copied])
+            # Why stable: it merges what rises already.
+            seen = np.sort(np.concatenate([seen, np.sort(keys[~copied])]), kind="stable")
         if not copied.any():
             kept.append(log)
             continue
@@ -391,38 +392,15 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     return kept, tuple(findings)
 
 
-class _Seen:
-    """Keys of samples in rising arrays, each twice as long as the next at least: none is sorted often, however many."""
-
-    def __init__(self) -> None:
-        self._arrays: list[NDArray[np.uint64]] = []
-
-    def add(self, keys: NDArray[np.uint64]) -> None:
-        """Add keys, (N,)."""
-        if not len(keys):
-            return
-        latest = np.sort(keys)
-        while self._arrays and len(self._arrays[-1]) < 2 * len(latest):
-            latest = np.concatenate([self._arrays.pop(), latest])
-            latest.sort(kind="stable")  # which merges what rises already
-        self._arrays.append(latest)
-
-    def has(self, keys: NDArray[np.uint64]) -> Flags:
-        """Return which of some keys were added, (N,)."""
-        found = np.zeros(len(keys), dtype=bool)
-        for array in self._arrays:
-            place = np.minimum(np.searchsorted(array, keys), len(array) - 1)
-            found |= array[place] == keys
-        return found
-
-
-def _copied(keys: NDArray[np.uint64], seen: _Seen) -> Flags:
-    """Return which samples with such keys, (N,), are copies of samples with keys that were seen before, or before."""
+def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
+    """Return which samples with such keys, (N,), are copies of earlier ones, or of those with keys that were seen."""
     copied = np.zeros(len(keys), dtype=bool)
     rising = np.sort(keys)
     repeats = any(np.any(rising[part.start + 1 : part.stop + 1] == rising[part]) for part in spans(len(keys) - 1))
     del rising
-    again = seen.has(keys)
+    again = np.zeros(len(keys), dtype=bool)
+    if len(seen):
+        again = seen[np.minimum(np.searchsorted(seen, keys), len(seen) - 1)] == keys
     if not repeats and not again.any():
         return copied
     inside = np.ones(len(keys), dtype=bool)
