@@ -14,7 +14,7 @@ import click
 import pytest
 import yaml
 
-from dynid.cli.dataclass_options import Number
+from dynid.cli.arguments import Number
 from dynid.cli.main import available, loop_map, module_of
 from dynid.codes import catalogue
 from dynid.errors import EXIT_MEANING

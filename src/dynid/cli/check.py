@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.completed import ROBOT
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import ROBOT, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.errors import ExitStatus

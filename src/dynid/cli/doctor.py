@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.options import COMMON_NAMES, Command, Common, configure, dynid_command, key_of, known_keys
-from dynid.cli.settings import load_settings
+from dynid.cli.options import (
+    COMMON_NAMES,
+    Command,
+    Common,
+    configure,
+    dynid_command,
+    key_of,
+    known_keys,
+    load_settings,
+)
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:

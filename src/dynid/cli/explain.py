@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from dynid.cli.completed import CODE
+from dynid.cli.arguments import CODE
 from dynid.cli.options import Common, dynid_command
 from dynid.codes import codes, page, summary
 from dynid.errors import WrongUsage

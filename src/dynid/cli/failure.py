@@ -27,7 +27,7 @@ _MACHINE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, 
 
 
 @dataclass
-class Told:
+class FailureContext:
     """What is known about the run when it fails.
 
     Attributes:
@@ -115,25 +115,25 @@ def leave(status: int) -> NoReturn:
     sys.exit(status)
 
 
-def report(error: DynidError, told: Told) -> int:
+def report(error: DynidError, context: FailureContext) -> int:
     """Print an error of the catalogue and return its exit status."""
-    if told.debug:
+    if context.debug:
         _say(_trace(error).rstrip())
     head = f"error[{error.code}]"
-    if use_color(sys.stderr, told.color):
+    if use_color(sys.stderr, context.color):
         head = click.style(head, fg="red", bold=True)
     _say(f"{head} {visible(error.what)}")
     for label, text in (("where", error.where), ("why", error.why), ("fix", error.fix)):
         # Why: file:line usually opens the message already; saying it twice would hide the rest.
         if text and not (label == "where" and text in error.what):
             _say(f"  {label:<7} {visible(text)}")
-    _answer(told, int(error.status), error.code, error.what, where=error.where, why=error.why, fix=error.fix)
+    _answer(context, int(error.status), error.code, error.what, where=error.where, why=error.why, fix=error.fix)
     return int(error.status)
 
 
-def _answer(told: Told, status: int, code: str, what: str, **more: str) -> None:
+def _answer(context: FailureContext, status: int, code: str, what: str, **more: str) -> None:
     """Print the one JSON object of a run that an error has ended; nothing without --json."""
-    if not told.json:
+    if not context.json:
         return
     import json
 
@@ -189,20 +189,20 @@ def interrupted() -> int:
     return int(ExitStatus.INTERRUPTED)
 
 
-def crash(error: BaseException, told: Told) -> int:
+def crash(error: BaseException, context: FailureContext) -> int:
     """Write a crash file, say where it is, and return status 70; what an interrupt has set off is an interrupt."""
     if _set_off_by_interrupt(error):
         return interrupted()
     trace = _trace(error)
-    if told.debug:
+    if context.debug:
         _say(trace.rstrip())
-    file = _crash_file(f"{_facts(told)}\n{trace}")
+    file = _crash_file(f"{_facts(context)}\n{trace}")
     _say(f"internal error: {type(error).__name__}: {visible(str(error))[:200]}")
     if file:
         _say(f"  details in {file}; report it with that file, or run again with --debug")
     else:
         _say("  no crash file could be written; run again with --debug to see the details")
-    _answer(told, int(ExitStatus.INTERNAL), "E700", f"{type(error).__name__}: {error}", where=str(file or ""))
+    _answer(context, int(ExitStatus.INTERNAL), "E700", f"{type(error).__name__}: {error}", where=str(file or ""))
     return int(ExitStatus.INTERNAL)
 
 
@@ -220,12 +220,12 @@ def _trace(error: BaseException) -> str:
     return "".join(traceback.format_exception(error))
 
 
-def _facts(told: Told) -> str:
+def _facts(context: FailureContext) -> str:
     import platform
 
     from dynid.workflows.doctor import version_lines
 
-    command, folder = " ".join(["dynid", *told.words]), os.environ.get("PWD", "")
+    command, folder = " ".join(["dynid", *context.words]), os.environ.get("PWD", "")
     return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {folder}", ""])
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 @dynid_command(
     "gap",
     examples=(
-        "dynid gap out/arm/parameters.npz a.bag a_again.bag b.bag b_again.bag c.bag",
-        "dynid gap out/arm/parameters.npz new.bag --ask changed        what has changed since it was identified?",
-        "dynid gap out/arm/parameters.npz a.bag b.bag --apply best",
-        "dynid gap --self-test                                         hide effects in simulated logs and look",
+        "dynid gap out/arm a.bag a_again.bag b.bag b_again.bag c.bag",
+        "dynid gap out/arm new.bag --ask changed        what has changed since it was identified?",
+        "dynid gap out/arm a.bag b.bag --apply best     add the named effects",
+        "dynid gap --self-test                          hide effects in simulated logs and search for them",
     ),
 )
 @click.argument("parameters", required=False, type=click.Path(path_type=Path))
@@ -35,23 +35,25 @@ if TYPE_CHECKING:
     "--apply", "apply_", is_flag=False, flag_value="best", metavar="NAME[@JOINTS]|best",
     help="Add the named effects (best), or one candidate, without asking.",
 )  # fmt: skip
-@click.option("--no-apply", is_flag=True, help="Only report; ask nothing and add nothing.")
+@click.option("--no-apply", is_flag=True, help="Only report: add nothing and do not ask.")
 @click.option(
     "--new-name", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="Path of the copy of the robot file with the effects.",
 )  # fmt: skip
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
-@click.option("--self-test", is_flag=True, help="Hide effects, and none, in simulated logs and print what is named.")
+@click.option(
+    "--self-test", is_flag=True, help="Search simulated logs with and without hidden effects, and print what is named."
+)
 def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
-    """Find what the model lacks, name it with evidence, add it, and show that the gap shrinks."""
+    """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
     if values["self_test"]:
         from dynid.cli.self_test import run_self_test
 
         return run_self_test(common)
     if parameters is None or not logs:
-        raise WrongUsage("gap needs PARAMETERS and at least one LOG", fix="dynid gap out/arm/parameters.npz log.bag")
+        raise WrongUsage("gap needs PARAMETERS and at least one LOG", fix="dynid gap out/arm log.bag")
     if values["apply_"] and values["no_apply"]:
-        raise WrongUsage("--apply and --no-apply exclude each other")
+        raise WrongUsage("--apply and --no-apply cannot be used together", fix="leave one of them out")
     own = {key: values[key] for key in ("apply_", "no_apply", "new_name", "plot")}
     answer = run_gap(common, parameters, logs, options_of(GapOptions, values), **own)
     common.terminal.emit_json(answer)
@@ -151,24 +153,24 @@ def show(common: Common, gap: Gap) -> None:
         terminal.fact("", ", ".join(one.texts()))
     for one in gap.formulas:
         add = f"--apply formula@{one.indices[0] + 1} adds it"
-        terminal.fact("formula", f"{one.formula} on {one.where}, not in the catalogue; {add}")
+        terminal.fact("formula", f"{one.formula} on {one.where} (not in the catalogue); {add}")
         terminal.fact(
             "", f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
         )
     for clue in gap.clues:
-        terminal.fact("left", clue)
+        terminal.fact("rest", clue)
     terminal.fact("verdict", gap.verdict_text)
     improvement_table(common, gap)
     if not len(gap.simulation):
         terminal.stage(
             "simulated",
-            "not at all: too little motion is held out, or a link is too light to be simulated from torques alone",
+            "no: too little motion is held out, or a link is too light to be simulated from its torques",
         )
     if gap.cannot_judge:
         hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in gap.cannot_judge.items()
         )
-        terminal.detail("cannot say", f"these logs cannot show: {hidden}")
+        terminal.detail("not shown", f"these logs cannot show: {hidden}")
     terminal.fact("advice", gap.advice)
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import Number, options_from, options_of
+from dynid.cli.arguments import Number, options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
-from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
@@ -40,8 +39,8 @@ READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time
     examples=(
         "dynid identify kuka_lwr4plus run.bag",
         "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
-        "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus/parameters.npz",
-        "dynid identify kuka_lwr4plus new.bag --update out/kuka_lwr4plus/parameters.npz",
+        "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus",
+        "dynid identify kuka_lwr4plus new.bag --update out/kuka_lwr4plus",
         "dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives",
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
@@ -50,13 +49,16 @@ READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @options_from(IdentifyOptions)
 @click.option(
-    "--explain", "explained", is_flag=True, help="Show how cut-off and delay change the parameters; needs a LOG."
+    "--explain",
+    "explained",
+    is_flag=True,
+    help="Show how the parameters change with the cut-off and the delay; needs a LOG.",
 )
 @click.option(
     "--payload-from",
     type=click.Path(path_type=Path),
     metavar="RESULT",
-    help="Result without the load: find the body that the arm of the LOG carries on its last link.",
+    help="Result without the load: find mass, centre and inertia of the load that the arm of the LOG carries.",
 )
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html and summary.md as well.")
 @click.option("--open", "open_report", is_flag=True, help="Open report.html in the browser.")
@@ -76,9 +78,11 @@ READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time
     "--update",
     type=click.Path(path_type=Path),
     metavar="RESULT",
-    help="Add the LOG to this result, whose own logs are not needed; it may be overwritten.",
+    help="Add the LOG to this result; its own logs are not needed. It may be overwritten.",
 )
-@click.option("--fail-if", metavar="EXPR", multiple=True, help="Exit 1 when it holds, such as 'max_rms_nm > 1.5'.")
+@click.option(
+    "--fail-if", metavar="EXPR", multiple=True, help="Exit 1 if the condition is true, such as 'max_rms_nm > 1.5'."
+)
 def command(
     common: Common,
     robot: str,
@@ -90,9 +94,9 @@ def command(
 ) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
-    beside = {key: values.pop(key) for key in ("explained", "payload_from", "loaded", "load_mass", "update")}
+    extras = {key: values.pop(key) for key in ("explained", "payload_from", "loaded", "load_mass", "update")}
     report = report or open_report
-    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), report=report, **beside)
+    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), report=report, **extras)
     write_run(Path(facts["folder"]), facts["inputs"])
     if open_report:
         click.launch(str((Path(facts["folder"]) / "report.html").resolve()))
@@ -248,8 +252,8 @@ class Recordings:
         if robot.torque.complete or not self._paths or not needs_gains(robot, self.read()[0]):
             if loaded:
                 raise WrongUsage(
-                    "--loaded finds the gains of motor currents, and these logs have torques or known gains",
-                    fix="for the body of a load: --payload-from parameters.npz",
+                    "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains",
+                    fix="to identify a load: --payload-from RESULT",
                 )
             return None
         second = read_log(loaded, robot, options) if loaded else None
@@ -344,8 +348,8 @@ def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
 
 # ---------------------------------------------------------------- printing
 #: Labels of judgements where they are not their names.
-JUDGED = {"fit": "verdict", "unseen motion": "another"}
-IN_FORCE = {"physical": "the physical set", "plain": "the plain estimate"}
+LABELS = {"fit": "verdict", "unseen motion": "unseen"}
+USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 
 def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]) -> None:
@@ -387,11 +391,11 @@ def show_gains(common: Common, robot: Robot, found: Gains) -> None:
     if not common.json:
         common.terminal.table(["joint", "gain", "std error", "unit"], rows)
     if found.relative:
-        common.terminal.say("amperes    nothing tells the size of the gains: results are in A; see --loaded")
+        common.terminal.say("amperes    the size of the gains is unknown, so results are in A; see --loaded")
     worst = int((found.std_error / found.gain).argmax())
     if found.std_error[worst] > UNCERTAIN * found.gain[worst]:
         percent = 100 * found.std_error[worst] / found.gain[worst]
-        common.terminal.say(f"uncertain  gain of {robot.joint_names[worst]}: {percent:.0f} %")
+        common.terminal.say(f"uncertain  the gain of {robot.joint_names[worst]} is known to {percent:.0f} % only")
 
 
 def explain(
@@ -427,7 +431,7 @@ def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -
         for row in answer
     ]
     common.terminal.answer()
-    common.terminal.table(["instead", "unexplained", "held out", "beyond 2 std errors", "most changed"], rows)
+    common.terminal.table(["variant", "unexplained", "held out", "moved over 2 std errors", "most changed"], rows)
 
 
 def show_next(common: Common, result: Identification) -> None:
@@ -440,7 +444,7 @@ def show_next(common: Common, result: Identification) -> None:
 
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
-    """Print the answer first: the table of joints, the verdict, what is in force; with -v every parameter."""
+    """Print the table of joints, the verdict and what is used for predictions; with -v every parameter."""
     from dynid.reports.evidence import Evidence
     from dynid.reports.sections.verdict import lights
 
@@ -467,18 +471,18 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.sentence(total + held_text)
     judged = lights(Evidence(found))
     for light in judged:
-        terminal.fact(JUDGED.get(light.name, light.name), f"{light.state}: {light.text}")
-    terminal.fact("in force", f"{IN_FORCE[found.in_force]}: {found.choice}")
+        terminal.fact(LABELS.get(light.name, light.name), f"{light.shown}: {light.text}")
+    terminal.fact("used", f"{USED[found.in_force]} for predictions: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
     mass = sum(link["mass_kg"] for link in found.links())
-    known = "the sizes of masses are unknown without gains" if torque.relative else f"{mass:.3g} kg in all"
-    terminal.fact("physical", f"full set of links in parameters.npz, {known}")
+    known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
+    terminal.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
     if common.verbose:
         terminal.answer()
         terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
     else:
-        terminal.fact("values", f"{len(found.names)} in {found.path.with_suffix('.csv')}; -v lists them here")
+        terminal.fact("values", f"{len(found.names)} in {found.path.with_suffix('.csv')}; -v prints them")
 
 
 def parameter_rows(found: Identification) -> list[list[str]]:

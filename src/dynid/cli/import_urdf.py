@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus
 from dynid.text import shell

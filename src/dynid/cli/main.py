@@ -180,18 +180,18 @@ def cli(ctx: click.Context) -> None:
 def run(args: Sequence[str]) -> int:
     """Run one command line and return its exit status; nothing escapes as a traceback."""
     words = [*args[1:], "--help"] if args[:1] == ["help"] else list(args)
-    told = failure.Told(words)
+    context = failure.FailureContext(words)
     with _interruptible():
         try:
-            status = _invoke(words, told)
+            status = _invoke(words, context)
             sys.stdout.flush()
             return status
         except click.exceptions.Exit as done:
             return _flushed(done.exit_code)
         except DynidError as error:
-            return failure.report(error, told)
+            return failure.report(error, context)
         except click.ClickException as error:
-            return failure.report(failure.usage_error(error), told)
+            return failure.report(failure.usage_error(error), context)
         except (KeyboardInterrupt, click.Abort):
             return failure.interrupted()
         except BrokenPipeError:
@@ -199,17 +199,17 @@ def run(args: Sequence[str]) -> int:
             return int(ExitStatus.DONE)
         except OSError as error:
             if not failure.is_users(error):
-                return failure.crash(error, told)
-            return failure.report(failure.os_error(error), told)
+                return failure.crash(error, context)
+            return failure.report(failure.os_error(error), context)
         except MemoryError as error:
-            return failure.report(OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), told)
+            return failure.report(OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context)
         except Exception as error:  # noqa: BLE001
-            return failure.crash(error, told)
+            return failure.crash(error, context)
 
 
-def _invoke(words: list[str], told: failure.Told) -> int:
+def _invoke(words: list[str], context: failure.FailureContext) -> int:
     with cli.make_context("dynid", words) as ctx:
-        told.meta = ctx.meta
+        context.meta = ctx.meta
         result: Any = cli.invoke(ctx)
     return int(result) if isinstance(result, int) else int(ExitStatus.DONE)
 

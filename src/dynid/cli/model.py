@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
-from dynid.cli.robot_argument import robot_argument
 from dynid.errors import StaleCache
 from dynid.text import shell
 from dynid.workflows.model import ModelOptions

@@ -1,5 +1,8 @@
 """The options every command has, and the rule who wins: flag, DYNID_* variable, ./dynid.yaml, user's file, default.
 
+Top-level keys of a configuration file set an option for every command; a key that is a command's name holds that
+command's options. ``./dynid.yaml`` wins over the user's file, and ``--config FILE`` stands in for both.
+
 A command is a function ``command(common, ...)`` under ``@dynid_command("name", examples=(...))``.
 """
 
@@ -8,19 +11,20 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.settings import load_settings
-from dynid.errors import WrongUsage
+from dynid.errors import UnknownKey, WrongUsage
 from dynid.limits import raised, read_limits
+from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
     from dynid.cli.terminal import Terminal
+    from dynid.files.yamlfile import Value
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,65 @@ class Common:
     def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
         """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
         return {"command": shlex.join(["dynid", *sys.argv[1:]]), "seed": self.seed, "inputs": dict(inputs)}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the configuration files say for one command.
+
+    Attributes:
+        values: parameter name to text or list of texts, as on the command line.
+        places: parameter name to ``file:line``.
+    """
+
+    values: dict[str, str | list[str]] = field(default_factory=dict)
+    places: dict[str, str] = field(default_factory=dict)
+
+
+def settings_files(given: Path | None) -> list[Path]:
+    """Return the configuration files that apply, the strongest last."""
+    if given is not None:
+        return [given]
+    return [path for path in (config_file(), LOCAL_CONFIG) if path.is_file()]
+
+
+def load_settings(given: Path | None, command: str, keys: Mapping[str, str], common: Sequence[str]) -> Settings:
+    """Read what the configuration files say about the options of a command.
+
+    Args:
+        given: the file of --config, or None.
+        command: name of the command.
+        keys: key in the file and name of the parameter that it sets.
+        common: names of the options that every command has.
+
+    Raises:
+        UnknownKey: a key is neither a common option, a command, nor an option of this command.
+    """
+    settings = Settings()
+    for path in settings_files(given):
+        _read(path, command, keys, [name for name in common if name != "config"], settings)
+    return settings
+
+
+def _read(path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings) -> None:
+    from dynid.cli.main import COMMANDS
+    from dynid.files.yamlfile import read_yaml
+
+    try:
+        top = read_yaml(path).mapping([*common, *COMMANDS])
+        own = top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}
+    except UnknownKey as error:
+        raise UnknownKey(
+            error.what, where=error.where, fix="rename or remove the key; keys are long option names"
+        ) from error
+    for key, value in {**{k: v for k, v in top.items() if k in common}, **own}.items():
+        if not value.is_null:
+            settings.values[keys.get(key, key)] = _words(value)
+            settings.places[keys.get(key, key)] = value.where
+
+
+def _words(value: Value) -> str | list[str]:
+    return [item.text() for item in value.items()] if value.is_list else value.text()
 
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
@@ -163,7 +226,7 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
 )
 
-COMMON_NAMES = tuple(field.name for field in fields(Common))
+COMMON_NAMES = tuple(each.name for each in fields(Common))
 
 
 def key_of(option: click.Option) -> str:

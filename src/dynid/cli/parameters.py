@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.identify import log_inputs
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
-from dynid.cli.robot_argument import robot_argument
 from dynid.cli.runfile import write_run
 from dynid.text import shell
 from dynid.workflows.logs import LogOptions

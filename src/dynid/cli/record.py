@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
-from dynid.cli.robot_argument import robot_argument
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.text import shell
 from dynid.workflows.record import RecordOptions

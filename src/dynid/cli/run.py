@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import COMMON_NAMES, Common, dynid_command, known_keys
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.run import RunOptions

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.robot_argument import robot_argument
 from dynid.errors import ExitStatus
 from dynid.workflows.sim_driver import SimDriverOptions
 

@@ -7,10 +7,9 @@ from typing import Any
 
 import click
 
-from dynid.cli.dataclass_options import options_from, options_of
+from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
-from dynid.cli.robot_argument import robot_argument
 from dynid.text import shell
 from dynid.workflows.simulate import SimulateOptions
 

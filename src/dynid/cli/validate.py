@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.dataclass_options import Number, options_from, options_of
+from dynid.cli.arguments import Number, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 @dynid_command(
     "validate",
     examples=(
-        "dynid validate out/kuka_lwr4plus/parameters.npz unseen.bag",
-        "dynid validate out/arm/parameters.npz unseen.bag --max-unexplained 5%     exit 1 when worse",
-        "dynid validate out/arm/parameters.npz unseen.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
+        "dynid validate out/kuka_lwr4plus unseen.bag",
+        "dynid validate out/arm unseen.bag --max-unexplained 5%     exit 1 when worse",
+        "dynid validate out/arm unseen.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
     ),
 )
 @click.argument("parameters", type=click.Path(path_type=Path))
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     "--max-rms",
     type=Number(min=0),
     metavar="NM",
-    help="Exit 1 when the rms torque error of any joint is larger [N m or N].",
+    help="Exit 1 if the rms torque error of any joint is larger [N m or N].",
 )
-@click.option("--max-unexplained", metavar="SHARE", help="Exit 1 when the total relative torque error is larger.")
+@click.option("--max-unexplained", metavar="SHARE", help="Exit 1 if the total relative torque error is larger.")
 @click.option(
     "--mcap",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
 def command(common: Common, parameters: Path, log: Path, plot: bool, mcap: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
-    """Compare estimated with measured torques on a recording that the model has not seen."""
+    """Compare predicted with measured torques on a recording that was not used to identify."""
     limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
     facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits)
     common.terminal.emit_json(facts)

@@ -345,23 +345,23 @@ def _in_force(
     arm comes near the data, and the log determines all parameters well, is something missing that it holds better.
     """
     if method != "auto":
-        return "plain", "the estimator was chosen by hand"
+        return "plain", "the estimator was chosen with --method"
     misfit, best = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
-    explains = "a possible arm explains the torques"
+    explains = "a physically possible arm explains the torques"
     if post.error is not None and post.error.free.size:
         misfit = judged("physical")[1]
         names = ", ".join(stack.joints[j] for j in post.error.free)
-        explains = f"a possible arm explains the torques but for a large one of the position of {names}, ask dynid gap"
-    figures = f"torque error {misfit:.2f} % against {best:.2f} % of the plain estimate"
+        explains = f"a physically possible arm explains the torques except a large position-dependent one of {names}; try dynid gap"
+    figures = f"torque error {misfit:.2f} %, plain estimate {best:.2f} %"
     if not contradicts(misfit, best):
         return "physical", f"{explains} ({figures})"
     # Why: few rows that many parameters were fitted to contradict nothing.
     if plain.solution.condition_number_scaled > LARGE_CONDITION:
-        return "physical", f"the log determines no other set ({figures})"
-    missing = f"the torques contradict every possible arm ({figures}): something is missing, ask dynid gap"
+        return "physical", f"the log does not determine the plain estimate ({figures})"
+    missing = f"no physically possible arm explains the torques ({figures}), so something is missing: try dynid gap"
     expected = {key: judged(key)[2].exciting_percent for key in SETS.values()}
     if expected["physical"] < CLEARLY * expected["plain"]:
-        return "physical", f"{missing}; on other motions a possible arm is expected to be better all the same"
+        return "physical", f"{missing}; on other motions the physical parameters should still be better"
     return "plain", missing
 
 

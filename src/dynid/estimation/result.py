@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
-IN_FORCE = {"physical": "the physically possible set", "plain": "the plain estimate"}
+USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 
 @dataclass(frozen=True)
@@ -445,7 +445,7 @@ class Identification:
         lines = [
             error,
             *self.expectation(),
-            f"in force: {IN_FORCE[self.in_force]}; {self.choice}",
+            f"used for predictions: {USED[self.in_force]}; {self.choice}",
             f"parameters known: {counted(self.knowledge)}",
             f"condition number {self.condition_number_scaled:.3g} with normalised columns",
         ]
@@ -463,8 +463,8 @@ class Identification:
         if self.model_error is not None:
             alone = relative_error(self.factors, self.theta)
             lines.append(
-                f"residual model in predictions: {self.relative_error_percent:.2f} % with it, {alone:.2f} % by the "
-                "parameters alone, which are what URDF and the like hold"
+                f"torque error {self.relative_error_percent:.2f} % with the residual model, {alone:.2f} % with the parameters "
+                "alone (URDF and other exports have the parameters only)"
             )
         return lines
 

@@ -85,15 +85,14 @@ class Validation:
         if not self.expected_percent:
             return ""
         ratio = self.relative_error_percent / self.expected_percent
-        word = "as expected" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse" if ratio > 1 else "better"
-        than = "" if word == "as expected" else " than expected"
-        return f"{word}{than}: {self.expected_percent:.2f} % were expected on this motion"
+        word = "as" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse than" if ratio > 1 else "better than"
+        return f"expected error on this motion {self.expected_percent:.2f} %: the result is {word} expected"
 
     def worth(self) -> str:
         """Return what the figure can be taken for: the accuracy on another motion, or only the noise floor."""
         if self.same_motion:
-            return "same motion as a fitted log: this is the noise floor, not the accuracy on other motions"
-        return "another motion than the fitted ones: this is the accuracy"
+            return "this log repeats a fitted motion: the error is the noise floor, not the accuracy on other motions"
+        return "this motion differs from the fitted ones: the error is the accuracy on unseen motion"
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""

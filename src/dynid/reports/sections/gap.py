@@ -15,8 +15,8 @@ from dynid.text import shell
 VERDICTS = {
     "named": "a missing effect was found and named",
     "nothing_changed": "nothing has changed since the model was identified",
-    "nothing_missing": "nothing is missing: what is left is noise",
-    "unexplained": "something is missing that no effect of the catalogue explains",
+    "nothing_missing": "nothing is missing: every joint is at its noise",
+    "unexplained": "something is missing, and no effect of the catalogue explains it",
     "ambiguous": "several effects explain it equally well",
 }
 
@@ -61,9 +61,9 @@ def _pictures(record: GapRecord) -> list[Picture]:
                     f"unseen data without and with {one.formula or one.effect} on {one.where}, and its curve",
                 ),
             ),
-            f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Left: the error on unseen data, "
-            "without and with it; right: what the model leaves for it there, and its own curve.",
-            "A curve that runs beside the dots: the name may be right, its shape is not.",
+            f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Left: the error on unseen data "
+            "without and with the effect. Right: the torque that is left for it, and its curve.",
+            "A curve that misses the dots: the effect may be right, but its shape is not.",
         )
         for k, (one, curve) in enumerate(record.drawn())
     ]

@@ -41,7 +41,7 @@ def steps(evidence: Evidence) -> list[Step]:
 def _unseen(found: Identification, judged: dict[str, Light]) -> Step | None:
     if judged["unseen motion"].state != "open":
         return None
-    why = "Only the fitted motion has been seen: replay a recording of another motion."
+    why = "The model was not tested on another motion: replay a recording of one."
     return Step(why, f"{shell('dynid', 'validate', found.path)} LOG")
 
 
@@ -54,16 +54,17 @@ def _missing(evidence: Evidence, judged: dict[str, Light]) -> Step | None:
         return None
     worst = max(found.joints, key=lambda joint: joint.relative_percent)
     why = (
-        f"Numbers that no arm can have explain {worse or 'the torques'} better: look for what the model lacks."
+        f"No physically possible arm explains {worse or 'the torques'} as well as the plain estimate: search for the "
+        "effect that the model lacks."
         if contradicted
-        else f"{found.relative_error_percent:.2g} % of the torque, and {worst.relative_percent:.2g} % of that of "
-        f"{worst.joint}, stay unexplained: look for what the model lacks."
+        else f"{found.relative_error_percent:.2g} % of the torque is unexplained, {worst.relative_percent:.2g} % on "
+        f"{worst.joint}: search for the effect that the model lacks."
     )
     return Step(why, shell("dynid", "gap", found.path, *_logs(found)))
 
 
 def _motion(found: Identification, judged: dict[str, Light]) -> Step | None:
-    if judged["knowledge"].state == "good":
+    if judged["parameters"].state == "good":
         return None
     count = found.knowledge.count(NOT_DETERMINED)
     why = f"{count} of {len(found.names)} parameters are not determined: plan a motion that shows them."
@@ -73,7 +74,9 @@ def _motion(found: Identification, judged: dict[str, Light]) -> Step | None:
 def _use(found: Identification, judged: dict[str, Light]) -> Step | None:
     if found.relative_error_percent > FAIR or judged["physics"].state == "bad":
         return None
-    return Step("Use it in a simulator or a controller.", f"{shell('dynid', 'export', found.path)} --format urdf")
+    return Step(
+        "Use the model in a simulator or a controller.", f"{shell('dynid', 'export', found.path)} --format urdf"
+    )
 
 
 def _logs(found: Identification) -> list[str]:

@@ -19,6 +19,8 @@ GOOD, FAIR = 5.0, 15.0
 SAME, NEAR = 1.2, 2.0
 #: Warnings about bodies: the plain numbers belong to no arm, or no possible arm explains a joint.
 OF_PHYSICS = ("W404", "W405")
+#: What predictions use.
+USED = {"physical": "physical parameters", "plain": "plain estimate"}
 #: An error on unseen torque that is good however small that of the fit is [%].
 SMALL = 2.0
 
@@ -37,6 +39,11 @@ class Light:
     state: str
     text: str
 
+    @property
+    def shown(self) -> str:
+        """The state as a reader sees it."""
+        return "not tested yet" if self.state == "open" else self.state
+
 
 # ---------------------------------------------------------------- verdict
 def verdict(evidence: Evidence) -> dict[str, Any]:
@@ -52,18 +59,19 @@ def sentences(evidence: Evidence) -> list[str]:
     unseen = unseen_percent(evidence)
     held = found.heldout_relative_error_percent
     first = (
-        f"The model explains all but {found.relative_error_percent:.2g} % of the measured torque; "
-        f"{worst.joint} is the weakest joint with {worst.relative_percent:.2g} % unexplained."
+        f"The model leaves {found.relative_error_percent:.2g} % of the measured torque unexplained; "
+        f"{worst.joint} is the weakest joint with {worst.relative_percent:.2g} %."
     )
-    floor = "" if held is None else f" On rows kept back ({found.heldout}) {held:.2g} % stay unexplained."
+    floor = "" if held is None else f" On held-out data ({found.heldout}) {held:.2g} % is unexplained."
     second = (
-        f"No other motion has been seen, so nothing is proved about one.{floor}"
+        f"It was not tested on another motion.{floor}"
         if unseen is None
-        else f"On torque that was not fitted ({unseen[0]}) {unseen[1]:.2g} % stay unexplained."
+        else f"On data that was not fitted ({unseen[0]}) {unseen[1]:.2g} % is unexplained."
     )
     third = (
-        f"{known} of {len(found.names)} base parameters are known as well as the torque needs, "
-        f"{found.knowledge.count('not determined')} not determined by the logs; the {found.in_force} set is in force."
+        f"{known} of {len(found.names)} base parameters are known as well as the torques need, "
+        f"{found.knowledge.count('not determined')} are not determined by the logs. Predictions use the "
+        f"{USED[found.in_force]}."
     )
     return [first, second, third]
 
@@ -83,7 +91,7 @@ def _known(found: Identification) -> int:
 
 
 def lights(evidence: Evidence) -> list[Light]:
-    """Return fit, generality, knowledge and physics."""
+    """Return the lights of fit, unseen motion, parameters and physics."""
     found = evidence.result
     unseen = unseen_percent(evidence)
     worst = max(joint.relative_percent for joint in found.joints)
@@ -100,17 +108,17 @@ def lights(evidence: Evidence) -> list[Light]:
         Light(
             "unseen motion",
             "open" if growth is None else "good" if unseen and unseen[1] <= SMALL else _state(growth, SAME, NEAR),
-            "no motion but the fitted one has been seen"
+            "no recording of another motion was replayed"
             if unseen is None or growth is None
             else f"{unseen[1]:.2g} % unexplained, {growth:.2g} times the fit's {found.relative_error_percent:.2g} %",
         ),
-        Light("knowledge", _state(-known, -0.75, -0.5), f"parameters known {counted(found.knowledge)}"),
+        Light("parameters", _state(-known, -0.75, -0.5), f"known {counted(found.knowledge)}"),
         Light(
             "physics",
             "good" if physical and not warnings else "fair" if physical or not warnings else "bad",
-            f"bodies that can exist{', but see the warnings' if warnings else ''}"
+            f"every link is a body that can exist{'; see the warnings' if warnings else ''}"
             if physical
-            else "the plain estimate is in force",
+            else "the plain estimate is used for predictions",
         ),
     ]
 
@@ -154,11 +162,11 @@ def limit_sentences(evidence: Evidence) -> list[str]:
     found, robot, reduction = evidence.result, evidence.robot, evidence.result.reduction
     open_ = [name for name, known in zip(found.names, found.knowledge, strict=True) if known == "not determined"]
     sentences = [
-        f"{len(reduction.none)} of {len(reduction.names)} parameters show in no motion of this arm, and "
-        f"{len(reduction.combined)} only in combinations: single link masses are mostly the prior's.",
+        f"No motion of this arm shows {len(reduction.none)} of {len(reduction.names)} parameters, and "
+        f"{len(reduction.combined)} show only in combinations. Most single link masses come from the prior.",
     ]
     if open_:
-        origin = "are the prior's" if found.in_force == "physical" else "may be anything"
+        origin = "come from the prior" if found.in_force == "physical" else "are arbitrary"
         sentences.append(f"These logs do not determine {', '.join(open_)}: their values {origin}.")
     if evidence.motion is not None:
         top = np.abs(evidence.motion.qd_estimated).max(axis=0)
@@ -168,15 +176,17 @@ def limit_sentences(evidence: Evidence) -> list[str]:
             if joint.limits.velocity
         ]
         if shares:
-            sentences.append(f"Speeds reached, of the limits: {', '.join(shares)}. Friction beyond them is a guess.")
+            sentences.append(
+                f"Largest speeds in percent of the limits: {', '.join(shares)}. Friction at higher speeds is extrapolated."
+            )
     sentences.append(
-        f"What is faster than {evidence.result.cutoff:.3g} Hz was filtered away: no vibration, no ripple in the model."
+        f"The filter removes what is faster than {evidence.result.cutoff:.3g} Hz, so the model has no vibration."
     )
-    sentences.append("Temperature, load and wear were those of the recording; friction changes with all three.")
+    sentences.append("Friction changes with temperature, load and wear; the model has those of the recording.")
     if robot.torque.source == "joint_sensor":
         sentences.append(
-            "Torque came from joint sensors: what lies before them (rotors, motor friction) is hardly seen."
+            "Torques come from joint sensors, which hardly see the motor side (rotor inertia, motor friction)."
         )
     if found.heldout_relative_error_percent is None and not evidence.unseen:
-        sentences.append("No torque was kept back: the error on another motion is not known.")
+        sentences.append("No data was held out: the error on another motion is unknown.")
     return sentences
