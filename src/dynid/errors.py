@@ -90,7 +90,7 @@ class WrongUsage(DynidError):
     """An option or argument has a value that the command cannot use."""
 
     code, status = "E101", ExitStatus.USAGE
-    why = "the command needs another value there"
+    why = "the command cannot use this value"
     fix = "see the command's help: dynid COMMAND -h"
 
 
@@ -99,7 +99,7 @@ class UnknownKey(DynidError):
     """The YAML file has a key that dynid does not know."""
 
     code, status = "E201", ExitStatus.INPUT
-    why = "a misspelt key would silently leave its default in force"
+    why = "a misspelt key would be ignored, and its default used instead"
     fix = "rename or remove the key; `dynid explain robot-file` lists all keys"
 
 
@@ -163,7 +163,7 @@ class ReductionsDisagree(DynidError):
     """The exact base parameters and those found by singular values differ."""
 
     code, status = "E209", ExitStatus.INPUT
-    why = "a value of the DH table or of gravity is nearly, but not quite, a special one, or a column is nearly zero"
+    why = "a value of the DH table or of gravity is close to a special value such as 90 deg or 0, but not equal to it"
     fix = "write the special value exactly (90 deg instead of 1.57, 0 instead of 1e-9), or move it away from it"
 
 
@@ -268,7 +268,7 @@ class LogTooShort(DynidError):
     """The log is too short for the number of parameters."""
 
     code, status = "E313", ExitStatus.DATA
-    why = "each parameter needs motion that shows it"
+    why = "each parameter needs motion that excites it"
     fix = "record a longer motion"
 
 
@@ -284,7 +284,7 @@ class GravityRemoved(DynidError):
     """Torques at rest do not change with the pose: the driver has subtracted gravity."""
 
     code, status = "E317", ExitStatus.INPUT
-    why = "masses and first moments are seen through gravity"
+    why = "masses and first moments are identified through gravity"
     fix = (
         "set the driver parameter publish_torque_with_gravity_compensation to false, "
         "or say `torque: {source: gravity_free}`"
@@ -344,15 +344,15 @@ class JointStill(DynidError):
     """A joint never moves in the log."""
 
     code, status = "E401", ExitStatus.DATA
-    why = "its inertia and friction leave no trace in the torques"
+    why = "its inertia and friction do not show in the torques"
     fix = "record a motion in which every joint moves"
 
 
 class PoorlyExcited(DynidError):
-    """What the log leaves open would cost the plain estimate half of the torque of an exciting motion, or more."""
+    """The log leaves so much undetermined that the plain estimate would miss half of the torque of an exciting motion."""
 
     code, status = "E402", ExitStatus.DATA
-    why = "some parameters are known only through what is left of noise"
+    why = "the log determines some parameters hardly better than noise"
     fix = "plan a better motion: dynid trajectory ROBOT --optimise"
 
 
@@ -384,15 +384,15 @@ class NothingChanged(DynidError):
     """The optimiser returned its starting point."""
 
     code, status = "E406", ExitStatus.DATA
-    why = "the result would only repeat the prior"
-    fix = "check that the log moves and the options leave something free"
+    why = "the result would be the prior again"
+    fix = "check that the arm moves in the log and that the options leave parameters free"
 
 
 class NotSimulated(DynidError):
     """The arm under its controller could not be simulated."""
 
     code, status = "E407", ExitStatus.DATA
-    why = "a controller with wrong gains, or parameters that belong to no arm, make a closed loop that runs away"
+    why = "with wrong gains or impossible parameters the simulated closed loop is unstable"
     fix = "check `controller:` in the robot file, or use --method iv"
 
 
@@ -441,7 +441,7 @@ class StateStale(DynidError):
     """Joint states stopped coming while the arm moved."""
 
     code, status = "E506", ExitStatus.UNSAFE
-    why = "what the arm does is not seen"
+    why = "the motion of the arm is unknown"
     fix = "look at the driver and the network; the log up to there is kept"
 
 
@@ -465,12 +465,12 @@ class PlanTeachesLittle(DynidError):
     """The best motion found excites so little that identification would refuse its log."""
 
     code, status = "E511", ExitStatus.UNSAFE
-    why = "a model from its log would predict other motions worse than one sample measures them"
+    why = "a model identified from this motion would not predict other motions"
     fix = "give the search more time or room: --seconds, --duration, --segments, --floor none, thinner links"
 
 
 class LimitsAssumed(DynidError):
-    """The motion was planned with limits that nobody gave."""
+    """The motion was planned with default limits, because the robot file has none."""
 
     code, status = "E512", ExitStatus.UNSAFE
     why = "the arm's own limits may be lower"
@@ -563,7 +563,7 @@ class WorkerDiffers(DynidError):
     """A worker cannot do what was asked as this machine would."""
 
     code, status = "E610", ExitStatus.MACHINE
-    why = "results would depend on who did the job, or not be found"
+    why = "results would depend on which worker did the job, or would not be found"
     fix = "install the same dynid on all workers, and run from a folder that all of them have"
 
 
@@ -571,7 +571,7 @@ class OutOfMemory(DynidError):
     """The machine has no memory left for what was asked."""
 
     code, status = "E611", ExitStatus.MACHINE
-    why = "nothing was written: numbers from part of a log would be other ones"
+    why = "nothing was written, because part of a log would give other numbers"
     fix = "give a shorter log or fewer effects, end other programs, or use another machine"
 
 
@@ -595,12 +595,12 @@ class CannotAsk(DynidError):
     """A question must be answered by a person, and there is no terminal."""
 
     code, status = "E703", ExitStatus.DECISION
-    why = "guessing would be worse"
+    why = "no answer is safe to assume"
     fix = "give the answer as an option"
 
 
 class Declined(DynidError):
-    """The person said no, so the job that was named is not done."""
+    """The person answered no, so nothing was done."""
 
     code, status = "E704", ExitStatus.DECISION
     why = "nothing was written"

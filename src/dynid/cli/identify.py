@@ -471,7 +471,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.sentence(total + held_text)
     judged = lights(Evidence(found))
     for light in judged:
-        terminal.fact(LABELS.get(light.name, light.name), f"{light.shown}: {light.text}")
+        terminal.fact(LABELS.get(light.name, light.title), f"{light.shown}: {light.text}")
     terminal.fact("used", f"{USED[found.in_force]} for predictions: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))

@@ -299,9 +299,9 @@ identified with everything else. There are numbers, `+ - * /`, powers `^2`, brac
 """
 _WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the whole arm"}
 _USES = {
-    ("refit", "frozen"): "found as what no numbers absorb, and as a change",
-    ("frozen",): "found as a change: identifying again absorbs it",
-    ("arm",): "found by the search for what only an odd arm would absorb",
+    ("refit", "frozen"): "found by --ask numbers and --ask changed",
+    ("frozen",): "found by --ask changed only: identifying again absorbs it",
+    ("arm",): "found by --ask arm: only implausible links imitate it",
 }
 
 

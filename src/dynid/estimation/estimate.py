@@ -351,7 +351,9 @@ def _in_force(
     if post.error is not None and post.error.free.size:
         misfit = judged("physical")[1]
         names = ", ".join(stack.joints[j] for j in post.error.free)
-        explains = f"a physically possible arm explains the torques except a large position-dependent one of {names}; try dynid gap"
+        explains = (
+            f"a physically possible arm explains all but a large torque of the position of {names}: try dynid gap"
+        )
     figures = f"torque error {misfit:.2f} %, plain estimate {best:.2f} %"
     if not contradicts(misfit, best):
         return "physical", f"{explains} ({figures})"

@@ -463,8 +463,8 @@ class Identification:
         if self.model_error is not None:
             alone = relative_error(self.factors, self.theta)
             lines.append(
-                f"torque error {self.relative_error_percent:.2f} % with the residual model, {alone:.2f} % with the parameters "
-                "alone (URDF and other exports have the parameters only)"
+                f"torque error {self.relative_error_percent:.2f} % with the residual model, {alone:.2f} % without "
+                "it (URDF and other exports have the parameters only)"
             )
         return lines
 

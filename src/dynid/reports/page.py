@@ -75,7 +75,7 @@ def summary(evidence: Evidence) -> str:
     lines = [f"### {markdown(evidence.robot.name)}", "", *(markdown(text) for text in sentences(evidence)), ""]
     lines += ["| | | |", "| --- | --- | --- |"]
     lines += [
-        f"| {marks[light.state]} {light.shown} | {light.name} | {markdown(light.text)} |" for light in lights(evidence)
+        f"| {marks[light.state]} {light.shown} | {light.title} | {markdown(light.text)} |" for light in lights(evidence)
     ]
     lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
     for joint, row in zip(evidence.robot.joints, evidence.result.joints, strict=True):

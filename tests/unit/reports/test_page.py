@@ -203,7 +203,7 @@ def test_unseen_motion_is_judged_by_the_growth_of_the_error_unless_it_is_small(e
 
 def test_nothing_kept_back_is_neither_good_nor_bad(evidence):
     light = lights(changed(evidence, unseen=False))[1]
-    assert (light.state, light.text) == ("open", "no motion but the fitted one has been seen")
+    assert (light.state, light.text) == ("open", "no recording of another motion was replayed")
 
 
 @pytest.mark.parametrize(("well", "state"), [(17, "good"), (16, "fair"), (11, "fair"), (10, "bad")])
@@ -226,10 +226,10 @@ def test_physics_is_judged_by_the_set_in_force_and_the_warnings(evidence, in_for
 
 def test_the_verdict_is_three_sentences_with_the_numbers_of_the_result(evidence):
     assert sentences(changed(evidence, joints=quality(14.2), knowledge=("well",) * 20 + ("not determined",) * 2)) == [
-        "The model explains all but 1.4 % of the measured torque; a is the weakest joint with 14 % unexplained.",
-        f"On torque that was not fitted ({NASTY}) {evidence.unseen[0].percent:.2g} % stay unexplained.",
-        "20 of 22 base parameters are known as well as the torque needs, 2 not determined by the logs; "
-        "the physical set is in force.",
+        "The model leaves 1.4 % of the measured torque unexplained; a is the weakest joint with 14 %.",
+        f"On data that was not fitted ({NASTY}) {evidence.unseen[0].percent:.2g} % is unexplained.",
+        "20 of 22 base parameters are known as well as the torques need, 2 are not determined by the logs. "
+        "Predictions use the physical parameters.",
     ]
 
 
@@ -237,7 +237,7 @@ def test_an_old_run_without_its_other_files_still_has_a_report(evidence):
     """Only parameters.npz is needed: drawings of parameters and bodies are left, and what is missing is said."""
     text = page(replace(evidence, motion=None, unseen=(), singular_values=None))
     assert Elements(text).labels == [DRAWINGS[2], DRAWINGS[-1]]
-    assert by_section(text)["unseen"].count("No torque was kept back") == 1
+    assert by_section(text)["unseen"].count("No data was held out") == 1
     assert by_section(text)["torque"].count("estimatedmotion.npz is not beside the result") == 1
 
 
@@ -247,8 +247,8 @@ def test_the_summary_shows_names_as_they_are(evidence):
     assert lines[0] == r'### \<b\>x \& "y"\</b\>'
     assert lines[9:12] == [
         "| 🔴 bad | unseen motion | 2.9 % unexplained, 2.1 times the fit's 1.4 % |",
-        "| 🟢 good | knowledge | parameters known 21 well, 1 not determined |",
-        "| 🟢 good | physics | bodies that can exist |",
+        "| 🟢 good | parameters | known 21 well, 1 not determined |",
+        "| 🟢 good | physics | every link is a body that can exist |",
     ]
     assert lines[15] == r'| \<b\>x \& "y"\</b\> | 0.01 N m | 1.4 % | - |'
     assert len(lines) == 19

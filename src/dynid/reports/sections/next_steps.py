@@ -64,7 +64,7 @@ def _missing(evidence: Evidence, judged: dict[str, Light]) -> Step | None:
 
 
 def _motion(found: Identification, judged: dict[str, Light]) -> Step | None:
-    if judged["parameters"].state == "good":
+    if judged["knowledge"].state == "good":
         return None
     count = found.knowledge.count(NOT_DETERMINED)
     why = f"{count} of {len(found.names)} parameters are not determined: plan a motion that shows them."

@@ -40,6 +40,11 @@ class Light:
     text: str
 
     @property
+    def title(self) -> str:
+        """What it is about, as a reader sees it."""
+        return "parameters" if self.name == "knowledge" else self.name
+
+    @property
     def shown(self) -> str:
         """The state as a reader sees it."""
         return "not tested yet" if self.state == "open" else self.state
@@ -112,7 +117,7 @@ def lights(evidence: Evidence) -> list[Light]:
             if unseen is None or growth is None
             else f"{unseen[1]:.2g} % unexplained, {growth:.2g} times the fit's {found.relative_error_percent:.2g} %",
         ),
-        Light("parameters", _state(-known, -0.75, -0.5), f"known {counted(found.knowledge)}"),
+        Light("knowledge", _state(-known, -0.75, -0.5), f"known {counted(found.knowledge)}"),
         Light(
             "physics",
             "good" if physical and not warnings else "fair" if physical or not warnings else "bad",
@@ -177,7 +182,7 @@ def limit_sentences(evidence: Evidence) -> list[str]:
         ]
         if shares:
             sentences.append(
-                f"Largest speeds in percent of the limits: {', '.join(shares)}. Friction at higher speeds is extrapolated."
+                f"Largest speeds over their limits: {', '.join(shares)}. Friction at higher speeds is extrapolated."
             )
     sentences.append(
         f"The filter removes what is faster than {evidence.result.cutoff:.3g} Hz, so the model has no vibration."
