@@ -349,7 +349,7 @@ class JointStill(DynidError):
 
 
 class PoorlyExcited(DynidError):
-    """The log leaves so much undetermined that the plain estimate would miss half of the torque of an exciting motion."""
+    """The log leaves so much undetermined that the plain estimate would miss half of the torque of other motions."""
 
     code, status = "E402", ExitStatus.DATA
     why = "the log determines some parameters hardly better than noise"
