@@ -437,7 +437,7 @@ def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -
 def show_next(common: Common, result: Identification) -> None:
     """Say the two most urgent things to do, each with its reason."""
     from dynid.reports.evidence import Evidence
-    from dynid.reports.sections.next_steps import steps
+    from dynid.reports.sections.verdict import steps
 
     for step in steps(Evidence(result))[:2]:
         common.terminal.next(step.command, step.why)

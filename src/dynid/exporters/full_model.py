@@ -1,4 +1,4 @@
-"""All parameters of an arm as simulators need them: one body per link, rotors, friction, and the origin of each number.
+"""All parameters of an arm as simulators need them: bodies, rotors, friction, where each number is from, and frames.
 
 Reads an identification. The physical set is possible by construction; the plain estimate gets the set nearest to it.
 """
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dynid.estimation.physical_constraints import smallest_eigenvalues
 from dynid.estimation.physical_parameters import PhysicalParameters
 from dynid.model.base_model import BaseModel
-from dynid.model.parameters import body_of, prior_bodies
-from dynid.robot import LINK_PARAMETERS, Body, Robot
+from dynid.model.kinematics import base_pose, fixed_poses
+from dynid.model.parameters import body_of, moved, prior_bodies
+from dynid.robot import LINK_PARAMETERS, Body, Robot, rotation_rpy
 
 Floats = NDArray[np.float64]
 
@@ -97,3 +98,30 @@ def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> 
         friction={name: values[name] for name in names[len(base.model.link_columns) :]},
         origin=physical.origin,
     )
+
+
+# ---------------------------------------------------------------- frames of simulators
+def world_gravity(robot: Robot) -> Floats:
+    """Return gravity in the world frame, (3,)."""
+    return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
+
+
+def joint_poses(robot: Robot) -> tuple[Floats, ...]:
+    """Return each joint's pose at q = 0 in the frame of the joint before, in the world for the first, n of (4, 4)."""
+    previous, poses = base_pose(robot), []
+    for joint in robot.joints:
+        before, after = fixed_poses(joint, robot.convention)
+        poses.append(previous @ before)
+        previous = after
+    return tuple(poses)
+
+
+def moving_bodies(robot: Robot, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """Return the bodies in the moving frames of their joints instead of the DH frames."""
+    joints = zip(bodies, robot.joints, strict=True)
+    return tuple(moved(body, fixed_poses(joint, robot.convention)[1]) for body, joint in joints)
+
+
+def numbers(values: object) -> str:
+    """Return numbers with all their digits, separated by spaces."""
+    return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values, dtype=float)))

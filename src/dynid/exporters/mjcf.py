@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.exporters.engines import RIGID, ROTORS, VISCOUS, mujoco, part, pinocchio
-from dynid.exporters.frames import joint_poses, moving_bodies, numbers, world_gravity
+from dynid.exporters.full_model import joint_poses, moving_bodies, numbers, world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
 from dynid.model.kinematics import fixed_poses

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.exporters.engines import RIGID, bullet, part
-from dynid.exporters.frames import joint_poses, moving_bodies, numbers, world_gravity
+from dynid.exporters.full_model import joint_poses, moving_bodies, numbers, world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import beyond_joints
 from dynid.robot import Body, Joint, roll_pitch_yaw

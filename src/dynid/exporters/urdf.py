@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from dynid.exporters.engines import RIGID, bullet, mapped, part, pinocchio
-from dynid.exporters.frames import world_gravity
+from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.user_urdf import attached, rewritten
 from dynid.robot import JointMap

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import NotPhysical, WrongUrdf
-from dynid.exporters.frames import numbers
-from dynid.exporters.full_model import smallest_eigenvalue
+from dynid.exporters.full_model import numbers, smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved

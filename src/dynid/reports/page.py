@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dynid.reports.evidence import Evidence
 from dynid.reports.sections.gap import gap
-from dynid.reports.sections.interface import Section
 from dynid.reports.sections.motion import excitation, residual, torque, unseen
-from dynid.reports.sections.next_steps import next_steps
 from dynid.reports.sections.parameters import parameters
 from dynid.reports.sections.physics import physics
-from dynid.reports.sections.verdict import lights, limits, quality, run, sentences, verdict
+from dynid.reports.sections.verdict import lights, limits, next_steps, quality, run, sentences, verdict
 from dynid.text import markdown, printable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of the report.
+
+    Attributes:
+        title: heading.
+        anchor: name in links, and of the template ``templates/<anchor>.html``.
+        context: returns the values of the template.
+    """
+
+    title: str
+    anchor: str
+    context: Callable[[Evidence], dict[str, Any]]
+
 
 #: In the order of the page.
 SECTIONS = (

@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL, save
@@ -13,6 +14,24 @@ from dynid.text import html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with what a reader needs to judge it.
+
+    Attributes:
+        svgs: the drawings; several stand side by side where there is room.
+        read: how to read it, one sentence.
+        worry: which value would be worrying, one sentence.
+        narrow: whether two drawings fit side by side on a telephone.
+    """
+
+    svgs: tuple[str, ...]
+    read: str
+    worry: str
+    narrow: bool = False
+
 
 #: Stands for the page's text colour until the figure is written.
 INK = "#010203"

@@ -8,8 +8,7 @@ from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.evidence import Evidence
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
-from dynid.reports.sections.interface import Picture
-from dynid.reports.svg import drawn
+from dynid.reports.svg import Picture, drawn
 from dynid.text import shell
 
 VERDICTS = {

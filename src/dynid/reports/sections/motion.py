@@ -15,7 +15,7 @@ from dynid.reports.charts import (
     torque_chart,
 )
 from dynid.reports.evidence import Evidence
-from dynid.reports.sections.interface import Picture
+from dynid.reports.svg import Picture
 from dynid.text import shell
 
 

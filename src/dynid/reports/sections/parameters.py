@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.reports.charts import error_chart
 from dynid.reports.evidence import Evidence
-from dynid.reports.sections.interface import Picture
+from dynid.reports.svg import Picture
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import with_error
 

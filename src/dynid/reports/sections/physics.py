@@ -12,8 +12,7 @@ from dynid.model.parameters import second_moments
 from dynid.reports.evidence import Evidence
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
 from dynid.reports.inertia_ellipsoids import Ellipsoid, ellipsoid_drawing
-from dynid.reports.sections.interface import Picture
-from dynid.reports.svg import drawn
+from dynid.reports.svg import Picture, drawn
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
