@@ -14,7 +14,7 @@ import click
 import pytest
 import yaml
 
-from dynid.cli.arguments import RESULT, Number
+from dynid.cli.arguments import Number
 from dynid.cli.main import available, loop_map, module_of
 from dynid.codes import catalogue
 from dynid.errors import EXIT_MEANING
@@ -424,9 +424,3 @@ def test_every_number_on_the_command_line_is_one_that_can_be_measured():
             for text in ("nan", "inf", "-inf", "1e400", "1e13", *(["1e-300", "-1"] if param.type.min == 0 else [])):
                 with pytest.raises(click.BadParameter):
                     param.type.convert(text, param, None)
-
-
-def test_a_result_is_named_by_its_file_or_its_folder(tmp_path):
-    assert RESULT.convert(str(tmp_path), None, None) == tmp_path / "parameters.npz"
-    assert RESULT.convert(str(tmp_path / "parameters.npz"), None, None) == tmp_path / "parameters.npz"
-    assert RESULT.convert("missing", None, None) == Path("missing")

@@ -12,7 +12,7 @@ from dynid.cli.main import available, cli
 
 PAGES = [*pages(), ROOT / "CONTRIBUTING.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
 #: Where a path on a page may begin, beside the folder of the page.
-STARTS = (ROOT, ROOT / "src/dynid", ROOT / "tests", ROOT / "docs", ROOT / "benchmarks")
+STARTS = (ROOT, ROOT / "src", ROOT / "src/dynid", ROOT / "tests", ROOT / "docs", ROOT / "benchmarks")
 #: Files with these endings belong to the project; files of a user have others, or stand in no folder.
 OURS = (".py", ".md", ".svg", ".ipynb", ".toml")
 #: Folders that a command writes or that a reader of the page has.
