@@ -97,7 +97,6 @@ def show_changes(common: Common, run: ComparedRun) -> None:
 def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
     """Run all estimators on the same logs and print one row per estimator."""
     from dynid.workflows.compare_methods import compare_methods
-    from dynid.workflows.logs import read_log
     from dynid.workflows.model import base_model
     from dynid.workflows.robots import load_robot
 
@@ -106,7 +105,7 @@ def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
     robot = load_robot(words[0])
     with common.terminal.progress() as progress:
         base = base_model(robot, common.folder(robot.slug), progress)
-        found = compare_methods(robot, [read_log(path, robot) for path in words[1:]], base=base, progress=progress)
+        found = compare_methods(robot, words[1:], base=base, progress=progress)
     common.terminal.show(found.table())
     if found.alarm():
         common.terminal.answer(found.alarm())

@@ -18,7 +18,6 @@ from dynid.errors import EXIT_MEANING
 from dynid.files.artifact import write_text
 from dynid.files.robotkeys import ROBOT, Key
 from dynid.limits import LIMITS
-from dynid.options import Options
 
 #: Topics by the first digit of a code.
 TOPICS = {
@@ -205,10 +204,8 @@ def _signature(function: Any) -> str:  # noqa: ANN401
             continue
         if one.kind is one.KEYWORD_ONLY and "*" not in words:
             words.append("*")
-        default = one.default
-        shown = f"{type(default).__name__}()" if isinstance(default, Options) else repr(default)
-        shown = "SILENT" if one.name == "progress" else shown
-        words.append(one.name if default is one.empty else f"{one.name}={shown}")
+        name = f"**{one.name}" if one.kind is one.VAR_KEYWORD else one.name
+        words.append(name if one.default is one.empty else f"{name}={one.default!r}")
     return f"({', '.join(words)})"
 
 
@@ -219,9 +216,11 @@ def _prose(doc: str) -> list[str]:
     lines: list[str] = []
     section = ""
     for line in doc.split("\n"):
-        if line in ("Args:", "Attributes:", "Raises:", "Returns:"):
+        if line in ("Args:", "Attributes:", "Raises:", "Returns:", "Example:"):
             section = line
             lines += [f"*{line[:-1]}*", ""]
+        elif section == "Example:" and line.startswith("    "):
+            lines.append(f"`{line.strip()}`")
         elif section and (found := re.match(r"    (\w+): (.*)", line)):
             lines.append(f"- `{found[1]}`: {_escaped(found[2])}")
         elif section and line.startswith("    "):

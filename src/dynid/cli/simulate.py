@@ -28,14 +28,14 @@ from dynid.workflows.simulate import SimulateOptions
 def command(common: Common, robot: str, source: Path, **values: Any) -> None:  # noqa: ANN401
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     from dynid.workflows.robots import load_robot
-    from dynid.workflows.simulate import motion_of, simulate
+    from dynid.workflows.simulate import simulate
 
     arm, options = load_robot(robot), options_of(SimulateOptions, values, seed=common.seed)
     common.terminal.findings(arm.findings)
     target = common.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
     with common.terminal.progress() as progress:
-        found = simulate(arm, motion_of(source, arm), options, progress=progress)
+        found = simulate(arm, source, options, progress=progress)
     common.terminal.stage("physics", f"{found.source}; the arm follows the motion exactly")
     wrote = []
     if may_write(common, target, inputs):

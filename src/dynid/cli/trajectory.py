@@ -162,26 +162,21 @@ def plan_once(
     inputs: dict[str, str],
 ) -> Answer:  # fmt: skip
     """Plan, show, ask and write; NO when the person wants another motion."""
-    from dynid.files.planfile import read_waypoints
-    from dynid.files.trajectoryfile import read_trajectory
-    from dynid.gap.record import read_record
-    from dynid.workflows.earlier_information import read_earlier
     from dynid.workflows.model import base_model
     from dynid.workflows.trajectory import plan_trajectory
 
     look = view(common, values, path.parent)
-    points, along = values["from_waypoints"], values["from_trajectory"]
     with common.terminal.progress() as progress:
         found = plan_trajectory(
             arm,
             options,
-            waypoints=read_waypoints(points, arm) if points else written.waypoints,
-            path=read_trajectory(along, arm) if along else None,
-            earlier=[read_earlier(file, arm) for file in values["earlier"]],
+            waypoints=values["from_waypoints"] or written.waypoints,
+            path=values["from_trajectory"],
+            earlier=values["earlier"],
             urdf=values["urdf"],
             base=base_model(arm, path.parent, progress),
             drawing=look.drawing,
-            for_gap=read_record(values["for_gap"]) if values["for_gap"] else None,
+            for_gap=values["for_gap"],
             progress=progress,
         )
     show(common, found)
