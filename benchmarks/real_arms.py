@@ -58,7 +58,7 @@ class Outcome:
 def part(log: Log, first: float, last: float) -> Log:
     """Return what a log holds between two times since its begin [s]."""
     inside = (log.t - log.t[0] >= first) & (log.t - log.t[0] < last)
-    extra = {key: value[inside] if value.shape[:1] == log.t.shape else value for key, value in log.extra.items()}
+    extra = {key: value[inside] if np.shape(value)[:1] == log.t.shape else value for key, value in log.extra.items()}
     qd = None if log.qd is None else log.qd[inside]
     return replace(log, t=log.t[inside], q=log.q[inside], tau=log.tau[inside], qd=qd, extra=extra)
 
