@@ -36,14 +36,10 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "tests"), str(HERE.parent / "tests" / "physics")]
-#: JSON of module, name and value of the constant that this process and its children have patched.
-PATCH = "DYNID_PATCHED_CONSTANT"
-if PATCH in os.environ:
-    _module, _name, _value = json.loads(os.environ[PATCH])
-    setattr(importlib.import_module(_module), _name, tuple(_value) if isinstance(_value, list) else _value)
+sys.path[:0] = [*map(str, (HERE, HERE / "patched", HERE.parent / "tests", HERE.parent / "tests" / "physics"))]
 
 import numpy as np  # noqa: E402
+from constants import PATCH, WATCH, apply  # noqa: E402
 
 DATA = next((f / "shared/data" for f in HERE.parents if (f / "shared/data").is_dir()), Path("nowhere"))
 SHIPPED = HERE.parent / "trajectories"
@@ -273,19 +269,24 @@ def named() -> Figures:
 
 
 def plans() -> Figures:
-    """Condition number and expected torque error of short plans, which a search of one start ends with."""
+    """What short plans are worth that a search of one start ends with."""
     import dynid
 
     found: Figures = {}
-    for name, duration, segments in (("scara", 6.0, 3), ("ur3e", 6.0, 3)):
+    for name, basis in (("scara", "quintic"), ("scara", "fourier"), ("ur3e", "quintic"), ("scara", "spline")):
         options = dynid.PlanOptions(
-            alpha=1.0, duration=duration, segments=segments, restarts=1, seconds=600.0, processes=1
+            alpha=1.0, duration=6.0, segments=3, basis=basis, restarts=1, seconds=600.0, processes=1
         )
         facts = dynid.plan_trajectory(dynid.load_robot(name), options).facts()
+        of = f"{name} {basis}"
         found |= {
-            f"{name} condition": facts["condition_number_scaled"],
-            f"{name} expected error N m": facts["expected_torque_error_nm"],
-            f"{name} nearest m": facts["closest_m"],
+            f"{of} condition": facts["condition_number_scaled"],
+            f"{of} error N m": facts["expected_torque_error_nm"],
+            f"{of} nearest m": facts["closest_m"] or math.nan,
+            f"{of} noise": float(np.sum(facts["torque_noise_nm"])),
+            f"{of} weakest": str(facts["weakest"])[:60],
+            f"{of} other speeds": str([(each["alpha"], f"{each['torque_error']:.3g}") for each in facts["ladder"]]),
+            f"{of} assumed": str(facts["assumed_limits"])[:60],
         }
     return found
 
@@ -445,7 +446,7 @@ def forked(folder: str, patched: tuple[str, str, Any] | None) -> Figures:
         try:
             if patched:
                 os.environ[PATCH] = json.dumps(patched)
-                setattr(sys.modules[patched[0]], patched[1], patched[2])
+            apply()
             answer = json.dumps(figures(folder))
         except BaseException as error:  # noqa: BLE001 - whatever it is, it is told
             answer = json.dumps({"failure": f"{type(error).__name__}: {error}"[:200]})
@@ -470,6 +471,19 @@ def afresh(folder: str, patched: tuple[str, str, Any] | None) -> Figures:
     if done.returncode:
         return {"failure": (done.stderr.strip().splitlines() or ["killed"])[-1][:200]}
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def watched(folder: str, measured: Callable[[tuple[str, str, Any] | None], Figures]) -> tuple[Figures, set[str]]:
+    """Return a folder's figures and the constants that are read for them; without those no run is needed."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "read"
+        path.touch()
+        os.environ[WATCH] = json.dumps([f"dynid.{folder}.tuning", str(path)])
+        try:
+            found = measured(None)
+        finally:
+            del os.environ[WATCH]
+        return found, set(path.read_text().split()) | bound_early(folder)
 
 
 def figures(folder: str) -> Figures:
@@ -513,6 +527,7 @@ def study(folders: list[str], minutes: float) -> None:
     from resumable import commit
 
     end = time.monotonic() + 60 * minutes
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE / "patched"), os.environ.get("PYTHONPATH", "")])
     for folder in folders:
         done = {(row["folder"], row["name"], row["way"], str(row["at"])) for row in kept()}
         asked = [
@@ -524,7 +539,7 @@ def study(folders: list[str], minutes: float) -> None:
         if not open_:
             continue
         measured = measure_from(folder)
-        before = measured(None)
+        before, read = watched(folder, measured)
         if "failure" in before:
             raise SystemExit(f"{folder}: {before['failure']}")
         for constant, way, value in open_:
@@ -534,7 +549,8 @@ def study(folders: list[str], minutes: float) -> None:
                 "folder": folder, "name": constant.name, "value": _plain(constant.value), "unit": constant.unit, "way": way,
                 "at": _plain(value), "commit": commit(), "figures": len(before),
             }  # fmt: skip
-            if value == constant.value:
+            row["read"] = constant.name in read
+            if value == constant.value or constant.name not in read:
                 row["changed"] = {}
             else:
                 row["changed"] = changes(before, measured((f"dynid.{folder}.tuning", constant.name, value)))
@@ -559,6 +575,8 @@ def cell(row: dict[str, Any] | None) -> str:
     """Return the changes of a row, the first three of them written out."""
     if row is None:
         return "not measured"
+    if not row.get("read", True):
+        return "not read"
     changed = list(row["changed"].items())
     text = "; ".join(f"{name}: {shown(was)} -> {shown(now)}" for name, (was, now) in changed[:3])
     more = f"; {len(changed) - 3} more" if len(changed) > 3 else ""
@@ -570,7 +588,8 @@ def page() -> str:
     rows = {(row["folder"], row["name"], row["way"]): row for row in kept()}
     lines = ["# What each tuning number is worth", "", INTRODUCTION]
     names = list(dict.fromkeys(key[:2] for key in rows))
-    nothing = []
+    nothing: list[str] = []
+    unread: list[str] = []
     for folder in dict.fromkeys(folder for folder, _ in names):
         sets = ", ".join(f"{each.__name__.replace('_', ' ')}" for each in SETS[folder])
         commits = sorted({row["commit"] for key, row in rows.items() if key[0] == folder})
@@ -582,22 +601,24 @@ def page() -> str:
             assert row is not None
             lines.append(f"| {name} | {shown(row['value'])} | {row['unit']} | {cell(half)} | {cell(double)} |")
             if half and double and not half["changed"] and not double["changed"]:
-                nothing.append(f"{folder}.{name}")
-    lines += ["", "## Numbers that change no figure", "", ", ".join(nothing) or "None.", ""]
+                (nothing if half.get("read", True) else unread).append(f"`{folder}.{name}`")
+    lines += ["", "## Numbers that are read and change no figure", "", ", ".join(nothing) or "None.", ""]
     lines += ["These are candidates for removal; some decide about situations that the figures do not hold."]
+    lines += ["", "## Numbers that no figure reads", "", ", ".join(unread) or "None.", ""]
+    lines += ["Nothing is known of these; tests hold the situations that they decide about, or none does."]
     return "\n".join(lines)
 
 
 INTRODUCTION = """\
 `python benchmarks/tuning.py` sets each constant of the tables `dynid/FOLDER/tuning.py` to half and to double its value and
 takes a fixed set of quick figures of what the folder can influence; shown is what changes by more than 0.1 %, "-" where
-nothing does. Several numbers in one constant change together; whole numbers stay whole; shares stay below 1.
+nothing does, "not read" where no figure comes to the place where the constant is used. Several numbers in one constant change together; whole numbers stay whole; shares stay below 1.
 
 - *real*: torque errors on unseen motions of real arms (LWR4+ run 1 -> 3 and 3 -> 2, UR10 after 13 s, TX40 after 3.5 s,
   Panda after 13 s) and the errors that were expected; *simulated arms*: true parameters in their intervals, four arms;
 - *methods*: five estimators on the shipped recording; *mistakes*: twenty wrong robot files and ten right ones;
 - *spoilt*: what is found in a recording that is spoilt in some eighty ways; *reading*: recordings of nine kinds;
-- *relations*: base parameters of all robot files; *named*: four cases of the gap search; *plans*: two short plans; *driven*:
+- *relations*: base parameters of all robot files; *named*: four cases of the gap search; *plans*: four short plans; *driven*:
   the demonstration with a hidden spring. Processor times count where they change by half."""
 
 
