@@ -110,9 +110,9 @@ class Contents:
                     _agree(sizes, fact.size, len(value), place)
                 if fact.least is not None or fact.most is not None:
                     _require_range(value, fact, place)
-        for pattern, told in self.arrays.items():
-            for name, number in _named(pattern, arrays, told.needed):
-                _require_array(arrays[name], told, name, number, sizes)
+        for pattern, declared in self.arrays.items():
+            for name, number in _named(pattern, arrays, declared.needed):
+                _require_array(arrays[name], declared, name, number, sizes)
         for name, limit in _LIMITS.items():
             limits.check(limit, sizes.get(name, 0), where)
 
@@ -155,8 +155,8 @@ def _named(pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool) -> It
         yield pattern, ""
 
 
-def _require_array(array: NDArray[Any], told: Array, name: str, number: str, sizes: dict[str, int]) -> None:
-    wanted = told.shape.split()
+def _require_array(array: NDArray[Any], declared: Array, name: str, number: str, sizes: dict[str, int]) -> None:
+    wanted = declared.shape.split()
     if array.ndim == len(wanted):
         for word, size in zip(wanted, array.shape, strict=True):
             match = _SIZE.fullmatch(word.rstrip("?").replace("*", ""))
@@ -167,13 +167,13 @@ def _require_array(array: NDArray[Any], told: Array, name: str, number: str, siz
         int(word) if word.isdigit() else size
         for word, size in zip(wanted, (*array.shape, *[0] * len(wanted)), strict=False)
     )
-    require_numbers(shape, told.kind, gaps=told.gaps, endless=told.endless, **{name: array})
-    if told.kind is np.bool_:
+    require_numbers(shape, declared.kind, gaps=declared.gaps, endless=declared.endless, **{name: array})
+    if declared.kind is np.bool_:
         return
     for part in (array[some].astype(np.float64, copy=False) for some in spans(len(array) if shape else 0)):
-        if np.any(part < told.least) or np.any(part > told.most):
-            raise ValueError(f"'{name}' must lie between {told.least:g} and {told.most:g}")
-    if told.rising and not all(
+        if np.any(part < declared.least) or np.any(part > declared.most):
+            raise ValueError(f"'{name}' must lie between {declared.least:g} and {declared.most:g}")
+    if declared.rising and not all(
         np.all(np.diff(array[max(0, some.start - 1) : some.stop]) > 0) for some in spans(len(array))
     ):
         raise ValueError(f"the numbers of '{name}' do not rise")

@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -88,11 +90,18 @@ def _letters(name: str) -> str:
 def load_robot(name: str | Path) -> Robot:
     """Read a robot by name or path; what was noticed is in ``robot.findings``."""
     path = find_robot(str(name))
-    return replace(_robot(read_yaml(path), path), source=str(name))
+    return replace(parse_robot(read_text(path), path), source=str(name))
 
 
 def parse_robot(text: str, path: Path) -> Robot:
     """Read a robot from the text of its file."""
+    # Why a copy: a robot has mappings, which its user may change.
+    return deepcopy(_parsed(text, path, tuple(limits.words())))
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str, path: Path, raised: tuple[str, ...]) -> Robot:
+    """Read a robot once for each text, path and set of raised limits."""
     return _robot(parse_yaml(text, path), path)
 
 

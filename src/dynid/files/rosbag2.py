@@ -40,13 +40,6 @@ _JOURNALS = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 _STEPS = 10_000
 
 
-def is_recording(path: Path) -> bool:
-    """Return whether a path is a folder of rosbag2, or a single .db3 or .mcap file, by its content."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file() or any(part.suffix in SUFFIXES for part in path.iterdir())
-    return path.suffix in SUFFIXES or _start(path).startswith((SQLITE, mcap_records.MAGIC))
-
-
 def list_topics(path: Path) -> dict[str, Topic]:
     """Return the topics of a recording by name; those of a damaged one as far as it can be read.
 

@@ -87,12 +87,12 @@ def read_table(
     wanted = [name for columns in layout.columns.values() for name in columns]
     values = _read_columns(path, dialect, [*layout.time, *wanted])
     values, findings = _with_joints(values, len(layout.time), path.name)
-    t, said = _time(values[:, : len(layout.time)], layout, path.name, rate)
+    t, noticed = _time(values[:, : len(layout.time)], layout, path.name, rate)
     edges = np.cumsum([len(layout.time), *map(len, layout.columns.values())])
     arrays = {key: values[:, a:b] for key, a, b in zip(layout.columns, edges[:-1], edges[1:], strict=True)}
     return Log(
         t, arrays["position"], arrays["effort"], layout.joints, arrays.get("velocity"),
-        source=path, tau_unit="A" if layout.current else "", units=layout.units, findings=(*findings, *said),
+        source=path, tau_unit="A" if layout.current else "", units=layout.units, findings=(*findings, *noticed),
         extra={"q_ref": arrays["reference"]} if "reference" in arrays else {},
     )  # fmt: skip
 
@@ -205,7 +205,7 @@ def _layout(
     if "position" not in patterns:
         joints = usual_joints(names) or joints
     if "name" in patterns:
-        joints = _told_names(path, dialect, names, patterns["name"])
+        joints = _names_in_rows(path, dialect, names, patterns["name"])
     columns: dict[str, list[str]] = {}
     current = False
     for key, usual in USUAL.items():
@@ -251,7 +251,7 @@ def _clock(path: Path, name: str, dialect: Dialect | None) -> bool:
     return not str(_schema(path).field(name).type).startswith(("int", "uint", "string", "large_string"))
 
 
-def _told_names(path: Path, dialect: Dialect | None, names: Sequence[str], pattern: str) -> tuple[str, ...]:
+def _names_in_rows(path: Path, dialect: Dialect | None, names: Sequence[str], pattern: str) -> tuple[str, ...]:
     """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
 
     Raises:
