@@ -275,6 +275,7 @@ def obtain_result(
 ) -> tuple[Identification, BaseModel, list[Path]]:
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result_files as results
+    from dynid.workflows.cluster import current_client
     from dynid.workflows.identify import identify, save_result
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe
@@ -293,7 +294,7 @@ def obtain_result(
     facts = common.header(inputs)
     with terminal.progress() as progress:
         if logs:
-            seen = observe(robot, logs, options, base=base, progress=progress)
+            seen = observe(robot, logs, options, base=base, client=current_client(), progress=progress)
             of_stack = {key: value for key, value in inputs.items() if key in ("robot", *READING) or key[:4] == "log "}
             terminal.wrote(seen.save_stack(folder, common.header(of_stack)))
         else:

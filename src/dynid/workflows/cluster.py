@@ -84,6 +84,15 @@ def mapped(
                 raise SchedulerSilent("the Dask scheduler went away and did not come back")
 
 
+def current_client() -> Client | None:
+    """Return the client that is in force for this thread (``with client.as_current()``), None without one."""
+    distributed = sys.modules.get("distributed")
+    try:
+        return None if distributed is None else distributed.Client.current(allow_global=False)
+    except ValueError:
+        return None
+
+
 @contextmanager
 def opened(
     workers: int,

@@ -20,6 +20,7 @@ from dynid.workflows.prior import PriorOptions, with_prior
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
+    from distributed import Client
     from matplotlib.figure import Figure
 
     from dynid.estimation.estimate import HoldOut
@@ -100,6 +101,7 @@ def identify(
     base: BaseModel | None = None,
     update: ResultLike | None = None,
     like: ResultLike | None = None,
+    client: Client | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Identification:
@@ -112,6 +114,7 @@ def identify(
         base: the arm's base model, where it is there already.
         update: an earlier result whose logs are added to these, without reading them again.
         like: a result of the same arm whose residual model is as large.
+        client: a Dask client whose workers read rows from the logs, one each; the result is the same without one.
         progress: told how far the work is.
         changes: single options by name, such as ``method="wls"``; see ``dynid.IdentifyOptions``.
 
@@ -138,7 +141,7 @@ def identify(
         seen = logs
     else:
         recordings = arguments.logs(logs, robot, options)
-        seen = observe(robot, recordings, options, base=base, progress=progress)
+        seen = observe(robot, recordings, options, base=base, client=client, progress=progress)
     base, stack, header = replace(seen.base, model=replace(seen.base.model, robot=robot)), seen.stack, seen.header()
     if update is not None:
         stack, header = updated(stack, header, update, options)

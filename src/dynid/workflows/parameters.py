@@ -15,10 +15,13 @@ from dynid.signals.stamps import without_copies
 from dynid.threads import one_thread
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
+from dynid.workflows.cluster import mapped
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
 from dynid.workflows.model import base_model
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from dynid.estimation.delay import Delay
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
@@ -139,6 +142,7 @@ def observe(
     options: LogOptions | None = None,
     *,
     base: BaseModel | None = None,
+    client: Client | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Observations:
@@ -149,6 +153,7 @@ def observe(
         logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
+        client: a Dask client whose workers stack the logs, one each; None stacks them here, to the same bytes.
         progress: told how far the work is.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
@@ -169,11 +174,15 @@ def observe(
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     progress.findings((*few, *copies))
-    seen = observed(stack_logs(checked, base, options, progress), options, (*few, *copies), progress)
+    if client is None or len(checked) == 1:
+        stack = stack_logs(checked, base, options, progress)
+    else:
+        stack = stack_by(client, checked, base, options, progress)
+    seen = observed(stack, options, (*few, *copies), progress)
     return replace(seen, checked=tuple(given))
 
 
-def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, *, name: str = "log 1") -> Stack:
+def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, name: str = "log 1") -> Stack:
     """Return one log as a stack: read, checked, filtered and folded. It can be mapped over logs in any process.
 
     Args:
@@ -211,6 +220,28 @@ def stack_logs(logs: Sequence[Log], base: BaseModel, options: LogOptions, progre
     from dynid.estimation import stack
 
     return stack.stack_logs(condition_logs(logs, base.model, options, progress), base, progress)
+
+
+def stack_by(
+    client: Client, logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
+) -> Stack:
+    """Stack checked logs as ``stack_logs`` does, each by a worker of a Dask client."""
+    from dynid.estimation.stack import added
+
+    progress.stage("stack", f"{len(logs)} logs by workers")
+    same = replace(options, cutoff=shared_cutoff(logs, base.robot, options))
+    names = [f"log {k}" for k in range(1, len(logs) + 1)]
+    found: dict[int, Stack] = {}
+    for k, stack, error in mapped(
+        client, stack_of, logs, [base] * len(logs), [same] * len(logs), names, progress=progress
+    ):
+        if error is not None:
+            raise error
+        # Why: each came with a copy of the model.
+        found[k] = replace(stack, base=base).with_logs(stack.logs)
+        progress.findings(stack.logs[0].findings)
+        progress.advance(len(found), len(logs), stack.logs[0].name)
+    return added([found[k] for k in range(len(logs))])
 
 
 def observed(

@@ -6,10 +6,10 @@ A job is ``dynid identify``, then ``validate`` and ``compare``, done by a worker
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.files.batchfile import Job, folder_name, read_batch
@@ -19,6 +19,9 @@ from dynid.scratch import sweep
 from dynid.table import Table
 from dynid.workflows.cluster import mapped, opened
 from dynid.workflows.job import Command, JobResult, Surroundings, do_job, not_done
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 @dataclass(frozen=True)
@@ -155,15 +158,15 @@ def run(
     if known_options is not None:
         refuse_unknown_options(wanted, known_options)
     folders = [out / folder_name(job) for job in wanted]
-    around = [Surroundings(command, seed, force)] * len(wanted)
+    around = Surroundings(command, seed, force)
     found: dict[int, JobResult] = {}
-    workers = min(options.jobs or cores(), len(wanted))
+    workers = min(options.jobs or cores(), sum(len(job.logs) for job in wanted))
     with opened(
         workers, scheduler=options.scheduler, memory=options.memory, dashboard=options.dashboard, progress=progress
     ) as client:
         try:
-            for k, done, error in mapped(client, do_job, wanted, folders, around, progress=progress):
-                found[k] = each = done or not_done(wanted[k], folders[k], error)
+            for k, each in _jobs_done(client, workers, wanted, folders, around, progress):
+                found[k] = each
                 how = "reused" if each.reused else f"{each.seconds:.1f} s"
                 progress.stage(f"{len(found)}/{len(wanted)}", f"{each.job.name}: {each.outcome} ({how})")
                 told(each)
@@ -172,6 +175,31 @@ def run(
                 if k not in found:
                     sweep(folder)
     return BatchResult(tuple(found[k] for k in range(len(wanted))))
+
+
+def _jobs_done(
+    client: Client | None,
+    workers: int,
+    jobs: Sequence[Job],
+    folders: Sequence[Path],
+    around: Surroundings,
+    progress: Progress,
+) -> Iterator[tuple[int, JobResult]]:
+    """Yield jobs as they end: each by one worker; of jobs that are fewer than workers, those of many logs by all."""
+    if client is not None and len(jobs) < max(workers, len(client.nthreads())):
+        spread = [k for k, job in enumerate(jobs) if len(job.logs) > 1]
+    else:
+        spread = []
+    whole = [k for k in range(len(jobs)) if k not in spread]
+    calls = ([jobs[k] for k in whole], [folders[k] for k in whole], [around] * len(whole))
+    for number, done, error in mapped(client, do_job, *calls, progress=progress):
+        k = whole[number]
+        yield k, done or not_done(jobs[k], folders[k], error)
+    for k in spread:
+        assert client is not None
+        with client.as_current():
+            done = do_job(jobs[k], folders[k], around)
+        yield k, done
 
 
 def cores() -> int:
