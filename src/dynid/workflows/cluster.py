@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -206,7 +207,11 @@ def main() -> None:
                 cluster.workers.pop(name, None)
         cluster.scale(workers)
         parent.join(tuning.WORKERS_SEEN_TO)
-    # Why at once: the workers end with this process, and what they write takes its name only when it is whole.
+    # Why at once: what the workers write takes its name only when it is whole.
+    for nanny in cluster.workers.values():
+        if nanny.pid is not None:
+            with suppress(OSError):
+                os.kill(nanny.pid, signal.SIGKILL)
     os._exit(0)
 
 

@@ -149,15 +149,16 @@ def test_a_worker_that_is_killed_loses_nothing_and_one_call_that_kills_all_is_na
 def test_the_processes_end_with_the_block_and_listen_to_this_machine_only():
     import psutil
 
+    before = psutil.Process().children(recursive=True)
     with opened(2) as client:
         client.wait_for_workers(2)
-        started = psutil.Process().children(recursive=True)
+        started = [each for each in psutil.Process().children(recursive=True) if each not in before]
         workers = [each for each in started if "spawn_main" in " ".join(each.cmdline())]
         ports = [c.laddr.ip for each in started for c in each.net_connections() if c.status == "LISTEN"]
     assert set(ports) == {"127.0.0.1"}
     assert len(workers) == 2
     _, alive = psutil.wait_procs(started, timeout=5)
-    assert alive == []
+    assert [each.cmdline() for each in alive] == []
 
 
 SCRIPT = """
