@@ -108,7 +108,7 @@ def main():
         cells = (hits.get((kind, size), []) for size in SIZES)
         print(f"| {kind} | {' | '.join(f'{sum(c)} of {len(c)}' for c in cells)} |")
     began = time.process_time()
-    page = fleet_page("", [("arm", found, {}, {})], 0, [])
+    page = fleet_page("what changed", [("arm", found, {}, {})], 0, [])
     print(f"\npage: {len(page) / 1e3:.0f} kB, {time.process_time() - began:.2f} s")
     with tempfile.TemporaryDirectory() as folder:
         path = result.save(Path(folder) / "parameters.npz")

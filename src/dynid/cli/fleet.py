@@ -1,4 +1,4 @@
-"""``dynid fleet RESULT...``: which arms of a fleet have changed, and which are unlike their twins."""
+"""``dynid fleet RESULT...``: which arms of a fleet have changed, and which differ from others of their model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHOWN = 20
 @click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
 @options_from(FleetOptions)
 def command(common: Common, results: tuple[Path, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
-    """Find which arms have changed over time, and which are unlike their twins."""
+    """Find which arms have changed over time, and which differ from others of their model."""
     from dynid.workflows.fleet import fleet
 
     options = options_of(FleetOptions, values)
@@ -38,7 +38,7 @@ def command(common: Common, results: tuple[Path, ...], **values: Any) -> ExitSta
     wrote = found.save(common.out or Path("out") / "fleet")
     for each in wrote:
         common.terminal.wrote(each)
-    for title, table in (("changed", found.changes()), ("unlike their twins", found.twins())):
+    for title, table in (("changed", found.changes()), ("unlike other arms of the model", found.outliers())):
         if len(table):
             most = len(table) if common.verbose else SHOWN
             common.terminal.answer(title)

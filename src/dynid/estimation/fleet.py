@@ -1,11 +1,12 @@
-"""Parameters of many arms over many runs: which changed, which arm is unlike its twins, with few false alarms.
+"""Parameters of many arms over many runs: which changed, and which arm differs from others of its model.
 
 A run's parameter differs from the next by its standard error and by what differs between days: temperature, load
-history, the person who mounted the arm. That wander is not in the covariance of any run; it is estimated from how runs
-of one arm follow each other, arm by arm, and steadied by what the other arms do. A change is a step that neither
-explains.
+history, the person who mounted the arm. That drift is not in the covariance of any run; it is estimated from how runs
+of one arm follow each other, and each arm's variance is steadied by what the other arms do. A change is a step that
+neither explains. False alarms are controlled over all arms and parameters.
 
-Source: Hampel 1974 for single runs that are off; ``small_samples`` and ``many_tests`` name theirs.
+Source: Hampel 1974 (outlying runs); Smyth 2004 (moderated t); Simes 1986, Benjamini, Hochberg 1995, Benjamini,
+Bogomolov 2014 (arms first, then their parameters).
 """
 
 from __future__ import annotations
@@ -17,13 +18,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.many_tests import selected
-from dynid.estimation.small_samples import moderated, prior_variance
-
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Expected share of false ones among the arms that are called changed, or unlike their twins.
+#: Expected share of false ones among the arms that are called changed, or different from others of their model.
 FALSE_SHARE = 0.05
 #: Runs of an arm below which nothing is said about a change, and arms from which on a fleet knows what is usual.
 FEWEST_RUNS, FLEET = 3, 8
@@ -35,11 +33,11 @@ SIDE = 2
 LONGEST = 64
 #: Arms that are worked on together.
 TOGETHER = 1024
-#: How long wander lasts, in days; the shortest stands for days that know nothing of each other.
+#: How long drift lasts, in days; the shortest stands for days that know nothing of each other.
 MEMORIES = (0.05, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0)
-#: Lags from which the wander is estimated, and the share of the most restless arms that is left out.
+#: Lags from which the drift is estimated, and the share of the most restless arms that is left out.
 LAGS, RESTLESS = 8, 0.1
-#: A series whose change is this unlikely by chance does not take part when the usual wander is estimated.
+#: A series whose change is this unlikely by chance does not take part when the usual drift is estimated.
 SUSPECT = 1e-3
 
 
@@ -72,7 +70,7 @@ class Change:
         since: time of the first run after it [days].
         before: mean of the runs before.
         after: mean of the runs after.
-        std_error: of the difference, wander included.
+        std_error: of the difference, drift included.
         p_value: chance of such a step anywhere in this series when nothing changed.
     """
 
@@ -86,7 +84,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Odd:
+class Outlier:
     """A parameter in which an arm differs from arms of its type.
 
     Attributes:
@@ -109,17 +107,17 @@ class Odd:
 
 
 @dataclass(frozen=True)
-class Wander:
+class Usual:
     """What is usual for a parameter.
 
     Attributes:
         parameter: name.
         level: median of the arms.
         std_error: median of the runs' standard errors.
-        between_runs: standard deviation of the wander of an arm.
+        between_runs: standard deviation of the drift of an arm.
         memory: how long it lasts [days].
         common: standard deviation of what all arms have in common from day to day.
-        scale: variance of what is left against errors and wander; 1 where both are right.
+        scale: variance of what is left against errors and drift; 1 where both are right.
         freedom: degrees of freedom that the other arms add to an arm's own.
     """
 
@@ -140,16 +138,16 @@ class FleetFindings:
     Attributes:
         history: what was looked at.
         changes: what changed, the most certain first.
-        odd: what is unlike its twins, the most certain first.
-        wander: what is usual, (P,).
+        outliers: where an arm differs from others of its model, the most certain first.
+        usual: what is usual for each parameter, (P,).
         p_values: chance of each series when nothing changed, (A, P); NaN where it was not tested.
         off: number of runs of each arm whose parameters were left out as off, (A,).
     """
 
     history: History
     changes: tuple[Change, ...]
-    odd: tuple[Odd, ...]
-    wander: tuple[Wander, ...]
+    outliers: tuple[Outlier, ...]
+    usual: tuple[Usual, ...]
     p_values: Floats
     off: NDArray[np.int64]
 
@@ -197,7 +195,7 @@ class _Tested:
     level: Floats
     level_error: Floats
     off: Mask
-    usual: Wander
+    usual: Usual
 
 
 def look_at(history: History, false_share: float = FALSE_SHARE) -> FleetFindings:
@@ -210,7 +208,7 @@ def look_at(history: History, false_share: float = FALSE_SHARE) -> FleetFindings
     short = shortened(history)
     tested = [_test(short, k) for k in range(len(history.names))]
     p_values = np.column_stack([each.p_value for each in tested])
-    named = selected(p_values, false_share)
+    named = _selected(p_values, false_share)
     changes = [
         Change(
             arm=history.arms[a],
@@ -227,8 +225,8 @@ def look_at(history: History, false_share: float = FALSE_SHARE) -> FleetFindings
     return FleetFindings(
         history=history,
         changes=tuple(sorted(changes, key=lambda each: (each.p_value, each.arm, each.parameter))),
-        odd=_odd(short, tested, named, false_share),
-        wander=tuple(each.usual for each in tested),
+        outliers=_outliers(short, tested, named, false_share),
+        usual=tuple(each.usual for each in tested),
         p_values=p_values,
         off=np.asarray(off, dtype=np.int64),
     )
@@ -262,10 +260,10 @@ def _test(history: History, k: int) -> _Tested:
     known = _known(y, s) & np.isfinite(t)
     y, common = _without_common(t, y, known)
     every = np.ones(len(t), dtype=bool)
-    good = known & ~_off(y, s, known, _wander(t, y, s, known, every, RESTLESS)[0])
+    good = known & ~_off(y, s, known, _drift(t, y, s, known, every, RESTLESS)[0])
     usual, left_out = every, RESTLESS
     for _ in range(2):
-        omega2, memory = _wander(t, y, s, good, usual, left_out)
+        omega2, memory = _drift(t, y, s, good, usual, left_out)
         parts = [
             _steps(t[part], y[part], s[part], good[part], omega2, memory)
             for part in (slice(first, first + TOGETHER) for first in range(0, len(t), TOGETHER))
@@ -274,8 +272,8 @@ def _test(history: History, k: int) -> _Tested:
         p_value, scale, freedom = _judged(found)
         # Why twice: the most restless arms were left out for the sake of those that changed, which are known now.
         usual, left_out = ~(p_value < SUSPECT), 0.0
-    own = moderated(found.rss - found.power, found.count - 2, scale, freedom)
-    table = Wander(
+    own = _moderated(found.rss - found.power, found.count - 2, scale, freedom)
+    table = Usual(
         parameter=history.names[k],
         level=_median(found.level[found.count > 0]),
         std_error=_median(s[known]),
@@ -297,7 +295,7 @@ def _judged(found: _Steps) -> tuple[Floats, float, float]:
     usual = enough.copy()
     p_value, scale, freedom = np.full(len(enough), np.nan), 1.0, 0.0
     for _ in range(3):
-        scale, freedom = prior_variance(found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1)
+        scale, freedom = _usual_variance(found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1)
         p_value = np.where(enough, _chance(found, scale, freedom), np.nan)
         usual = enough & ~(p_value < SUSPECT)
     return p_value, scale, freedom
@@ -336,10 +334,10 @@ def _nanmedian(x: Floats, axis: int) -> Floats:
         return np.asarray(np.nanmedian(x, axis=axis))
 
 
-def _wander(t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: float) -> tuple[float, float]:
-    """Return the variance of the wander between runs, and how long it lasts [days].
+def _drift(t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: float) -> tuple[float, float]:
+    """Return the variance of the drift between runs, and how long it lasts [days].
 
-    Half the mean square difference of runs that are apart by a time; what is more than their errors is wander. Steps
+    Half the mean square difference of runs that are apart by a time; what is more than their errors is drift. Steps
     count in few differences only, and a share of the most restless arms is left out.
     """
     t, y, s, known = t[arms], y[arms], s[arms], known[arms]
@@ -471,15 +469,15 @@ def _chance(found: _Steps, scale: float, prior: float) -> Floats:
     from scipy import special
 
     freedom = np.maximum(found.count - 3, 0)
-    own = moderated(found.firm_rest, freedom, scale, prior)
+    own = _moderated(found.firm_rest, freedom, scale, prior)
     t = np.sqrt(found.firm / np.maximum(own, 1e-300))
     tail = 2.0 * special.stdtr(np.maximum(np.minimum(prior, 1e9) + freedom, 1.0), -t)
     side = np.where(found.count >= 2 * SIDE + 1, SIDE, 1)
     return np.asarray(np.minimum(1.0, np.maximum(found.count + 1 - 2 * side, 1) * tail))
 
 
-# ---------------------------------------------------------------- twins
-def _odd(history: History, tested: Sequence[_Tested], changed: Mask, share: float) -> tuple[Odd, ...]:
+# ---------------------------------------------------------------- arms of one model
+def _outliers(history: History, tested: Sequence[_Tested], changed: Mask, share: float) -> tuple[Outlier, ...]:
     """Return arms that are unlike the others; what has changed is not asked again."""
     from scipy import special
 
@@ -489,7 +487,7 @@ def _odd(history: History, tested: Sequence[_Tested], changed: Mask, share: floa
     known = np.isfinite(level) & np.isfinite(error) & (error > 0) & ~np.isnan(p_value) & ~changed
     level, error = np.where(known, level, np.nan), np.where(known, error, np.nan)
     arms = len(history.arms)
-    found: list[Odd] = []
+    found: list[Outlier] = []
     if arms >= FLEET:
         usual = _nanmedian(level, axis=0)
         # Why at least the error: of arms that are equal but for noise, the errors are all that is between them.
@@ -497,9 +495,9 @@ def _odd(history: History, tested: Sequence[_Tested], changed: Mask, share: floa
         common = _nanmedian(error, axis=0) ** 2
         spread = np.sqrt(np.maximum(between**2, common) + np.maximum(error**2 - common, 0))
         p_values = 2.0 * special.stdtr(max(arms - 1, 1), -np.abs(level - usual) / spread)
-        for a, k in np.argwhere(selected(p_values, share)):
+        for a, k in np.argwhere(_selected(p_values, share)):
             found.append(
-                Odd(
+                Outlier(
                     history.arms[a], history.names[k], float(level[a, k]), float(usual[k]), float(spread[a, k]),
                     float(p_values[a, k]),
                 )
@@ -514,12 +512,74 @@ def _odd(history: History, tested: Sequence[_Tested], changed: Mask, share: floa
     prior = np.array([min(each.usual.freedom, 1e9) for each in tested])
     freedom = np.maximum(prior[None] + (runs[first] + runs[second] - 2)[:, None], 1.0)
     p_values = 2.0 * special.stdtr(freedom, -np.abs(level[first] - level[second]) / spread)
-    for row, k in np.argwhere(selected(p_values, share)):
+    for row, k in np.argwhere(_selected(p_values, share)):
         a, b = pairs[row]
         found.append(
-            Odd(
+            Outlier(
                 history.arms[b], history.names[k], float(level[b, k]), float(level[a, k]), float(spread[row, k]),
                 float(p_values[row, k]), history.arms[a],
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda each: each.p_value))
+
+
+# ---------------------------------------------------------------- variances of small samples, and many tests
+def _moderated(rss: Floats, freedom: NDArray[np.int64], scale: float, prior: float) -> Floats:
+    """Return each series' variance, its own steadied by that of the others, (A,).
+
+    Args:
+        rss: sum of squares that each leaves, (A,).
+        freedom: its degrees of freedom, (A,).
+        scale: what is usual, from ``_usual_variance``.
+        prior: how many degrees of freedom knowing that is worth.
+    """
+    if np.isinf(prior):
+        return np.full(len(rss), scale)
+    return np.asarray((prior * scale + np.maximum(rss, 0.0)) / np.maximum(prior + np.maximum(freedom, 0), 1.0))
+
+
+def _usual_variance(variances: Floats, freedom: NDArray[np.int64]) -> tuple[float, float]:
+    """Return what is usual among variances of small samples, and how many degrees of freedom knowing it is worth.
+
+    Source: Smyth 2004, section 6.2: moments of the logarithms.
+    """
+    from scipy import optimize, special
+
+    use = variances > 0
+    if use.sum() < 2:
+        return max(1.0, float(np.mean(variances)) if len(variances) else 1.0), 0.0
+    d = freedom[use].astype(float)
+    e = np.log(variances[use]) - special.digamma(d / 2) + np.log(d / 2)
+    excess = float(np.var(e, ddof=1) - np.mean(special.polygamma(1, d / 2)))
+    if excess <= 0:
+        return float(np.exp(np.mean(e))), float("inf")
+    half = optimize.brentq(lambda y: special.polygamma(1, y) - excess, 1e-6, 1e9)
+    return float(np.exp(np.mean(e) + special.digamma(half) - np.log(half))), 2.0 * half
+
+
+def _selected(p_values: Floats, share: float) -> Mask:
+    """Return which parameters of which arms are named, (A, P).
+
+    Arms are selected first, so that the share of false ones holds for arms; the parameters of each are then tested as
+    strictly as the number of selected arms asks for.
+    """
+    known = np.sum(~np.isnan(p_values), axis=1)
+    ordered = np.sort(np.where(np.isnan(p_values), 2.0, p_values), axis=1)
+    simes = np.min(ordered / np.arange(1, p_values.shape[1] + 1), axis=1) * known
+    arms = _holding(np.where(known > 0, np.minimum(simes, 1.0), np.nan), share)
+    inside = share * arms.sum() / max(1, int(np.sum(known > 0)))
+    found = np.zeros(p_values.shape, dtype=bool)
+    for a in np.flatnonzero(arms):
+        found[a] = _holding(p_values[a], inside)
+    return found
+
+
+def _holding(p_values: Floats, share: float) -> Mask:
+    """Return which tests hold when an expected share of those that hold may be false; NaN never holds."""
+    from scipy.stats import false_discovery_control
+
+    known = ~np.isnan(p_values)
+    found = np.zeros(p_values.shape, dtype=bool)
+    if known.any():
+        found[known] = false_discovery_control(p_values[known]) <= share
+    return found

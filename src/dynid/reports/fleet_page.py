@@ -79,18 +79,18 @@ def _kind(robot: str, found: FleetFindings, words: Mapping[float, str], units: M
             "than": o.other or "the fleet",
             "p": chance(o.p_value),
         }
-        for o in found.odd[:ROWS]
+        for o in found.outliers[:ROWS]
     ]
     usual = [
         {
             "parameter": w.parameter,
             "level": f"{w.level:.4g} {units.get(w.parameter, '')}".strip(),
             "error": f"{w.std_error:.2g}",
-            "wander": f"{w.between_runs:.2g}",
+            "drift": f"{w.between_runs:.2g}",
             "memory": "none" if w.memory < 0.1 else f"{w.memory:g} days",
             "common": f"{w.common:.2g}",
         }
-        for w in found.wander
+        for w in found.usual
     ]
     return _Kind(robot, len(found.history.arms), changed, odd, usual, max(0, len(found.changes) - ROWS))
 

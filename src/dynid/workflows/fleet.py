@@ -1,4 +1,4 @@
-"""Many arms over many days: which have changed, and which are unlike their twins."""
+"""Many arms over many days: which have changed, and which differ from others of their model."""
 
 from __future__ import annotations
 
@@ -167,20 +167,20 @@ class Fleet:
         ]
         return Table(rows)
 
-    def twins(self) -> Table:
-        """Return one row per parameter in which an arm is unlike the others."""
+    def outliers(self) -> Table:
+        """Return one row per parameter in which an arm differs from others of its model."""
         rows = [
             {
                 "arm": o.arm,
                 "parameter": o.parameter,
                 "value": f"{o.value:.4g}",
                 "usual": f"{o.usual:.4g} {each.units.get(o.parameter, '')}".strip(),
-                "apart": f"{abs(o.value - o.usual) / o.spread:.1f} spreads",
-                "than": o.other or "the fleet",
+                "difference": f"{abs(o.value - o.usual) / o.spread:.1f} standard deviations",
+                "compared with": o.other or "the fleet",
                 "p": chance(o.p_value),
             }
             for each in self.types
-            for o in each.found.odd
+            for o in each.found.outliers
         ]
         return Table(rows)
 
@@ -216,9 +216,9 @@ class Fleet:
             "unlike_twins": [
                 {**asdict(o), "robot": each.robot, "unit": each.units.get(o.parameter)}
                 for each in self.types
-                for o in each.found.odd
+                for o in each.found.outliers
             ],
-            "usual": [{"robot": each.robot, **asdict(w)} for each in self.types for w in each.found.wander],
+            "usual": [{"robot": each.robot, **asdict(w)} for each in self.types for w in each.found.usual],
             "runs_left_out": {
                 arm: int(off)
                 for each in self.types
@@ -229,7 +229,7 @@ class Fleet:
         }
 
     def csv(self) -> str:
-        """Return one row per parameter that changed or is unlike that of the twins."""
+        """Return one row per parameter that changed or differs from that of other arms."""
         head = ("finding", "robot", "arm", "parameter", "unit", "since", "before", "after", "std_error", "p_value")
         rows = [csv_row(head)]
         for each in self.types:
@@ -242,10 +242,10 @@ class Fleet:
                          c.std_error, c.p_value)
                     )
                 )  # fmt: skip
-            for o in each.found.odd:
+            for o in each.found.outliers:
                 rows.append(
                     csv_row(
-                        ("unlike twins", each.robot, o.arm, o.parameter, unit(o.parameter), None, o.usual, o.value,
+                        ("unlike its model", each.robot, o.arm, o.parameter, unit(o.parameter), None, o.usual, o.value,
                          o.spread, o.p_value)
                     )
                 )  # fmt: skip
@@ -272,7 +272,7 @@ def _change(before: float, after: float) -> str:
 
 
 def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, progress: Progress = SILENT) -> Fleet:
-    """Find which arms have changed, and which are unlike their twins.
+    """Find which arms have changed, and which differ from others of their model.
 
     Args:
         results: results as ``ARM/TIME`` or ``DATE/ARM`` folders or their parameters.npz, or CSV lists with

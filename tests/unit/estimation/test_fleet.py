@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dynid.estimation.fleet import History, look_at
-from dynid.estimation.many_tests import benjamini_hochberg, simes
 
 #: Names, typical values and standard errors of a run: two inertial parameters, two of friction.
 NAMES = ("mcz2", "Iyy2", "fv1", "fc1")
@@ -38,31 +37,6 @@ def simulated(seed, arms=200, days=30, changed=0, size=0.1, off=0.005):
     t = np.arange(days) + 0.3 * rng.random((arms, days))
     names = tuple(f"arm{k}" for k in range(arms))
     return History(names, NAMES, t, value, np.broadcast_to(ERROR, value.shape).copy()), truth
-
-
-def test_benjamini_and_hochbergs_own_example_gives_their_answer():
-    """Fifteen hypotheses of a study of heart attacks (1995, section 4): four hold."""
-    p = [
-        0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528, 0.7590,
-        1.0,
-    ]  # fmt: skip
-    assert benjamini_hochberg(np.array(p), 0.05).sum() == 4
-    assert benjamini_hochberg(np.array([np.nan, *p]), 0.05).sum() == 4
-
-
-def test_the_same_tests_hold_as_with_scipy():
-    control = pytest.importorskip("scipy", "1.11").stats.false_discovery_control
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        p = rng.random((30, 4)) ** rng.uniform(1, 6)
-        np.testing.assert_array_equal(benjamini_hochberg(p, 0.1).ravel(), control(p.ravel()) <= 0.1)
-
-
-def test_the_chance_of_a_family_is_uniform_when_nothing_is_there():
-    rng = np.random.default_rng(0)
-    found = simes(rng.random((20000, 5)))
-    assert np.mean(found < 0.05) == pytest.approx(0.05, abs=0.005)
-    assert np.isnan(simes(np.full((1, 3), np.nan))).all()
 
 
 def test_changes_are_found_with_day_and_size_and_few_are_named_that_are_none():
@@ -121,14 +95,14 @@ def test_one_run_that_is_off_is_no_change(day):
     assert found.off[2] >= 1
 
 
-def test_an_arm_unlike_its_twins_is_named_in_a_fleet_and_between_two():
+def test_an_arm_that_differs_from_its_model_is_named_in_a_fleet_and_between_two():
     history, _ = simulated(8, arms=40)
     value = history.value.copy()
     value[11, :, 0] *= 1.6
     found = look_at(History(history.arms, history.names, history.t, value, history.std_error))
-    assert {(odd.arm, odd.parameter) for odd in found.odd} == {("arm11", "mcz2")}
+    assert {(odd.arm, odd.parameter) for odd in found.outliers} == {("arm11", "mcz2")}
     two = History(history.arms[10:12], history.names, history.t[10:12], value[10:12], history.std_error[10:12])
-    assert ("arm11", "mcz2") in {(odd.arm, odd.parameter) for odd in look_at(two).odd}
+    assert ("arm11", "mcz2") in {(odd.arm, odd.parameter) for odd in look_at(two).outliers}
 
 
 def test_a_long_history_is_averaged_and_its_change_found():
