@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import fields, replace
@@ -28,6 +29,8 @@ from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from typing import TypeAlias
+
+    from distributed import Client
 
     from dynid.estimation.result import Identification
     from dynid.files.trajectoryfile import StoredTrajectory
@@ -122,6 +125,14 @@ def base_model(value: BaseModel | None) -> BaseModel | None:
     from dynid.model.base_model import BaseModel
 
     return optional(value, BaseModel, "base", "what dynid.base_model returns")
+
+
+def client(value: Client | None) -> Client | None:
+    """Return a Dask client, or None; who has one has imported Dask."""
+    distributed = sys.modules.get("distributed")
+    if value is not None and (distributed is None or not isinstance(value, distributed.Client)):
+        raise refused("client", "None or a distributed.Client", value)
+    return value
 
 
 def log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:

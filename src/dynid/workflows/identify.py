@@ -129,6 +129,7 @@ def identify(
 
     options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
     robot = with_prior(arguments.robot(robot), options)
+    client = arguments.client(client)
     base = arguments.base_model(base)
     update = None if update is None else arguments.result(update, "update")
     like = None if like is None else arguments.result(like, "like")

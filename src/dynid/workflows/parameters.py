@@ -169,6 +169,7 @@ def observe(
     options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
     robot = arguments.robot(robot)
     several = arguments.logs(logs, robot, options)
+    client = arguments.client(client)
     base = arguments.base_model(base) or base_model(robot, progress=progress)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
