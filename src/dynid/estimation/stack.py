@@ -250,7 +250,11 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progre
         progress: told how far the work is.
     """
     progress.stage("stack")
-    found = added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)])
+    return say_stacked(added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)]), progress)
+
+
+def say_stacked(found: Stack, progress: Progress) -> Stack:
+    """Tell how large a stack is, and return it."""
     rows = f"{found.samples} samples x {len(found.joints)} joints"
     progress.stage("stacked", f"{rows} -> W {int(found.counts.sum())} x {len(found.names)}")
     return found

@@ -413,20 +413,29 @@ def condition_logs(
     for k, log in enumerate(logs, start=1):
         each = condition_log(log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity)
         found.append(replace(each, name=each.name or f"log {k}"))
-        where = found[-1].path or found[-1].name
-        progress.stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
-        progress.findings(each.findings)
+        say_log(log, found[-1], progress)
     if any(segment.command is None for log in found for segment in log.segments):
         # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
         found = [without_command(log) for log in found]
-    how = "from the motion's band" if cutoff is None else "as given"
-    chosen = found[0].filter
+    say_filter(found[0], cutoff, progress)
+    return found
+
+
+def say_log(log: Log, conditioned: ConditionedLog, progress: Progress) -> None:
+    """Tell what was read and noticed."""
+    where = conditioned.path or conditioned.name
+    progress.stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+    progress.findings(conditioned.findings)
+
+
+def say_filter(conditioned: ConditionedLog, cutoff: float | None, progress: Progress) -> None:
+    """Tell how a log was filtered; its cut-off was as given, or from the motion's band when None [Hz]."""
+    how, chosen = "from the motion's band" if cutoff is None else "as given", conditioned.filter
     progress.stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}; positions at "
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
-    return found
 
 
 def without_command(log: ConditionedLog) -> ConditionedLog:

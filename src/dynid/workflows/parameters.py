@@ -227,9 +227,9 @@ def stack_by(
     client: Client, logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
 ) -> Stack:
     """Stack checked logs as ``stack_logs`` does, each by a worker of a Dask client."""
-    from dynid.estimation.stack import added
+    from dynid.estimation.stack import added, say_stacked
+    from dynid.signals.conditioned_log import say_filter, say_log
 
-    progress.stage("stack", f"{len(logs)} logs by workers")
     same = replace(options, cutoff=shared_cutoff(logs, base.robot, options))
     names = [f"log {k}" for k in range(1, len(logs) + 1)]
     found: dict[int, Stack] = {}
@@ -240,9 +240,13 @@ def stack_by(
             raise error
         # Why: each came with a copy of the model.
         found[k] = replace(stack, base=base).with_logs(stack.logs)
-        progress.findings(stack.logs[0].findings)
         progress.advance(len(found), len(logs), stack.logs[0].name)
-    return added([found[k] for k in range(len(logs))])
+    stacks = [found[k] for k in range(len(logs))]
+    for log, stack in zip(logs, stacks, strict=True):
+        say_log(log, stack.logs[0], progress)
+    say_filter(stacks[0].logs[0], options.cutoff, progress)
+    progress.stage("stack")
+    return say_stacked(added(stacks), progress)
 
 
 def observed(
