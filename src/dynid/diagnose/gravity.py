@@ -9,7 +9,7 @@ from dynid.diagnose import tuning
 from dynid.drivers.registry import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
-from dynid.model.rough_weight import carried, expected_torque
+from dynid.model.parameters import carried, expected_torque
 from dynid.robot import Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.motion import any_moves, per_joint, rest_slices

@@ -12,7 +12,7 @@ from dynid.estimation.least_squares import Fit
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
-from dynid.model.regressor import Observer, random_poses, sign_alarm
+from dynid.model.regressor import Observer, indefinite_share, random_poses
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
@@ -171,16 +171,17 @@ def physics_findings(
     """
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
-    alarm = sign_alarm(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), random_poses(base.robot, POSES))
-    if alarm.raised:
+    poses = random_poses(base.robot, POSES)
+    share = indefinite_share(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), poses)
+    if share:
         cause = (
             "too little motion to tell, or a wrong sign or offset under `driver:`"
             if open_ > MANY_OPEN
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
         level = "info" if in_force == "physical" or open_ > MANY_OPEN else "warning"
-        text = f"the plain fit has no positive mass matrix in {100 * alarm.share:.0f} % of random poses: {cause}"
-        found.append(Finding("W405", level, text, {"share": alarm.share}))
+        text = f"the plain fit has no positive mass matrix in {100 * share:.0f} % of random poses: {cause}"
+        found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
     large = () if error is None else error.free

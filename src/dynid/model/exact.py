@@ -318,7 +318,7 @@ def coefficient_values(relation: Relation) -> dict[str, float]:
 
 
 def relations_text(reduction: ExactReduction, *, alone: bool = False) -> str:
-    """Return all relations as text, the numbers of their coefficients beside them, with a sentence on how to read it.
+    """Return all relations as text, with the numbers of their coefficients and a sentence on how to read it.
 
     Args:
         reduction: the base parameters.

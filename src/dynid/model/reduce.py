@@ -156,7 +156,7 @@ def base_parameters(
 
 
 def confirmed(exact: ExactReduction, svd: Reduction) -> Reduction:
-    """Return the exact base parameters with the singular values beside them, after checking that both methods agree.
+    """Return the exact base parameters with the singular values, after checking that both methods agree.
 
     Args:
         exact: base parameters without thresholds.

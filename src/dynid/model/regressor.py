@@ -364,44 +364,19 @@ def random_poses(robot: Robot, poses: int = 1000, seed: int = 0) -> Floats:
     return np.random.default_rng(seed).uniform(low, high, (poses, robot.n))
 
 
-@dataclass(frozen=True)
-class SignAlarm:
-    """What the mass matrix looks like over random poses: the alarm for a wrong sign in the driver's map.
+def indefinite_share(torque: Torque, q: Floats) -> float:
+    """Return the share of poses in which the mass matrix of identified parameters is not positive definite.
 
-    Such a sign can hide in a small residual, but its parameters belong to an arm that accelerates against a push.
-
-    Attributes:
-        share: share of the poses in which the matrix is not positive definite.
-        pose: the worst pose, (n,).
-        push: the joint accelerations that it would answer with a push against them, (n,), unit length.
-    """
-
-    share: float
-    pose: Floats
-    push: Floats
-
-    @property
-    def raised(self) -> bool:
-        """Whether the parameters belong to no arm, in at least one pose."""
-        return self.share > 0.0
-
-
-def sign_alarm(torque: Torque, q: Floats) -> SignAlarm:
-    """Test the mass matrix of identified parameters for positive definiteness.
+    Above 0 the parameters belong to no arm: it would accelerate against a push. A wrong sign in the driver's map does
+    that, and can hide in a small residual.
 
     Args:
         torque: inverse dynamics of the identified parameters.
         q: poses to test, (N, n) [rad or m]; 1000 random ones take milliseconds.
-
-    Returns:
-        The worst pose and what happens there.
     """
     M = mass_matrices(torque, q)
-    # Rows and columns are divided by the root of the largest inertia that each joint shows: metres beside radians.
+    # Rows and columns are divided by the root of the largest inertia of each joint: metres and radians together.
     largest = np.abs(np.diagonal(M, axis1=1, axis2=2)).max(axis=0)
     size = np.sqrt(np.maximum(largest, np.finfo(float).tiny))
     scaled = M / np.outer(size, size)
-    value, vector = np.linalg.eigh(0.5 * (scaled + scaled.swapaxes(1, 2)))
-    worst = int(np.argmin(value[:, 0]))
-    push = vector[worst, :, 0] / size
-    return SignAlarm(float(np.mean(value[:, 0] <= 0.0)), q[worst], push / np.linalg.norm(push))
+    return float(np.mean(np.linalg.eigvalsh(0.5 * (scaled + scaled.swapaxes(1, 2)))[:, 0] <= 0.0))

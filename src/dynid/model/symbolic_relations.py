@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Formulas = dict[tuple[int, int], Formula]
 
-#: Numbers that a coefficient may carry beside its symbols.
+#: Numbers that a coefficient may carry with its symbols.
 _FACTORS = sorted(
     {Fraction(s * a, b) for s in (1, -1) for a in (1, 2, 3, 4, 8) for b in (1, 2, 3, 4)},
     key=lambda f: (f.denominator, abs(f), f < 0),

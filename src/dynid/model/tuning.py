@@ -38,6 +38,8 @@ MOST_MONOMIALS, FIT_CHECKS = 130, 4
 #: evidence: none yet; the fit gives the mass its own scale (estimation).
 DEFAULT_LINK_RADIUS_M = 0.06
 DEFAULT_LINK_DENSITY = 1200.0
+#: Mass of a link about which nothing is known [kg]. evidence: none; only the pattern over poses is used.
+UNKNOWN_LINK_MASS_KG = 1.0
 
 # ---------------------------------------------------------------- a URDF as a DH table
 #: Axes that are closer to parallel than this are parallel [rad]; angles below 1e-4 rad were made exact before.

@@ -25,7 +25,7 @@ from dynid.errors import (
     TopicSilent,
     TorqueScale,
 )
-from dynid.model.rough_weight import expected_torque
+from dynid.model.parameters import expected_torque
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record import tuning
@@ -270,8 +270,8 @@ def listener_of(node: Node, robot: Robot, topic: str) -> Listener:
 
 def _belongs(name: str, topic: str) -> bool:
     """Return whether a topic is one of the driver's small state topics."""
-    beside = name.rsplit("/", 1)[0] == topic.rsplit("/", 1)[0] and name != topic
-    return beside and name.rsplit("/", 1)[1] in (
+    neighbour = name.rsplit("/", 1)[0] == topic.rsplit("/", 1)[0] and name != topic
+    return neighbour and name.rsplit("/", 1)[1] in (
         "joint_angles",
         "joint_torques",
         "joint_command",

@@ -204,8 +204,8 @@ def _stands_still(listener: Listener) -> bool | None:
             if float(np.abs(after.q - before.q).max()) < tuning.STILL_AFTER_STOP:
                 return True
             before = after
-    fresh = before is not None and time.monotonic() - before.arrival < tuning.STANDSTILL_S / 2
-    return False if fresh else None
+    still_heard = before is not None and time.monotonic() - before.arrival < tuning.STANDSTILL_S / 2
+    return False if still_heard else None
 
 
 class Stream(threading.Thread):

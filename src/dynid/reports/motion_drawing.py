@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
-
-if TYPE_CHECKING:
-    from dynid.trajectory.clearance import Distance
 
 Floats = NDArray[np.float64]
 

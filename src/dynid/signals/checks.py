@@ -25,7 +25,7 @@ from dynid.errors import (
 )
 from dynid.log import Log
 from dynid.longarrays import empty, extremes, spans
-from dynid.model.rough_weight import expected_torque
+from dynid.model.parameters import expected_torque
 from dynid.robot import Joint, Robot
 from dynid.signals import tuning
 from dynid.signals.columns import (

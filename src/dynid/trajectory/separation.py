@@ -139,7 +139,7 @@ def _rows(arm: ArmMotion, effect: Effect, joints: Joints, shape: Shape, weight: 
 
 
 def _spread(arm: ArmMotion, question: GapQuestion, weight: Floats, Q: Floats) -> float | None:
-    """Return how well general columns of unexplained joints are determined beside the model."""
+    """Return how well general columns of unexplained joints are determined when fitted jointly with the model."""
     if not question.unexplained:
         return None
     values = []

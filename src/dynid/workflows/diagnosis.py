@@ -94,7 +94,7 @@ def poor(found: Identification, base: BaseModel) -> bool:
     The plain estimate is judged, without a residual model: it leaves least, and random columns take in mistakes.
     """
     from dynid.diagnose import tuning
-    from dynid.model.rough_weight import expected_torque
+    from dynid.model.parameters import expected_torque
 
     factors = found.factors
     left = np.linalg.norm(factors @ np.append(found.plain, -1.0), axis=1)

@@ -322,18 +322,19 @@ def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
     Raises:
         NotPhysical: it is not: a controller that divides by it, or predicts with it, goes astray.
     """
-    from dynid.model.regressor import random_poses, sign_alarm
+    from dynid.model.regressor import indefinite_share, random_poses
 
     if not formats:
         return ()
     observer = arm.base.model.observer(arm.base.reduction.base)
-    alarm = sign_alarm(lambda q, qd, qdd: observer.torque(arm.theta, q, qd, qdd), random_poses(arm.base.robot, POSES))
-    if not alarm.raised:
+    poses = random_poses(arm.base.robot, POSES)
+    share = indefinite_share(lambda q, qd, qdd: observer.torque(arm.theta, q, qd, qdd), poses)
+    if not share:
         return ()
-    what = f"the mass matrix is not positive definite in {round(POSES * alarm.share)} of {POSES} random poses"
+    what = f"the mass matrix is not positive definite in {round(POSES * share)} of {POSES} random poses"
     why = f"{'/'.join(formats)} would compute accelerations of the wrong sign"
     fix = "export --set physical, or add --allow-infeasible"
-    return _wanted(options, NotPhysical(what, why=why, fix=fix), {"share": alarm.share})
+    return _wanted(options, NotPhysical(what, why=why, fix=fix), {"share": share})
 
 
 def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:

@@ -124,7 +124,7 @@ class Backlash(Effect):
 
 
 def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
-    """Return the acceleration that a link has beside its motor's while it crosses a gap, (N,) each [rad/s^2].
+    """Return the acceleration that a link has relative to its motor while it crosses a gap, (N,) each [rad/s^2].
 
     A link that is held by one flank is left alone when its load changes the sign, falls behind by as much as the load
     would accelerate it, and is caught by the other flank without a bounce.
