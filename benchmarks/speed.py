@@ -24,6 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, befor
 import numpy as np
 import pinocchio as pin
 
+from dynid.estimation import tuning
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -34,7 +35,7 @@ from arms import pinocchio_model, random_bodies  # noqa: E402
 from conic import clarabel_optimum  # noqa: E402
 from synthetic_arm import seven_joint_arm  # noqa: E402
 
-from dynid.estimation.physical_parameters import DEFAULT_GAMMA, fit_physical, fit_pooled  # noqa: E402
+from dynid.estimation.physical_parameters import fit_physical, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0
@@ -196,7 +197,7 @@ def consistency():
         found = fit_physical(R, r, arm.constraints)
         own = median(lambda R=R, r=r: processor(lambda: fit_physical(R, r, arm.constraints)), 15)
         pooled = median(lambda R=R, r=r: processor(lambda: fit_pooled(R, r, arm.constraints)), 15)
-        best, took = clarabel_optimum(R, r, arm.constraints, DEFAULT_GAMMA)
+        best, took = clarabel_optimum(R, r, arm.constraints, tuning.PRIOR_WEIGHT)
         bounds = -1e-5 * np.log(arm.constraints.slack(found.x)).sum()
         yield (
             f"physical set, {name} samples", f"{1e3 * own:.1f} ms", "20 ms",

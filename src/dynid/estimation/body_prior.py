@@ -22,21 +22,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.physical_constraints import PhysicalConstraints, basis, body_parameters, pseudo_inertia
 
 Floats = NDArray[np.float64]
 
-#: s above: the tails' slope is gamma (1 / s - 1).
-FOLLOWED = 0.5
-#: Share of the mean link's mass that a default cylinder gives for a ball of the mean link's extent: a cylinder as short
-#: as a small DH offset is no link.
-BALL = 0.1
 #: Second moment of a body along an axis, as a share of all of it, below which the body has no width there, and the same
 #: as a share of all of it about the frame's origin: what rounding leaves of a point.
 THIN, ROUNDED = 1e-6, 1e-12
-#: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
-#: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
-COUNTED = 0.5
 
 
 def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
@@ -56,7 +49,9 @@ def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
     point = np.hstack([com, np.ones((len(P), 1))])
     ball += point[:, :, None] * point[:, None, :]
     prior = constraints.prior.copy()
-    prior[constraints.bodies] = body_parameters((P + BALL * np.mean(mass) * ball) / (1.0 + BALL))
+    prior[constraints.bodies] = body_parameters(
+        (P + tuning.BALL_SHARE * np.mean(mass) * ball) / (1.0 + tuning.BALL_SHARE)
+    )
     return replace(constraints, prior=prior)
 
 
@@ -81,7 +76,7 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     middle = shapes[:, :3, 3]
     P[thin, :3, :3] += (mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :]))[thin]
     light, alone = mass == 0.0, (mass > 0.0) & (whole == 0.0)
-    P[light] += BALL * np.mean(mass) * shapes[light]
+    P[light] += tuning.BALL_SHARE * np.mean(mass) * shapes[light]
     P[alone] = mass[alone, None, None] * shapes[alone]
     prior = constraints.prior.copy()
     prior[constraints.bodies[thin | light]] = body_parameters(P[thin | light])
@@ -91,7 +86,7 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
 def followed(constraints: PhysicalConstraints, x: Floats) -> Floats:
     """Return (1 - s) B + s P of each link, (L, 4, 4), for parameters x, (c,)."""
     P = pseudo_inertia(x[constraints.bodies])
-    return np.asarray((1.0 - FOLLOWED) * constraints.prior_pseudo_inertia + FOLLOWED * P)
+    return np.asarray((1.0 - tuning.PRIOR_FOLLOWED) * constraints.prior_pseudo_inertia + tuning.PRIOR_FOLLOWED * P)
 
 
 def likeliest_size(constraints: PhysicalConstraints, x: Floats) -> float:
@@ -115,6 +110,8 @@ def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floa
     # Why: the smallest of a body at the edge of the cone is rounding.
     size = np.maximum(size, np.finfo(float).eps * size[:, -1:])
     frame = turn.swapaxes(-1, -2) @ whiten
-    weight = np.sqrt(1.0 - FOLLOWED) / (np.sqrt(size) * (1.0 - FOLLOWED + FOLLOWED * size))
+    weight = np.sqrt(1.0 - tuning.PRIOR_FOLLOWED) / (
+        np.sqrt(size) * (1.0 - tuning.PRIOR_FOLLOWED + tuning.PRIOR_FOLLOWED * size)
+    )
     changes = frame[:, None] @ basis() @ frame[:, None].swapaxes(-1, -2)
     return np.asarray(gamma * np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True))

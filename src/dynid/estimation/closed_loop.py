@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import NotSimulated
+from dynid.estimation import tuning
 from dynid.estimation.stack import Stack
 from dynid.model.regressor import Torque, mass_matrices
 from dynid.robot import Controller
@@ -26,17 +27,6 @@ from dynid.signals.conditioned_log import Segment, resampled
 from dynid.signals.filters import decimate, lowpass_kernel
 
 Floats = NDArray[np.float64]
-
-#: Longest step [s], and longest step over the time constant of the stiffest joint: central differences need 2 at most.
-LONGEST_STEP, STEP_OVER_TIME = 2e-3, 0.4
-#: Steps that are solved together; a longer motion goes on from where the last ones ended.
-TOGETHER = 8192
-#: Corrections at most, and the size of the last one at which they end, in largest commanded speeds times the step.
-ROUNDS, SETTLED = 25, 1e-3
-#: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where the Coulomb sign changes.
-NEAR = 2e-3
-#: A mass matrix serves this long [s]: the arm moves by less than a degree.
-MASS_SECONDS = 0.01
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
     grid = float(segment.t[-1] - segment.t[0]) / max(1, len(segment) - 1)
     inertia = mass_matrices(arm.torque, segment.q[:: max(1, len(segment) // 200)])
     fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(kp)[None]))).max()))
-    finer = max(1, int(np.ceil(max(grid / LONGEST_STEP, grid * fastest / STEP_OVER_TIME))))
+    finer = max(1, int(np.ceil(max(grid / tuning.SIMULATION_STEP_S, grid * fastest / tuning.SIMULATION_STEP_SHARE))))
     limits.check("samples", len(segment) * finer, "the simulated closed loop")
     step = grid / finer
     fine = segment.t[0] + step * np.arange((len(segment) - 1) * finer + 1)
@@ -97,12 +87,12 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         resampled(segment.t, x, fine) if finer > 1 else x
         for x in (kp * segment.command[0] + kd * segment.command[1], known, segment.q)
     )
-    problem = _ClosedLoop(arm.torque, kp, kd, step, max(1, round(MASS_SECONDS / step)))
-    limit = SETTLED * step * float(np.abs(segment.command[1]).max(initial=0.0))
+    problem = _ClosedLoop(arm.torque, kp, kd, step, max(1, round(tuning.MASS_MATRIX_SECONDS / step)))
+    limit = tuning.SIMULATION_SETTLED * step * float(np.abs(segment.command[1]).max(initial=0.0))
     q, most = guess.copy(), 0
     q[1] = q[0] + step * segment.qd[0] + 0.5 * step**2 * segment.qdd[0]
-    for first in range(0, len(fine) - 2, TOGETHER):
-        part = slice(first, min(first + TOGETHER + 2, len(fine)))
+    for first in range(0, len(fine) - 2, tuning.SIMULATION_STEPS_TOGETHER):
+        part = slice(first, min(first + tuning.SIMULATION_STEPS_TOGETHER + 2, len(fine)))
         # Why: the guess of the next part begins where the last one ended.
         q[part][2:] += (q[part][1] - guess[part][1]) * (first > 0)
         q[part], rounds = problem.solve(q[part], aim[part] - further[part], limit)
@@ -174,7 +164,7 @@ class _ClosedLoop:
         h = self.step
         M = np.repeat(mass_matrices(self.torque, q[:: self.thinning]), self.thinning, axis=0)[1 : len(q) - 1]
         before: Floats | None = None
-        for k in range(1, ROUNDS + 1):
+        for k in range(1, tuning.SIMULATION_ROUNDS + 1):
             state = tuple(x[1:-1] for x in _differences(q, h))
             tau = self.torque(*state)
             missing = aim[1:-1] - self.kp * state[0] - self.kd * state[1] - tau
@@ -195,8 +185,10 @@ class _ClosedLoop:
 
     def _slope(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the slope of each joint's torque by the speeds, never negative, (N, n)."""
-        more, less = (self.torque(q, qd + side, qdd) for side in (NEAR, -NEAR))
-        return np.maximum((more - less) / (2 * NEAR), 0.0)
+        more, less = (
+            self.torque(q, qd + side, qdd) for side in (tuning.SIMULATION_SLOPE_SPEED, -tuning.SIMULATION_SLOPE_SPEED)
+        )
+        return np.maximum((more - less) / (2 * tuning.SIMULATION_SLOPE_SPEED), 0.0)
 
     def _chord(self, state: tuple[Floats, ...], tau: Floats, before: Floats) -> Floats:
         """Return the slope of each joint's torque from its speed in the last round to the present one, (N, n).

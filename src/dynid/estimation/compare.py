@@ -7,22 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.result import Identification
 
 Floats = NDArray[np.float64]
-
-#: Chance of naming any parameter when none has changed.
-FALSE_ALARM = 0.01
-#: A parameter's change is measured against its value, or against this many standard errors where that is more:
-#: a parameter that is known to 10 % or better is measured against itself.
-FLOOR_IN_ERRORS = 10.0
-#: Two estimates from the same rows differ when they are this many of the larger standard error apart.
-APART = 2.0
-#: Least squares and instruments from the same rows differ by the difference of their variances (Hausman 1978), at least
-#: by this share of the instruments'. Without encoder noise simulated logs stay below 1.4 such errors, with 0.09 deg
-#: they reach 7.7 to 9.6.
-LEAST_VARIANCE, BIASED = 0.25, 4.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +102,7 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     p_values[tested] = _two_sided(difference[tested] / sigma)
     significant = _holm(p_values)
     error = np.where(np.isfinite(baseline.std_error), baseline.std_error, 0.0)
-    scale = np.maximum(np.abs(baseline.theta), FLOOR_IN_ERRORS * error)
+    scale = np.maximum(np.abs(baseline.theta), tuning.CHANGE_FLOOR_ERRORS * error)
     changes = tuple(
         Change(
             name, float(before), float(after), _percent(float(before), float(after), float(size)), float(p), bool(sure)
@@ -133,7 +122,7 @@ def differing(one: Identification, other: Identification) -> list[str]:
         one,
         one.plain - other.plain,
         np.sqrt(np.maximum(np.diag(one.plain_covariance), np.diag(other.plain_covariance))),
-        APART,
+        tuning.ESTIMATES_APART_ERRORS,
     )
 
 
@@ -143,9 +132,11 @@ def biased(least_squares: Identification, instruments: Identification) -> list[s
     Source: Hausman 1978, "Specification tests in econometrics".
     """
     variances = [np.diagonal(each.plain_covariance) for each in (instruments, least_squares)]
-    error = np.sqrt(np.maximum(variances[0] - variances[1], LEAST_VARIANCE * variances[0]))
+    error = np.sqrt(np.maximum(variances[0] - variances[1], tuning.HAUSMAN_LEAST_VARIANCE * variances[0]))
     known = np.isfinite(instruments.std_error) & (instruments.std_error > 0)
-    return _beyond(instruments, least_squares.plain - instruments.plain, np.where(known, error, np.inf), BIASED)
+    return _beyond(
+        instruments, least_squares.plain - instruments.plain, np.where(known, error, np.inf), tuning.HAUSMAN_ERRORS
+    )
 
 
 def _beyond(result: Identification, difference: Floats, error: Floats, limit: float) -> list[str]:
@@ -172,7 +163,7 @@ def _holm(p_values: Floats) -> NDArray[np.bool_]:
     found = np.zeros(len(p_values), dtype=bool)
     order = [k for k in np.argsort(p_values) if np.isfinite(p_values[k])]
     for rank, k in enumerate(order):
-        if p_values[k] > FALSE_ALARM / (len(order) - rank):
+        if p_values[k] > tuning.CHANGE_FALSE_ALARM / (len(order) - rank):
             break
         found[k] = True
     return found

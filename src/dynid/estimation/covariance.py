@@ -19,33 +19,19 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.observation_rows import ObservationRows, joined, runs
-from dynid.estimation.robust import HUBER
 from dynid.longarrays import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]
 
-#: Instants whose sums over lags are made together.
-PIECE = 8192
-#: Instants beyond which a log is not short, and instants times draws that are worked on.
-SHORT, WORK = 4096, 16384
-#: Fewest and most draws: the longer the log, the less a draw differs from the next.
-FEWEST, MOST = 8, 48
-#: Scores that are added up together.
-CACHED = 1 << 16
-#: Two degrees of freedom have no variance; nothing is said about fewer.
-LEAST_FREEDOM = 2.5
-#: Relative standard error up to which a parameter is known well, and up to which roughly.
-WELL, ROUGHLY = 0.10, 0.30
 #: Relative standard error from which on zero lies inside the 95 % interval.
 ZERO_INSIDE = 1 / 1.96
 #: Words for how well a parameter is known: within a tenth of its value; zero as far as the torques can tell; within a
 #: third; or the log says nothing about it.
 KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = "well", "negligible", "roughly", "not determined"
 WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
-#: Change of torque, in standard deviations of a single sample, that nobody would notice.
-HARMLESS = 0.05
 
 
 def hac_covariance(
@@ -99,16 +85,16 @@ def hac_covariances(
     instants = 0
     for part in rows:
         residual = part.residual(given)
-        inside = part.mask & (np.abs(residual) <= HUBER * noise) if robust else part.mask
+        inside = part.mask & (np.abs(residual) <= tuning.HUBER * noise) if robust else part.mask
         if not (part.follows and growing):
             growing.append(Growing(len(theta)))
-        bounded = np.clip(residual, -HUBER * noise, HUBER * noise) if robust else residual
+        bounded = np.clip(residual, -tuning.HUBER * noise, tuning.HUBER * noise) if robust else residual
         scores = _scores(part, bounded / noise**2)
         if bread is None:
             _add_sensitivity(part, inside / noise**2, sensitivity)
         growing[-1].append(scores.T if basis is None else scores.T @ basis)
         instants += len(residual)
-        short = [*short, replace(part, usable=inside)] if instants <= SHORT else []
+        short = [*short, replace(part, usable=inside)] if instants <= tuning.SHORT_LOG_INSTANTS else []
     if basis is not None:
         sensitivity, short = (
             basis.T @ sensitivity @ basis,
@@ -121,7 +107,7 @@ def hac_covariances(
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     wanted = bread if of is None else bread[of]
     covariance = uncorrected = np.asarray(wanted @ long_run_variance(series, lags) @ wanted.T)
-    if corrected and instants <= SHORT:
+    if corrected and instants <= tuning.SHORT_LOG_INSTANTS:
         factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags, of)
         covariance = covariance * np.outer(factor, factor)
     return covariance, uncorrected
@@ -165,8 +151,8 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
     for one in series:
         width = min(lags + 1, len(one))
         # Why in pieces: the sums of a long log would need as much memory again as its scores.
-        for first in range(0, len(one) + width - 1, PIECE):
-            last = min(first + PIECE, len(one) + width - 1)
+        for first in range(0, len(one) + width - 1, tuning.SCORES_TOGETHER):
+            last = min(first + tuning.SCORES_TOGETHER, len(one) + width - 1)
             inside = one[max(0, first - width + 1) : last]
             ends = (max(0, width - 1 - first), max(0, last - len(one)))
             sums = _moving_sums(inside, width, ends)
@@ -203,8 +189,11 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     length = sum(len(one) for one in series)
     power, together = np.zeros((2, series[0].shape[1]))
     for one in series:
-        for first in range(0, len(one) - 1, PIECE):
-            here, after = one[first : min(first + PIECE, len(one) - 1)], one[first + 1 : first + 1 + PIECE]
+        for first in range(0, len(one) - 1, tuning.SCORES_TOGETHER):
+            here, after = (
+                one[first : min(first + tuning.SCORES_TOGETHER, len(one) - 1)],
+                one[first + 1 : first + 1 + tuning.SCORES_TOGETHER],
+            )
             power += np.einsum("kp,kp->p", here, here)
             together += np.einsum("kp,kp->p", here, after)
             release()
@@ -236,7 +225,7 @@ def short_log_factor(
         of: numbers of the parameters whose factors are wanted; None for all.
     """
     instants = sum(len(rows.tau) for rows in segments)
-    draws = int(np.clip(WORK // max(instants, 1), FEWEST, MOST))
+    draws = int(np.clip(tuning.SHORT_LOG_WORK // max(instants, 1), tuning.LEAST_DRAWS, tuning.MOST_DRAWS))
     rng = np.random.default_rng(0)
     whitened = [_whitened(rows, noise) for rows in segments]
     kernels = [_kernel(rows) for rows in segments]
@@ -266,7 +255,7 @@ def _judged(influence: Floats, left: Floats, width: int) -> Floats:
     (M, _, p), draws = influence.shape, left.shape[2]
     found = np.empty((draws, p))
     # Why some parameters at a time: the sums of all of them would leave the cache.
-    some = max(1, CACHED // (M * draws))
+    some = max(1, tuning.SCORES_CACHED // (M * draws))
     for first in range(0, p, some):
         scores = left.swapaxes(1, 2) @ influence[:, :, first : first + some]
         sums = _moving_sums(scores.reshape(M, -1), width)
@@ -279,7 +268,7 @@ def _factor(true: Floats, judged: Floats) -> Floats:
 
     mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
     freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
-    quantile = stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
+    quantile = stdtrit(np.maximum(freedom, tuning.LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
     return np.asarray(np.sqrt(true / mean) * quantile)
 
 
@@ -331,13 +320,13 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
         One of ``WORDS`` for each parameter.
     """
     relative = std_error / np.where(theta != 0.0, np.abs(theta), np.finfo(float).tiny)
-    harmless = (std_error * effect <= HARMLESS) & (effect > 0.0)
+    harmless = (std_error * effect <= tuning.HARMLESS_TORQUE) & (effect > 0.0)
     judgement = []
     for error, small in zip(relative, harmless, strict=True):
-        if error <= WELL or small:
+        if error <= tuning.WELL_ERROR or small:
             judgement.append(KNOWN_WELL if error <= ZERO_INSIDE else NEGLIGIBLE)
         else:
-            judgement.append(KNOWN_ROUGHLY if error <= ROUGHLY else NOT_DETERMINED)
+            judgement.append(KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR else NOT_DETERMINED)
     return tuple(judgement)
 
 

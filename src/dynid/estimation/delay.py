@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
+from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
-from dynid.estimation.least_squares import RANK_TOLERANCE, block_diagonal, triangle, weighted, with_columns
+from dynid.estimation.least_squares import block_diagonal, triangle, weighted, with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk
 from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.longarrays import Growing, empty, spans
@@ -24,17 +25,8 @@ from dynid.signals.conditioned_log import torques_moved_back
 
 Floats = NDArray[np.float64]
 
-#: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
-#: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
-CLEAR = 4.0
-#: Below this a delay is not worth correcting [s]: within the half sample that a controller holds its torque.
-LEAST = 2e-3
-#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
-FOUND, ROUNDS = 2e-4, 3
 #: Rows on either side that the slope of a torque is taken from.
 REACH = 2
-#: A delay beyond this gets a line of its own [s].
-NOTABLE = 3e-3
 
 
 @dataclass(frozen=True)
@@ -52,7 +44,9 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is large enough and certain enough to be corrected."""
-        return abs(self.seconds) >= LEAST and abs(self.seconds) > CLEAR * self.std_error
+        return (
+            abs(self.seconds) >= tuning.DELAY_LEAST_S and abs(self.seconds) > tuning.DELAY_CLEAR_ERRORS * self.std_error
+        )
 
 
 def estimate_delay(stack: Stack) -> Delay:
@@ -66,7 +60,7 @@ def estimate_delay(stack: Stack) -> Delay:
     length = np.linalg.norm(whitened, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     _, sigma, Vt = np.linalg.svd(whitened / length)
-    columns = (Vt[sigma > RANK_TOLERANCE * sigma[0]] / length).T
+    columns = (Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]] / length).T
     slopes = _slopes(stack, fit.theta)
     rows = RowWalk(lambda: (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True)))
     # Why a basis: directions that the log leaves open would have no covariance.
@@ -140,7 +134,7 @@ def _slope(t: Floats, tau: Floats, step: float) -> Floats:
 
 def delay_findings(found: Delay, applied: float) -> list[Finding]:
     """Say that the torques are late, when they are by more than a few milliseconds."""
-    if abs(found.seconds) < NOTABLE or not found.clear:
+    if abs(found.seconds) < tuning.DELAY_NOTABLE_S or not found.clear:
         return []
     word = "later" if found.seconds > 0 else "earlier"
     size = f"{1e3 * abs(found.seconds):.1f} +- {1e3 * found.std_error:.1f} ms"
@@ -161,12 +155,12 @@ def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, Delay, tu
     """
     base, logs = stack.base, stack.logs
     found, applied = estimate_delay(stack), 0.0
-    for _ in range(ROUNDS if found.clear else 0):
+    for _ in range(tuning.DELAY_ROUNDS if found.clear else 0):
         applied = found.seconds
         stack = stack_logs(settled([torques_moved_back(log, base.model, applied) for log in logs], base), base)
         left = estimate_delay(stack)
         found = Delay(applied + left.seconds, left.std_error)
-        if abs(found.seconds - applied) < FOUND:
+        if abs(found.seconds - applied) < tuning.DELAY_SETTLED_S:
             break
     size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
     progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
+from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.payload import friction, last_link
@@ -25,13 +26,6 @@ from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
-
-#: Gauss-Newton ends when no gain changes by more than this share, at the latest after so many steps.
-CONVERGED, STEPS = 1e-6, 60
-#: Singular value, relative to the largest of normalised columns, below which a direction is not determined.
-RANK = 1e-9
-#: A joint's gain changes by at most this factor in a step; the problem is bilinear and a first guess may be poor.
-LONGEST_STEP = np.log(3.0)
 
 
 @dataclass(frozen=True)
@@ -172,7 +166,7 @@ def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
     length = np.linalg.norm(M, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     if np.any(b):
-        x = np.linalg.lstsq(M / length, b, rcond=RANK)[0] / length
+        x = np.linalg.lstsq(M / length, b, rcond=tuning.GAINS_RANK)[0] / length
     else:
         # Why the currents' columns stay as they are: each has length 1, so no gain is preferred over another.
         x = np.linalg.svd(M / length)[2][-1] / length
@@ -185,7 +179,7 @@ def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
 def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Floats]:
     """Return the unknowns and each joint's noise [A], by Gauss-Newton with weights from the residuals."""
     count = len(problem.unknown)
-    for step in range(STEPS):
+    for step in range(tuning.GAINS_ROUNDS):
         h = _inverse_gains(problem, x, known)
         rows, right, squares, number = [], [], np.zeros(len(h)), np.zeros(len(h))
         for log, stack in enumerate(problem.stacks):
@@ -202,10 +196,10 @@ def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Flo
         e = np.concatenate([w * part for w, part in zip(weights, right, strict=True)])
         length = np.linalg.norm(J, axis=0)
         length = np.where(length > 0.0, length, 1.0)
-        change = np.linalg.lstsq(J / length, e, rcond=RANK)[0] / length
+        change = np.linalg.lstsq(J / length, e, rcond=tuning.GAINS_RANK)[0] / length
         largest = float(np.abs(change[len(x) - count :]).max(initial=0.0))
-        x = x + change * min(1.0, LONGEST_STEP / max(largest, 1e-12))
-        if step and largest < CONVERGED:
+        x = x + change * min(1.0, tuning.GAINS_LONGEST_STEP / max(largest, 1e-12))
+        if step and largest < tuning.GAINS_SETTLED:
             break
     return x, sigma
 
@@ -228,7 +222,7 @@ def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relat
     length = np.sqrt(np.diagonal(np.asarray(information)))
     length = np.where(length > 0.0, length, 1.0)
     values, axes = np.linalg.eigh(np.asarray(information) / np.outer(length, length))
-    kept = values > RANK * values[-1]
+    kept = values > tuning.GAINS_RANK * values[-1]
     count = len(problem.unknown)
     lost = np.abs(axes[len(x) - count :, ~kept]).max(axis=1, initial=0.0) > 1e-3
     if lost.any() and not relative:

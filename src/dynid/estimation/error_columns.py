@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.least_squares import with_columns
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, fold, joined
 from dynid.estimation.stack import Stack
@@ -23,17 +24,10 @@ from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 
-#: Highest harmonics of the position, alone and times the Coulomb sign.
-POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
-#: Speeds, as shares of the rms speed of the fitted motion, at which shapes of the friction have fallen to 1/e.
-SPEEDS = (0.1, 0.4, 1.6)
 #: Group of each column: 0 position, 1 friction, 2 load.
-GROUPS = np.repeat([0, 1, 2], [2 * POSITION_HARMONICS, 2 * FRICTION_HARMONICS + len(SPEEDS), 1])
-#: Rows that are folded into the factors together.
-FOLDED = 400
-#: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
-#: are there to explain.
-FAR = 5.0
+GROUPS = np.repeat(
+    [0, 1, 2], [2 * tuning.POSITION_HARMONICS, 2 * tuning.FRICTION_HARMONICS + len(tuning.FRICTION_SPEEDS), 1]
+)
 
 
 def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
@@ -56,14 +50,14 @@ def _shapes(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
     np.sin(q, out=sine)
     np.cos(q, out=cosine)
     # Why not of each multiple: sums of angles take a tenth of the time of a sine.
-    for k in range(2, 2 * POSITION_HARMONICS, 2):
+    for k in range(2, 2 * tuning.POSITION_HARMONICS, 2):
         found[:, k] = found[:, k - 2] * cosine + found[:, k - 1] * sine
         found[:, k + 1] = found[:, k - 1] * cosine - found[:, k - 2] * sine
-    place = 2 * POSITION_HARMONICS
-    for k in range(2 * FRICTION_HARMONICS):
+    place = 2 * tuning.POSITION_HARMONICS
+    for k in range(2 * tuning.FRICTION_HARMONICS):
         np.multiply(sign, found[:, k], out=found[:, place + k])
-    place += 2 * FRICTION_HARMONICS
-    for k, least in enumerate(SPEEDS):
+    place += 2 * tuning.FRICTION_HARMONICS
+    for k, least in enumerate(tuning.FRICTION_SPEEDS):
         np.multiply(sign, np.exp(share / -least), out=found[:, place + k])
     found[:, -1] = sign
     return found
@@ -125,7 +119,7 @@ def folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust
         weight = np.ones_like(rows.tau)
         if robust is not None:
             left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
-            weight = FAR / np.maximum(left, FAR)
+            weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
         for j, F in enumerate(factors):
             fold(F, rows, j, weight[:, j])
     return factors
@@ -181,7 +175,7 @@ def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
     held: list[ObservationRows] = []
     for each in rows:
         held.append(each)
-        if sum(len(one.tau) for one in held) >= FOLDED:
+        if sum(len(one.tau) for one in held) >= tuning.ROWS_FOLDED:
             yield joined(held)
             held = []
     if held:

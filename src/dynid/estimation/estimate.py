@@ -11,14 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NothingChanged, WrongUsage
+from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
-from dynid.estimation.findings import (
-    LARGE_CONDITION,
-    excitation_findings,
-    physics_findings,
-    sensor_findings,
-)
+from dynid.estimation.findings import excitation_findings, physics_findings, sensor_findings
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error, solvable
 from dynid.estimation.model_error import ModelError, squares
 from dynid.estimation.posterior import (
@@ -40,18 +36,12 @@ from dynid.signals.motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 
-#: Expected torque error on an exciting motion over that of the plain set up to which a set is clearly better.
-CLEARLY = 0.75
-#: A parameter that differs from its prior by less than this share has not moved.
-UNCHANGED = 1e-9
 #: Kinds of parameters that no real arm has with a minus sign.
 POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
 #: What a share of a fitted log is, compared with its other rows: no proof for another motion.
 SAME_MOTION = "the same motion"
-#: Samples of each fitted motion that a result keeps, so that a repetition of it is recognised: two minutes.
-LONGEST_MOTION = 600
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -237,7 +227,7 @@ def estimate(
             ),
         ),
         header=_header(base, stack),
-        motions=tuple(log_motion(log)[:LONGEST_MOTION] for log in stack.logs),
+        motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
         rigid=base.model.rigid,
         stack=stack,
     )
@@ -329,7 +319,7 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
     known = np.isfinite(prior)
 
     def same(theta: Floats) -> NDArray[np.bool_]:
-        return np.asarray(np.isclose(theta, prior, rtol=UNCHANGED, atol=1e-12)[known])
+        return np.asarray(np.isclose(theta, prior, rtol=tuning.PRIOR_UNCHANGED, atol=1e-12)[known])
 
     if known.any() and same(physical).all() and not same(plain).all():
         count = int(known.sum())
@@ -358,11 +348,11 @@ def _in_force(
     if not contradicts(misfit, best):
         return "physical", f"{explains} ({figures})"
     # Why: few rows that many parameters were fitted to contradict nothing.
-    if plain.solution.condition_number_scaled > LARGE_CONDITION:
+    if plain.solution.condition_number_scaled > tuning.LARGE_CONDITION:
         return "physical", f"the log does not determine the plain estimate ({figures})"
     missing = f"no physically possible arm explains the torques ({figures}), so something is missing: try dynid gap"
     expected = {key: judged(key)[2].exciting_percent for key in SETS.values()}
-    if expected["physical"] < CLEARLY * expected["plain"]:
+    if expected["physical"] < tuning.CLEARLY_BETTER * expected["plain"]:
         return "physical", f"{missing}; on other motions the physical parameters should still be better"
     return "plain", missing
 

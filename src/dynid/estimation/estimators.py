@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
+from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, hac_covariances
 from dynid.estimation.instrumental import instrumental
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, weighted
@@ -26,13 +27,6 @@ from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
-
-#: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
-#: largest of its kind: published inertias of one arm differ by as much from each other.
-RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
-#: Simulations at most; parameters that move by less than this many standard errors have settled.
-IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
-DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
 
 
 class Estimator(Protocol):
@@ -87,10 +81,10 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *
     """
     simulate, effects = _simulation(stack, controller, "idim-iv"), stack.reversals
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
-    for _ in range(IDIM_ROUNDS):
+    for _ in range(tuning.IDIM_ROUNDS):
         again = simulate(fit.theta)
         before, fit = fit.theta, instrumental(effects.whitened(again) if effects else again, fit, robust=True)
-        if _settled(fit, before, IDIM_SETTLED):
+        if _settled(fit, before, tuning.IDIM_SETTLED):
             break
     return replace(fit, method="idim-iv")
 
@@ -103,7 +97,7 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
     """
     simulate = _simulation(stack, controller, "didim")
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
-    for _ in range(DIDIM_ROUNDS):
+    for _ in range(tuning.DIDIM_ROUNDS):
         rows, before = _of_simulation(simulate(fit.theta)), fit.theta
         found = weighted(*joint_factors(rows))
         robust = look_for_spikes(rows, found.theta).found
@@ -111,7 +105,7 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
             found = huber(rows, found)
         covariance, uncorrected = hac_covariances(rows, found.theta, found.noise, robust=robust)
         fit = replace(fit, theta=found.theta, noise=found.noise, covariance=covariance, uncorrected=uncorrected)
-        if _settled(fit, before, DIDIM_SETTLED):
+        if _settled(fit, before, tuning.DIDIM_SETTLED):
             break
     return replace(fit, method="didim")
 
@@ -119,7 +113,7 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
 def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
-    spread = np.maximum(RIDGE_SPREAD * np.abs(known), RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
+    spread = np.maximum(tuning.RIDGE_SPREAD * np.abs(known), tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
     return ridge(*stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
 
 

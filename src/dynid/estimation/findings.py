@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, PoorlyExcited, RankDeficient
-from dynid.estimation.covariance import HARMLESS, NOT_DETERMINED, ROUGHLY, WELL
+from dynid.estimation import tuning
+from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.estimators import wls
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.model_error import ModelError
@@ -16,22 +17,6 @@ from dynid.model.regressor import Observer, indefinite_share, random_poses
 from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
-
-#: Torque error on an exciting motion that what a log leaves open costs, from which on it counts as poorly excited [%].
-#: A condition number would hang on the choice of base columns.
-POOR = 50.0
-#: Beyond this condition number with normalised columns a plain estimate contradicts no possible arm.
-LARGE_CONDITION = 1000.0
-#: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
-CONTRADICTION = 1.5
-#: Share of open parameters beyond which a log is called poor.
-MANY_OPEN = 0.2
-#: Poses in which the mass matrix is tested.
-POSES = 500
-#: Findings that are worded one by one; the rest are listed.
-WORDED = 8
-#: Beyond this factor a number would only pretend that faster motion of the same kind could help.
-MOST_SENSIBLE = 30.0
 
 
 def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding]:
@@ -53,12 +38,12 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     error[np.abs(fit.solution.weak).max(axis=1, initial=0.0) > 1e-9] = np.inf
     size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
     rows = max(1, int(stack.whole[1].sum()))
-    harmless = error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows) <= HARMLESS
+    harmless = error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows) <= tuning.HARMLESS_TORQUE
     relative = error / np.maximum(size, np.finfo(float).tiny)
-    weak = [k for k in np.argsort(-relative) if relative[k] > ROUGHLY and not harmless[k]]
-    findings = [_finding(base, stack, int(k), float(relative[k])) for k in weak[:WORDED]]
-    if len(weak) > WORDED:
-        rest = ", ".join(stack.names[k] for k in weak[WORDED:])
+    weak = [k for k in np.argsort(-relative) if relative[k] > tuning.ROUGH_ERROR and not harmless[k]]
+    findings = [_finding(base, stack, int(k), float(relative[k])) for k in weak[: tuning.FINDINGS_WORDED]]
+    if len(weak) > tuning.FINDINGS_WORDED:
+        rest = ", ".join(stack.names[k] for k in weak[tuning.FINDINGS_WORDED :])
         findings.append(Finding("W402", "warning", f"also hardly excited: {rest}", {"parameters": rest.split(", ")}))
     return findings
 
@@ -68,8 +53,8 @@ def _finding(base: BaseModel, stack: Stack, k: int, relative: float) -> Finding:
     evidence = {"parameter": name, "relative_error": relative if np.isfinite(relative) else None}
     if not np.isfinite(relative):
         return Finding("W402", "warning", f"{name} leaves no trace in this log: {_reason(base, stack, k)}", evidence)
-    factor = relative / WELL
-    more = f"{factor:.0f} times more" if factor < MOST_SENSIBLE else "far more"
+    factor = relative / tuning.WELL_ERROR
+    more = f"{factor:.0f} times more" if factor < tuning.MOST_SENSIBLE else "far more"
     why = f"{name} hardly excited (error {100 * relative:.0f} %): {_reason(base, stack, k)}"
     text = f"{why}; {more} would bring its error under 10 %"
     return Finding("W402", "warning", text, {**evidence, "factor": factor})
@@ -123,7 +108,7 @@ def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: boo
             raise RankDeficient(text, fix=fix)
         return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
     condition = plain.solution.condition_number_scaled
-    if cost > POOR:
+    if cost > tuning.POORLY_EXCITED_PERCENT:
         text = (
             f"what this log hardly tells of the parameters costs the plain estimate {cost:.3g} % of the torque of an "
             f"exciting motion; condition number {condition:.0f} (good: below 100)"
@@ -171,15 +156,15 @@ def physics_findings(
     """
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
-    poses = random_poses(base.robot, POSES)
+    poses = random_poses(base.robot, tuning.ALARM_POSES)
     share = indefinite_share(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), poses)
     if share:
         cause = (
             "too little motion to tell, or a wrong sign or offset under `driver:`"
-            if open_ > MANY_OPEN
+            if open_ > tuning.MANY_OPEN
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
-        level = "info" if in_force == "physical" or open_ > MANY_OPEN else "warning"
+        level = "info" if in_force == "physical" or open_ > tuning.MANY_OPEN else "warning"
         text = f"the plain fit has no positive mass matrix in {100 * share:.0f} % of random poses: {cause}"
         found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
@@ -192,14 +177,14 @@ def physics_findings(
             "in the residual model, with which predictions hold, and not in the parameters; dynid gap may name it"
         )
         found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[j])}))
-    if not len(large) and growth[worst] > CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
+    if not len(large) and growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
         joint = base.robot.joint_names[worst]
         text = (
             f"the physical set explains {joint} worse than the plain fit: its torque error grows from "
             f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
         )
         found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])}))
-    if open_ > MANY_OPEN:
+    if open_ > tuning.MANY_OPEN:
         count = f"{sum(word == NOT_DETERMINED for word in knowledge)} of {len(knowledge)} base parameters"
         plain_text = "the plain estimate holds for motions like this one only; for others use --feasible"
         consequence = "their values come mostly from the prior" if in_force == "physical" else plain_text

@@ -17,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient
+from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.observation_rows import ObservationRows, robust_noise, root_mean_square
 from dynid.estimation.robust import huber_weight
 
 Floats = NDArray[np.float64]
-
-#: Condition number of the column-normalised Z^T S W beyond which the instruments say nothing.
-WORST_CONDITION = 1e12
 
 
 def instrumental(
@@ -76,7 +74,7 @@ def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Flo
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
     scaled = scale[:, None] * left * scale
     condition = float(np.linalg.cond(scaled))
-    if not condition < WORST_CONDITION:
+    if not condition < tuning.INSTRUMENTS_WORST_CONDITION:
         raise RankDeficient(
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",

@@ -16,16 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.physical_constraints import basis, pseudo_inertia
 
 Floats = NDArray[np.float64]
-
-#: Steps after which the method gives up; arms of seven links take 10 to 30.
-MAX_STEPS = 80
-#: Relative error of the optimality conditions at which the method stops.
-TOLERANCE = 1e-6
-#: Share of the way to the boundary that one step may go.
-TO_BOUNDARY = 0.98
 
 
 @dataclass(frozen=True)
@@ -108,7 +102,9 @@ def minimise(objective: Objective, start: Floats | Minimum | Point) -> Minimum:
     return _certify(objective, objective.R.T @ objective.R, here, steps)
 
 
-def approach(objective: Objective, start: Floats | Minimum | Point, tolerance: float = TOLERANCE) -> tuple[Point, int]:
+def approach(
+    objective: Objective, start: Floats | Minimum | Point, tolerance: float = tuning.INTERIOR_TOLERANCE
+) -> tuple[Point, int]:
     """Come near the minimum, without a certificate.
 
     Args:
@@ -122,7 +118,7 @@ def approach(objective: Objective, start: Floats | Minimum | Point, tolerance: f
     RtR = objective.R.T @ objective.R
     here = _cold(objective, start) if isinstance(start, np.ndarray) else _warm(objective, start)
     steps, step = 0, 0.0
-    while steps < MAX_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
+    while steps < tuning.INTERIOR_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
         try:
             after, step = _step(objective, RtR, here)
             np.linalg.cholesky(after.P)
@@ -198,12 +194,12 @@ def _step(objective: Objective, RtR: Floats, here: Point) -> tuple[Point, float]
             float(np.linalg.eigvalsh(relative).min(initial=0.0)),
             float(np.concatenate([ds / here.slack, dz / here.z]).min(initial=0.0)),
         )
-        return min(1.0, TO_BOUNDARY / -fall if fall < 0.0 else 1.0), (dy, dZ, dz)
+        return min(1.0, tuning.INTERIOR_REACH / -fall if fall < 0.0 else 1.0), (dy, dZ, dz)
 
     weights = 4 * float(objective.gamma.sum()) + float(objective.mu.sum())
     excess = (here.complementarity() - weights) / (4 * len(here.Z) + len(here.z))
     step, (dy, dZ, dz) = towards(0.0)
-    if step < TO_BOUNDARY and excess > 0.0:
+    if step < tuning.INTERIOR_REACH and excess > 0.0:
         step, (dy, dZ, dz) = towards(excess * (1.0 - step))
     y = here.y + step * dy
     Z = here.Z + step * back.swapaxes(-1, -2) @ dZ @ back

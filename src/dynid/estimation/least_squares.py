@@ -19,24 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort, RankDeficient
+from dynid.estimation import tuning
 from dynid.estimation.nonnegative import nonnegative_least_squares
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Rows factored at once: larger blocks leave the cache.
-CHUNK = 512
-#: Singular value of the column-normalised matrix, relative to the largest, below which a direction is not excited.
-RANK_TOLERANCE = 1e-8
 #: Length of a column, relative to the longest, that is nothing but rounding.
 ROUNDING = 1e-15
 #: Singular value, relative to the largest of columns of unit length, below which rows hold rounding in a direction.
 NO_DIRECTION = 1e-12
-#: Rows that a joint must have beyond the parameters that they were spent on, before they say how noisy it is.
-LEAST_LEFT = 1.0
-#: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
-#: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
-UNSEEN, LARGEST_INFLATION = 2.0, 60.0
 
 
 @contextmanager
@@ -71,9 +63,9 @@ def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
     R = np.zeros((p + 1, p + 1)) if R is None else R
     if not len(W):
         return R
-    rows = np.empty((p + 1 + min(CHUNK, len(W)), p + 1))
+    rows = np.empty((p + 1 + min(tuning.ROWS_FACTORED, len(W)), p + 1))
     # Why evenly: a few rows that are left over cost a factor of their own.
-    edges = np.linspace(0, len(W), -(-len(W) // CHUNK) + 1).astype(int).tolist()
+    edges = np.linspace(0, len(W), -(-len(W) // tuning.ROWS_FACTORED) + 1).astype(int).tolist()
     for start, end in pairwise(edges):
         part = rows[: p + 1 + end - start]
         part[: p + 1], part[p + 1 :, :-1], part[p + 1 :, -1] = R, W[start:end], tau[start:end]
@@ -202,7 +194,7 @@ def solve(R: Floats) -> Solution:
     # Why not those of rounding: at unit length, what is left of a joint that stands still would look like motion.
     length = np.where(length > ROUNDING * length.max(initial=0.0), length, 1.0)
     U, sigma, Vt = np.linalg.svd(A / length)
-    cutoff = RANK_TOLERANCE * sigma[0]
+    cutoff = tuning.RANK_TOLERANCE * sigma[0]
     rank = int(np.sum(sigma > cutoff))
     V = Vt[:rank].T / sigma[:rank]
     projected = U.T @ b
@@ -254,8 +246,8 @@ class Fit:
     def inflation(self) -> float:
         """How many rows are worth one independent row; 1/2 chi-square of all rows is divided by it."""
         A, spread = self.whitened[:-1, :-1], self.covariance if self.uncorrected is None else self.uncorrected
-        worth = UNSEEN * float(np.sum((A @ spread) * A)) / max(1, self.solution.rank)
-        return float(np.clip(worth, 1.0, LARGEST_INFLATION))
+        worth = tuning.COLOUR_UNSEEN * float(np.sum((A @ spread) * A)) / max(1, self.solution.rank)
+        return float(np.clip(worth, 1.0, tuning.LARGEST_INFLATION))
 
     @cached_property
     def rms(self) -> Floats:
@@ -372,8 +364,10 @@ def _joint_noise(factors: Floats, counts: Ints, theta: Floats, noise: Floats, co
     spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
     rms = joint_rms(factors, counts, theta)
     # Why: what a joint's few rows leave of its noise says nothing once as many parameters were fitted to them.
-    found = rms * np.sqrt(counts / np.maximum(counts - spent, LEAST_LEFT))
-    return np.asarray(np.maximum(np.where(counts - spent > LEAST_LEFT, found, noise), _floor(factors, counts)))
+    found = rms * np.sqrt(counts / np.maximum(counts - spent, tuning.LEAST_ROWS_LEFT))
+    return np.asarray(
+        np.maximum(np.where(counts - spent > tuning.LEAST_ROWS_LEFT, found, noise), _floor(factors, counts))
+    )
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:

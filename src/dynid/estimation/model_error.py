@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.box import smallest_in_box
 from dynid.estimation.error_columns import (
     GROUPS,
-    POSITION_HARMONICS,
     columns_of,
     filtered_shapes,
     folded,
@@ -44,30 +44,11 @@ Floats = NDArray[np.float64]
 #: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
 #: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
 FREE = np.flatnonzero(GROUPS == 0)
-FREE_SIZE = np.repeat(np.arange(1.0, POSITION_HARMONICS + 1), 2) ** -4.0
+FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
-#: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
-#: otherwise let the columns explain everything that it has.
-LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
-#: Size that counts as nothing.
-NOTHING = 1e-7
-#: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and
-#: from equal sizes the search finds the former alone where the latter explains more.
-BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
-#: Steps of the search for sizes.
-STEPS = 40
-#: Gain of the log evidence from which on there is model error: three sizes were chosen.
-WANTED = 4.0
 #: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
 SINGULAR = 1e-5
-#: Random states inside the limits over which the columns are made orthogonal to the parameters.
-STATES = 1500
-#: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
-#: [rad/s], sliding [m/s].
-EXCITING_SPEED, FREE_SPEED = 0.2, {True: 0.5, False: 0.1}
-#: Reach of a joint without position limits: turning [rad], sliding [m].
-FREE_REACH = {True: np.pi, False: 0.3}
 
 
 @dataclass(frozen=True)
@@ -172,10 +153,12 @@ def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, proj
 def exciting_speed(robot: Robot) -> Floats:
     """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
     limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
-    return np.array([EXCITING_SPEED * v if v else FREE_SPEED[turns] for v, turns in limits])
+    return np.array([tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits])
 
 
-def random_states(robot: Robot, speed: Floats, count: int = STATES, seed: int = 0) -> tuple[Floats, Floats, Floats]:
+def random_states(
+    robot: Robot, speed: Floats, count: int = tuning.RANDOM_STATES, seed: int = 0
+) -> tuple[Floats, Floats, Floats]:
     """Return positions inside the limits with velocities and accelerations of the order of a motion, (count, n) each.
 
     Args:
@@ -185,7 +168,7 @@ def random_states(robot: Robot, speed: Floats, count: int = STATES, seed: int = 
         seed: of the random draws.
     """
     rng = np.random.default_rng(seed)
-    reach = [FREE_REACH[joint.revolute] for joint in robot.joints]
+    reach = [tuning.FREE_REACH[joint.revolute] for joint in robot.joints]
     limits = [j.limits.position or (-r, r) for j, r in zip(robot.joints, reach, strict=True)]
     low, high = np.array(limits, dtype=float).T
     q = rng.uniform(low, high, (count, robot.n))
@@ -409,19 +392,21 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         prior: Hessian of the prior there, (c, c).
     """
     gram = rows.gram()
-    low, high = np.log([np.full(len(LARGEST), NOTHING), LARGEST])
+    low, high = np.log([np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING), tuning.RESIDUAL_LARGEST])
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
-    found = [smallest_in_box(negative, start, low, high, STEPS) for start in np.log(BEGIN)]
+    found = [
+        smallest_in_box(negative, start, low, high, tuning.RESIDUAL_STEPS) for start in np.log(tuning.RESIDUAL_BEGIN)
+    ]
     return np.asarray(np.exp(min(found, key=lambda logs: negative(logs)[0])))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:
     """Return by how much the log evidence gains by a model error of given sizes, (groups,); see ``best_size``."""
-    gram, none = rows.gram(), np.full(len(LARGEST), NOTHING)
+    gram, none = rows.gram(), np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING)
     with_it, without = (_log_evidence(rows, gram, each, K, x, prior)[0] for each in (size, none))
     return with_it - without
 
@@ -498,7 +483,7 @@ def model_error(
     root = np.array([np.linalg.inv(head[:, :k]) for head in heads])
     slope = -root @ heads[:, :, k:-1]
     mean = (root @ heads[:, :, -1:])[:, :, 0] + slope @ theta
-    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(LARGEST))), mean], axis=2)
+    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(tuning.RESIDUAL_LARGEST))), mean], axis=2)
     torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
     rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
     return ModelError(rows.speed, rows.reference, rows.scale, rows.projection, mean, root, slope, size, rms, evidence)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.least_squares import accumulate
 from dynid.longarrays import Growing, median, release, spans
 from dynid.model.regressor import Observer
@@ -27,13 +28,6 @@ from dynid.signals.filters import decimate
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-#: Length of a block of time [s]: longer than the correlation of the residuals, short enough for a fine hold-out.
-BLOCK_SECONDS = 1.0
-#: At most this many blocks per log, so that the factors of an hour stay small.
-MOST_BLOCKS = 64
-#: Samples evaluated at once.
-EVALUATED = 4096
 
 
 @dataclass(frozen=True)
@@ -213,8 +207,8 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     outputs = [max(0, (len(s) - taps) // step + 1) for s in log.segments]
-    per_block = max(1, round(chosen.kept_rate * BLOCK_SECONDS), -(-sum(outputs) // MOST_BLOCKS))
-    together = max(1, EVALUATED // step)
+    per_block = max(1, round(chosen.kept_rate * tuning.BLOCK_SECONDS), -(-sum(outputs) // tuning.MOST_BLOCKS))
+    together = max(1, tuning.ROWS_EVALUATED // step)
     block = 0
     for segment, count in zip(log.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0

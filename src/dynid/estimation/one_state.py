@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.error_columns import FRICTION_HARMONICS, POSITION_HARMONICS, SPEEDS
+from dynid.estimation import tuning
 from dynid.estimation.model_error import ModelError
 from dynid.model.base_model import BaseModel
 from dynid.model.kinematics import geometry
@@ -101,9 +101,13 @@ def _write_signs(text: _Text, robot: Robot) -> None:
 def _residual(error: ModelError, j: int, load: str) -> str:
     """Return the mean torque of the residual model at a joint: the columns of ``error_columns.shapes_of``."""
     weight = (error.mean[j] / error.scale[j]).tolist()
-    sines = [f"{name}({m}*q[{j}])" for m in range(1, POSITION_HARMONICS + 1) for name in ("sin", "cos")]
+    sines = [f"{name}({m}*q[{j}])" for m in range(1, tuning.POSITION_HARMONICS + 1) for name in ("sin", "cos")]
     speed = f"abs(qd[{j}])/{float(error.speed[j])!r}"
-    rubbing = [*sines[: 2 * FRICTION_HARMONICS], *(f"exp({speed}/{-least!r})" for least in SPEEDS), f"abs({load})"]
+    rubbing = [
+        *sines[: 2 * tuning.FRICTION_HARMONICS],
+        *(f"exp({speed}/{-least!r})" for least in tuning.FRICTION_SPEEDS),
+        f"abs({load})",
+    ]
     alone, signed = (_sum(w, x) for w, x in ((weight[: len(sines)], sines), (weight[len(sines) :], rubbing)))
     return f"{alone}+sign{j}*({signed})"
 

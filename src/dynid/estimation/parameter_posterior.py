@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.body_prior import COUNTED, curvature
+from dynid.estimation import tuning
+from dynid.estimation.body_prior import curvature
 from dynid.estimation.least_squares import merge, symmetric_root
-from dynid.estimation.physical_parameters import DEFAULT_GAMMA, constraints_of, require_possible_prior
+from dynid.estimation.physical_parameters import constraints_of, require_possible_prior
 from dynid.estimation.posterior import exciting_states
 from dynid.model.parameters import prior_base_parameters
 
@@ -26,8 +27,6 @@ Floats = NDArray[np.float64]
 
 #: Variance, relative to the largest in columns of equal size, below which the inverse would be of rounding.
 ROUNDING = 1e-13
-#: Least torque that a joint is thought to need before anything is measured, as a share of the largest of any joint.
-LEAST_TORQUE = 0.05
 
 
 @dataclass(frozen=True)
@@ -113,14 +112,14 @@ def prior_information(base: BaseModel) -> Floats:
     W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
     theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
     torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))
-    torque = np.maximum(torque, max(LEAST_TORQUE * float(torque.max()), 1e-6))
+    torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
     covariance = np.zeros((K.shape[1], K.shape[1]))
     others = np.setdiff1d(np.arange(K.shape[1]), constraints.bodies)
     columns = base.model.observer(others).dense(q, qd, qdd) if len(others) else np.zeros((1, base.robot.n, 0))
     size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
     covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
     for columns_of_body, bent in zip(
-        constraints.bodies, curvature(constraints, constraints.prior, DEFAULT_GAMMA), strict=True
+        constraints.bodies, curvature(constraints, constraints.prior, tuning.PRIOR_WEIGHT), strict=True
     ):
-        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(COUNTED * bent)
+        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(tuning.PRIOR_COUNTED * bent)
     return _inverse(K @ covariance @ K.T)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUsage
+from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
 from dynid.estimation.least_squares import block_diagonal, solvable, triangle
 from dynid.estimation.model_error import centred, rows_under
@@ -30,25 +31,12 @@ from dynid.robot import Body
 
 Floats = NDArray[np.float64]
 
-#: Radius of the ball that stands for a load's shape before measuring, such as a hand's or a tool's [m].
-RADIUS = 0.08
-#: Mass of that ball when the data say nothing or less than nothing [kg].
-LEAST_MASS = 0.05
-#: Share of the variance of the torque's scale that all joints have in common: one data sheet, one ageing.
-COMMON_GAIN = 0.75
 #: Information of a joint, relative to the largest, that makes parameters which no row tells move with all joints alike.
 UNTOLD = 1e-9
-#: By how much the torque scale of a real arm's joint differs between two recordings, as a share: its sensors and drives
-#: get warm. Chosen on recordings of the LWR4+, in which a scale 0.5 % wrong at the shoulder weighs 50 g at the flange.
-DRIFT = 0.005
-#: Least change of a joint's friction that is thought possible, as a share of the largest torque of any joint.
-LEAST_FRICTION = 0.01
 #: Standard errors to either side of a 95 % interval, and which of the ten numbers are never negative.
 WIDTH, POSITIVE = 1.96, np.isin(np.arange(10), (0, 4, 7, 9))
 #: Kinds of parameters that are friction.
 FRICTION = ("fv", "fc", "fo", "fvc", "fcc")
-#: Misfit over its expectation from which on something else than a load has changed.
-MISFIT = 4.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +78,7 @@ class IdentifiedPayload:
 
     def findings(self) -> list[Finding]:
         """Say when a body on the last link does not explain what has changed."""
-        if self.misfit < MISFIT:
+        if self.misfit < tuning.LOAD_MISFIT:
             return []
         text = (
             f"a body on the last link explains the change badly (reduced chi-square {self.misfit:.1f}): "
@@ -213,10 +201,10 @@ class LoadProblem:
         n, moved, shares = len(self.factors), [np.zeros((len(self.torque), 0))], [np.zeros((0, 0))]
         if scale_error > 0.0:
             moved.append(-self._moved())
-            shares.append(scale_error**2 * (COMMON_GAIN + (1.0 - COMMON_GAIN) * np.eye(n)))
+            shares.append(scale_error**2 * (tuning.COMMON_SCALE_SHARE + (1.0 - tuning.COMMON_SCALE_SHARE) * np.eye(n)))
         if self.real:
             moved.append(np.zeros((len(self.torque), n)))
-            shares.append(DRIFT**2 * np.eye(n))
+            shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))
         return np.hstack(moved), block_diagonal(*shares)
 
     def _without_error(self, joint: int, change: Floats) -> tuple[Floats, Floats]:
@@ -253,7 +241,7 @@ class LoadProblem:
         size = np.linalg.norm(W, axis=1)
         joint = np.argmax(size, axis=0)
         torque = np.linalg.norm(np.einsum("jmf,f->jm", W, self.kept.theta[self.free]), axis=1)
-        least = LEAST_FRICTION * np.sqrt(rows)
+        least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
         largest = size.max(axis=0)
         return np.asarray(np.maximum(torque[joint], least) / np.where(largest > 0.0, largest, 1.0))
 
@@ -300,9 +288,9 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
 
 def _ball(phi: Floats) -> Body:
     """Return a ball with the mass and centre of mass of a first estimate."""
-    mass = max(float(phi[0]), LEAST_MASS)
-    x, y, z = (phi[1:4] / mass if phi[0] > LEAST_MASS else np.zeros(3)).tolist()
-    inertia = 0.4 * mass * RADIUS**2
+    mass = max(float(phi[0]), tuning.LOAD_LEAST_KG)
+    x, y, z = (phi[1:4] / mass if phi[0] > tuning.LOAD_LEAST_KG else np.zeros(3)).tolist()
+    inertia = 0.4 * mass * tuning.LOAD_RADIUS_M**2
     return Body(mass, (x, y, z), (inertia, 0.0, 0.0, inertia, 0.0, inertia))
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical
-from dynid.estimation.body_prior import COUNTED, curvature, followed, likeliest_size, rounded, widened
+from dynid.estimation import tuning
+from dynid.estimation.body_prior import curvature, followed, likeliest_size, rounded, widened
 from dynid.estimation.interior_point import Minimum, Objective, approach, minimise
 from dynid.estimation.physical_constraints import (
     PhysicalConstraints,
@@ -31,25 +32,6 @@ from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders, 
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
-
-#: Weight of the divergence from the prior, in units of 1/2 chi-square. Within a few percent of the best in every regime
-#: of docs/explanation/estimators.md, where cross-validation costs 0.5 s and was worse.
-DEFAULT_GAMMA = 3.0
-#: Weight of the logarithm of a bound that only has to hold: too small to bias anything.
-BOUND_WEIGHT = 1e-5
-#: Rounds of pooling, relative change of the sizes at which it ends, and how exactly each round is solved.
-POOLING_ROUNDS, POOLED, POOLING_TOLERANCE = 40, 0.03, 0.03
-#: Rounds in which the prior's bodies get their common size, and change of its logarithm at which they end.
-SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
-#: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
-#: first links, comes from the prior as it is, unless the data contradict its size.
-SIZE_GAIN = 30.0
-#: Share of a standard deviation within which base parameters are kept, on the way to "exactly".
-COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
-#: A parameter comes from the data when these take away at least this share of what the prior left open.
-FROM_DATA = 0.5
-#: A base parameter counts as reproduced when it is kept to this share of its standard deviation.
-REPRODUCED = 1e-2
 
 
 @dataclass(frozen=True)
@@ -87,7 +69,7 @@ class PhysicalParameters:
     @property
     def origin(self) -> dict[str, str]:
         """Where each value comes from by parameter name: ``"data"`` or ``"prior"``."""
-        words = ("data" if share >= FROM_DATA else "prior" for share in self.data_share)
+        words = ("data" if share >= tuning.FROM_DATA_SHARE else "prior" for share in self.data_share)
         return dict(zip(self.names, words, strict=True))
 
 
@@ -133,12 +115,12 @@ def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
         theta: base parameters, (p,), each in its unit.
         covariance: of them, which says what exactly means, (p, p).
     """
-    return exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1] <= REPRODUCED
+    return exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1] <= tuning.REPRODUCED_SHARE
 
 
 # ---------------------------------------------------------------- fits
 def fit_physical(
-    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = DEFAULT_GAMMA
+    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
 ) -> PhysicalParameters:
     """Fit physical parameters with the entropic divergence from the prior as penalty.
 
@@ -161,7 +143,7 @@ def fit_pooled(
     R: Floats,
     r: Floats,
     constraints: PhysicalConstraints,
-    gamma: float = DEFAULT_GAMMA,
+    gamma: float = tuning.PRIOR_WEIGHT,
     near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_physical``, and let joints lend each other the size of their friction and rotor inertia.
@@ -187,14 +169,14 @@ def fit_pooled(
     constraints = with_pooled_prior(constraints, start)
     bound = constraints if near is None else _followed(constraints, near)
     objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-    here, steps = approach(objective, start, POOLING_TOLERANCE)
-    for _ in range(POOLING_ROUNDS):
+    here, steps = approach(objective, start, tuning.POOLING_TOLERANCE)
+    for _ in range(tuning.POOLING_ROUNDS):
         before, constraints = bound, with_pooled_prior(constraints, here.y)
         bound = _followed(constraints, here.y)
         if _settled(before, bound):
             break
         objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-        here, more = approach(objective, here, POOLING_TOLERANCE)
+        here, more = approach(objective, here, tuning.POOLING_TOLERANCE)
         steps += more
     minimum = minimise(objective, here)
     fit = _report(objective, replace(minimum, steps=steps + minimum.steps), constraints)
@@ -212,10 +194,10 @@ def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
     """Return whether neither sizes nor bodies of the prior moved."""
     bodies = np.zeros(len(after.prior), dtype=bool)
     bodies[after.bodies] = True
-    if not np.allclose(after.prior[~bodies], before.prior[~bodies], rtol=POOLED):
+    if not np.allclose(after.prior[~bodies], before.prior[~bodies], rtol=tuning.POOLING_SETTLED):
         return False
     moved = np.linalg.inv(before.prior_pseudo_inertia) @ after.prior_pseudo_inertia - np.eye(4)
-    return bool(np.einsum("lab,lba->l", moved, moved).max(initial=0.0) < POOLED**2)
+    return bool(np.einsum("lab,lba->l", moved, moved).max(initial=0.0) < tuning.POOLING_SETTLED**2)
 
 
 def _honest(
@@ -234,9 +216,9 @@ def _honest(
     change, columns = np.zeros_like(entropic), constraints.bodies
     places = columns[:, :, None], columns[:, None, :]
     change[places] = curvature(constraints, fit.x, gamma) - minimum.logs[places]
-    prior = COUNTED * (entropic + change - data)
+    prior = tuning.PRIOR_COUNTED * (entropic + change - data)
     covariance = _inverse(data + prior, None)
-    open_ = np.diagonal(_inverse(COUNTED * (minimum.logs + change), None))
+    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (minimum.logs + change), None))
     return replace(
         fit,
         hessian=data + prior,
@@ -250,7 +232,7 @@ def fit_sized(
     R: Floats,
     r: Floats,
     constraints: PhysicalConstraints,
-    gamma: float = DEFAULT_GAMMA,
+    gamma: float = tuning.PRIOR_WEIGHT,
     near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_pooled``, and let the data say how heavy the prior's bodies are, all of them by one factor.
@@ -269,15 +251,15 @@ def fit_sized(
         The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
     """
     fit, found = as_given = fit_pooled(R, r, constraints, gamma, near)
-    for _ in range(SIZE_ROUNDS if fit.cost > SIZE_GAIN else 0):
+    for _ in range(tuning.SIZE_ROUNDS if fit.cost > tuning.SIZE_GAIN else 0):
         size = likeliest_size(found, fit.x)
-        if abs(np.log(size)) < SIZE_SETTLED:
+        if abs(np.log(size)) < tuning.SIZE_SETTLED:
             break
         prior = constraints.prior.copy()
         prior[constraints.bodies] *= size
         constraints = replace(constraints, prior=prior)
         fit, found = fit_pooled(R, r, constraints, gamma, fit.x)
-    return (fit, found) if as_given[0].cost - fit.cost > SIZE_GAIN else as_given
+    return (fit, found) if as_given[0].cost - fit.cost > tuning.SIZE_GAIN else as_given
 
 
 def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -313,7 +295,7 @@ def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: 
 
 
 def exact_parameters(
-    K: Floats, beta: Floats, covariance: Floats, constraints: PhysicalConstraints, gamma: float = DEFAULT_GAMMA
+    K: Floats, beta: Floats, covariance: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
 ) -> tuple[PhysicalParameters, float]:
     """Find link parameters that keep every base parameter; what these leave open comes from the prior.
 
@@ -326,7 +308,7 @@ def exact_parameters(
 
     Returns:
         The parameters, and the largest difference |K x - beta| of any base parameter in its standard deviations; where
-        it stays above ``REPRODUCED``, no possible body has these base parameters.
+        it stays above ``tuning.REPRODUCED_SHARE``, no possible body has these base parameters.
     """
     p, c = K.shape
     _, _, Vt = np.linalg.svd(K)
@@ -337,13 +319,13 @@ def exact_parameters(
     x = feasible_start(constraints)
     minimum: Minimum | None = None
     worst, steps = np.inf, 0
-    for tolerance in COMPLETION_STEPS:
+    for tolerance in tuning.COMPLETION_STEPS:
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
         objective = replace(_objective(R, whiten @ beta / tolerance, constraints, gamma), T=T)
         minimum = minimise(objective, minimum or np.concatenate([K @ x, Vt[p:] @ x]))
         steps, before, worst = steps + minimum.steps, worst, float(np.abs((minimum.y[:p] - beta) / sigma).max())
         # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
-        if worst < 1e-3 * REPRODUCED or worst > 0.5 * before:
+        if worst < 1e-3 * tuning.REPRODUCED_SHARE or worst > 0.5 * before:
             break
     assert minimum is not None
     return _report(objective, replace(minimum, steps=steps), constraints), worst
@@ -422,7 +404,7 @@ def _objective(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: fl
     # A positive number with a prior gets the one-dimensional form of the same divergence: -log x + x / x0.
     for row in constraints.G[~bound]:
         linear += gamma * row / (row @ constraints.prior)
-    mu = np.where(bound, BOUND_WEIGHT, gamma)
+    mu = np.where(bound, tuning.BOUND_WEIGHT, gamma)
     weights = np.full(len(constraints.bodies), float(gamma))
     return Objective(R, r, constraints.bodies, weights, linear, constraints.G, constraints.h, mu)
 
@@ -441,7 +423,7 @@ def _report(objective: Objective, minimum: Minimum, constraints: PhysicalConstra
         x=x,
         cost=float(0.5 * residual @ residual),
         objective=objective.value(minimum.y),
-        gap=minimum.gap + BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
+        gap=minimum.gap + tuning.BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
         steps=minimum.steps,
         touched=touched,
         data_share=_share(after, before),

@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.error_columns import shapes_of
-from dynid.estimation.findings import CONTRADICTION
 from dynid.estimation.least_squares import Fit, relative_error, symmetric_root
 from dynid.estimation.model_error import (
     GROUP_NAMES,
-    NOTHING,
-    STATES,
-    WANTED,
     ModelError,
     Whitened,
     best_size,
@@ -39,25 +36,12 @@ from dynid.model.regressor import Observer
 
 Floats = NDArray[np.float64]
 
-#: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
-#: 3 to 8 s, whose slow errors the fit takes away, seems to say 1.
-COLOURED = 4.0
 #: Estimators that give spikes little weight.
 ROBUST = ("irls", "iv", "idim-iv")
-#: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
-#: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
-BEYOND = 1.2
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
-#: Gain of the log evidence from which on a joint has a large torque of its position that no possible arm has; joints
-#: that are tried at a time, those with the largest misfit; and joints that may have one.
-LARGE_WANTED, SUSPECTS, MOST_FREE = 10.0, 3, 3
 #: Sizes of the groups without any model error.
-NONE = np.full(len(GROUP_NAMES), NOTHING)
-#: Mean frequency of an exciting motion [Hz].
-EXCITING_FREQUENCY = 0.3
-#: States of it that tell how uncertain a log leaves it.
-FEW_STATES = 200
+NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 
 
 @dataclass(frozen=True)
@@ -126,7 +110,7 @@ def physical_posterior(
     held, size = fit.hessian - R.T @ R, size if like is None else like.size
     size = best_size(rows, K, fit.x, held) if size is None else size
     gain = evidence_gain(rows, K, fit.x, held, size)
-    if residual_model is None and gain < WANTED:
+    if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
         if not np.any(rows.free):
             return found
         size = NONE
@@ -138,7 +122,7 @@ def physical_posterior(
 
 def contradicts(misfit: float, best: float) -> bool:
     """Return whether a torque error is so much larger than that of the plain estimate that something is missing [%]."""
-    return misfit > CONTRADICTION * best and misfit - best > NOISE_FREE
+    return misfit > tuning.CONTRADICTION * best and misfit - best > NOISE_FREE
 
 
 def _with_large_torques(
@@ -159,9 +143,13 @@ def _with_large_torques(
     left, heads = rows.eliminated(NONE)
     cost = fit.objective + 0.5 * left[-1, -1] ** 2 + rows.log_volume(NONE, heads)
     best = np.linalg.norm(rows.factors[:, :, rows.k :] @ np.append(plain, -1.0), axis=1)
-    for _ in range(MOST_FREE):
+    for _ in range(tuning.LARGE_TORQUE_JOINTS):
         growth = rows.misfit(heads, K @ fit.x) / np.maximum(best, 1e-12)
-        suspects = [j for j in np.argsort(-growth)[:SUSPECTS] if growth[j] > CONTRADICTION and not rows.free[j].any()]
+        suspects = [
+            j
+            for j in np.argsort(-growth)[: tuning.LARGE_TORQUE_TRIED]
+            if growth[j] > tuning.CONTRADICTION and not rows.free[j].any()
+        ]
         tried = []
         for joint in suspects:
             other = rows.freed(joint)
@@ -172,7 +160,7 @@ def _with_large_torques(
         if not tried:
             break
         price, _, other, after, again = min(tried, key=lambda each: each[:2])
-        if cost - price < LARGE_WANTED:
+        if cost - price < tuning.LARGE_TORQUE_EVIDENCE:
             break
         rows, heads, fit, cost, total = other, after, again, price, total + cost - price
     return rows, total
@@ -181,7 +169,7 @@ def _with_large_torques(
 def _inflation(estimate: Fit, stack: Stack) -> float:
     """Return how many rows are worth one independent row, with what a short log cannot show about it."""
     filtered = any(log.filter.cutoff > 0.0 for log in stack.logs)
-    return max(estimate.inflation, COLOURED) if filtered else estimate.inflation
+    return max(estimate.inflation, tuning.COLOURED_ROWS) if filtered else estimate.inflation
 
 
 def _fitted(
@@ -247,7 +235,7 @@ def expected_error(
     spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else BEYOND)
+    noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
     observer = stack.observer
     q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)
@@ -275,15 +263,15 @@ def uncertainty(base: BaseModel, observer: Observer, covariance: Floats, referen
         covariance: of the parameters, (p, p).
         reference: possible parameters, whose torques on that motion are 100 %, (p,).
     """
-    W = observer.dense(*exciting_states(base, FEW_STATES))
+    W = observer.dense(*exciting_states(base, tuning.FEW_STATES))
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 
-def exciting_states(base: BaseModel, count: int = STATES) -> tuple[Floats, Floats, Floats]:
+def exciting_states(base: BaseModel, count: int = tuning.RANDOM_STATES) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
     speed = exciting_speed(base.robot)
     q, qd, _ = random_states(base.robot, speed, count, seed=1)
-    return q, qd, np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * EXCITING_FREQUENCY * speed
+    return q, qd, np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
 
 
 def _percent(error: float, torque: float) -> float:

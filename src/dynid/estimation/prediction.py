@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import longarrays
+from dynid.estimation import tuning
 from dynid.estimation.model_error import ModelError
 from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.stack import Stack
@@ -24,8 +25,6 @@ from dynid.signals.filters import Filter, decimate
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/estimatedmotion/1"
-#: Kept instants that are filtered together.
-PIECE = 4096
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,8 @@ def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     count = max(0, (len(segment) - taps) // step + 1)
-    for first in range(0, count, PIECE):
-        last = min(first + PIECE, count)
+    for first in range(0, count, tuning.INSTANTS_PREDICTED):
+        last = min(first + tuning.INSTANTS_PREDICTED, count)
         part = slice(first * step, (last - 1) * step + taps)
         centres = slice((taps - 1) // 2, (taps - 1) // 2 + (last - first - 1) * step + 1, step)
         motion = (segment.q, segment.qd, segment.qdd)

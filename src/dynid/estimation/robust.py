@@ -8,21 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.least_squares import Fit, merge, solve
 from dynid.estimation.observation_rows import ObservationRows, joint_factors, robust_noise
 
 Floats = NDArray[np.float64]
-
-#: Residual, in robust standard deviations, from which on its weight falls; 95 % efficient without spikes (Huber 1981).
-HUBER = 1.345
-#: A residual beyond this many robust standard deviations is a spike; 2 in 10^9 of normal ones are.
-SPIKE = 6.0
-#: Share of spikes and kurtosis from which on the robust fit is used. Coloured but spike-free residuals of arms reach
-#: a kurtosis of 5; one percent of spikes gives 20 and more.
-SPIKE_SHARE, KURTOSIS = 1e-3, 8.0
-
-#: Rows of a joint below which their middle is no noise: a joint that hardly moves has as many as it has parameters.
-FEW = 20
 
 
 @dataclass(frozen=True)
@@ -40,7 +30,7 @@ class Spikes:
     @property
     def found(self) -> bool:
         """Whether the robust fit is worth its small loss of efficiency: many spikes and heavy tails at a joint."""
-        return bool(np.any((self.share > SPIKE_SHARE) & (self.kurtosis > KURTOSIS)))
+        return bool(np.any((self.share > tuning.SPIKE_SHARE) & (self.kurtosis > tuning.SPIKE_KURTOSIS)))
 
 
 def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
@@ -58,7 +48,7 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
     for part in rows:
         scaled = np.ascontiguousarray(part.residual(theta).T) / noise[:, None]
         square = scaled * scaled
-        powers = scaled, square, square * scaled, square * square, np.abs(scaled) > SPIKE
+        powers = scaled, square, square * scaled, square * square, np.abs(scaled) > tuning.SPIKE_ERRORS
         moments += [np.sum(each, axis=1) for each in powers]
         count = count + part.mask.sum(axis=0)
     one, two, three, four, beyond = moments / np.maximum(count, 1)
@@ -80,7 +70,7 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
     """
     theta, rounds = np.array(start.theta, dtype=float), 0
     while True:
-        noise = np.where(start.counts < FEW, start.noise, robust_noise(rows, theta))
+        noise = np.where(start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta))
         factors, _ = joint_factors(_weighted(rows, theta, noise))
         solution = solve(merge(factors, 1.0 / noise))
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
@@ -97,4 +87,4 @@ def _weighted(rows: Iterable[ObservationRows], theta: Floats, noise: Floats) -> 
 
 def huber_weight(residual: Floats, noise: Floats) -> Floats:
     """Return min(1, 1.345 sigma / |residual|), (M, n), for residuals (M, n) and noise (n,) in the same unit."""
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(residual / noise), 1e-12))
+    return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))

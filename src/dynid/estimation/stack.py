@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.least_squares import Fit, merge, weighted
 from dynid.estimation.observation_rows import ObservationRows, fold, rows_of
 from dynid.estimation.velocity_reversal import ReversalEffects, reversal_effects
@@ -28,12 +29,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
-#: are many, of which memory holds a block [bytes].
-KEPT_BYTES = 1 << 31
-#: Fits until columns that scale with the model have settled; each changes them by the effect's share of the torque.
-ROUNDS = 3
-
 
 class LogRows:
     """The rows of one conditioned log: evaluated when they are walked over, and kept where they are few enough.
@@ -46,7 +41,7 @@ class LogRows:
 
     def __init__(self, log: ConditionedLog, base: BaseModel, *, keep: bool = True) -> None:
         self.log, self.base = log, base
-        self._keep = keep and self.bytes <= KEPT_BYTES
+        self._keep = keep and self.bytes <= tuning.KEPT_BYTES
         self._kept: list[ObservationRows] | None = None
 
     @property
@@ -223,7 +218,7 @@ def added(stacks: Sequence[Stack]) -> Stack:
     if not all(each.commanded for each in stacks):
         # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
         rows = tuple(LogRows(without_command(one.log), one.base) if _commanded(one.log) else one for one in rows)
-    if sum(one.bytes for one in rows) > KEPT_BYTES:
+    if sum(one.bytes for one in rows) > tuning.KEPT_BYTES:
         rows = tuple(LogRows(one.log, one.base, keep=False) for one in rows)
     places = [np.where(s.log_of_block < 0, -1, s.log_of_block + k) for s, k in zip(stacks, shifts, strict=True)]
     return Stack(
@@ -299,7 +294,7 @@ def settled(logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | Non
         first: base parameters to begin with, (p,), each in its unit; those of a first fit when None.
     """
     found = list(logs)
-    for _ in range(ROUNDS if scale_with_model(base) else 0):
+    for _ in range(tuning.SCALED_ROUNDS if scale_with_model(base) else 0):
         theta = stack_logs(found, base).first_fit.theta if first is None else first
         found, first = scaled(found, base, theta), None
     return found

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.least_squares import triangle, weighted
 from dynid.estimation.observation_rows import ObservationRows, RowWalk, joined, robust_noise, runs
 from dynid.longarrays import median
@@ -23,13 +24,6 @@ from dynid.signals.filters import pulse, pulse_slope, pulse_width
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-#: Instants of one run of rows that are worked on together: many kernels long, few enough for small matrices.
-TOGETHER = 256
-#: Instants up to which a log is treated so: beyond, it takes longer than everything else together.
-LONGEST = 1 << 14
-#: Shapes of reversals that differ by less than this are one.
-SAME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
         The random effects; None when the rows do not say where joints reverse, or are too many.
     """
     first = next(iter(rows), None)
-    if first is None or not first.reversal_times or counts.max() > LONGEST:
+    if first is None or not first.reversal_times or counts.max() > tuning.REVERSALS_LONGEST:
         return None
     subspaces = tuple(tuple(_subspace(run, j) for j in range(len(counts))) for run in _runs(rows))
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
@@ -118,7 +112,7 @@ def _strength(subspaces: tuple[tuple[ReversalSubspace, ...], ...], theta: Floats
 
 
 def _runs(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
-    return (joined(run) for run in runs(rows, TOGETHER))
+    return (joined(run) for run in runs(rows, tuning.REVERSALS_TOGETHER))
 
 
 def _step(rows: ObservationRows) -> float:
@@ -135,7 +129,7 @@ def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:
     ]) * good[:, None]  # fmt: skip
     square, vector = np.linalg.eigh(effects.T @ effects)
     size = np.sqrt(np.maximum(square, 0.0))
-    vector, size = vector[:, size > SAME], size[size > SAME]
+    vector, size = vector[:, size > tuning.REVERSALS_SAME], size[size > tuning.REVERSALS_SAME]
     basis = effects @ (vector / size)
     seen, (columns, entries) = np.zeros((len(size), rows.size + 1)), rows.of_joint(joint)
     seen[:, columns], seen[:, -1] = (entries @ basis).T, rows.tau[:, joint] @ basis

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.error_columns import FRICTION_HARMONICS, POSITION_HARMONICS, SPEEDS
+from dynid.estimation import tuning
 from dynid.estimation.model_error import ModelError
 
 Floats = NDArray[np.float64]
@@ -60,8 +60,8 @@ def shift(error: ModelError) -> Floats:
 def _shapes(joint: int, speed: float, language: Spelling) -> list[str]:
     """Return the columns of a joint, in the order of ``shapes_of``."""
     q, sign, call = language.position(joint), language.sign(joint), language.call
-    waves = [call(f, f"{k} * {q}") for k in range(1, POSITION_HARMONICS + 1) for f in ("sin", "cos")]
-    friction = [f"{sign} * {wave}" for wave in waves[: 2 * FRICTION_HARMONICS]]
+    waves = [call(f, f"{k} * {q}") for k in range(1, tuning.POSITION_HARMONICS + 1) for f in ("sin", "cos")]
+    friction = [f"{sign} * {wave}" for wave in waves[: 2 * tuning.FRICTION_HARMONICS]]
     share = call(language.absolute, language.speed(joint))
-    friction += [f"{sign} * {call('exp', f'-{share} / {least * speed!r}')}" for least in SPEEDS]
+    friction += [f"{sign} * {call('exp', f'-{share} / {least * speed!r}')}" for least in tuning.FRICTION_SPEEDS]
     return [*waves, *friction, f"{sign} * {call(language.absolute, language.load(joint))}"]

@@ -22,8 +22,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
 from dynid.estimation.error_columns import GROUPS, shapes_of
-from dynid.estimation.model_error import LARGEST
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
@@ -146,7 +146,7 @@ def with_always_missing(
         )
         found.append(replace(s, rows=rows))
     prior = np.zeros((n * k, p + n * k + 1))
-    prior[:, p:-1] = np.diag(1.0 / (level[:, None] * np.sqrt(LARGEST)[GROUPS]).ravel())
+    prior[:, p:-1] = np.diag(1.0 / (level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]).ravel())
     return found, prior
 
 

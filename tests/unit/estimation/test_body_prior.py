@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.estimation.body_prior import FOLLOWED, curvature, followed, rounded, widened
+from dynid.estimation import tuning
+from dynid.estimation.body_prior import curvature, followed, rounded, widened
 from dynid.estimation.physical_constraints import basis, make_constraints, pseudo_inertia, smallest_eigenvalues
 from dynid.estimation.physical_parameters import fit_physical, fit_pooled
 from dynid.files.robotfile import load_robot
@@ -23,8 +24,8 @@ def constraints():
 def price(constraints, x, gamma):
     """gamma sum [-logdet P + 1/s logdet((1 - s) B + s P)], written from the paper's density."""
     P, B = pseudo_inertia(x[constraints.bodies]), constraints.prior_pseudo_inertia
-    mixed = np.linalg.slogdet((1 - FOLLOWED) * B + FOLLOWED * P)[1]
-    return gamma * np.sum(mixed / FOLLOWED - np.linalg.slogdet(P)[1])
+    mixed = np.linalg.slogdet((1 - tuning.PRIOR_FOLLOWED) * B + tuning.PRIOR_FOLLOWED * P)[1]
+    return gamma * np.sum(mixed / tuning.PRIOR_FOLLOWED - np.linalg.slogdet(P)[1])
 
 
 def test_bodies_minimise_the_price_and_the_misfit(constraints):
@@ -81,8 +82,8 @@ def test_curvature_is_that_of_the_price_along_geodesics(constraints):
 
     def along(t):
         Pt = half @ (U * np.exp(t * w)) @ U.T @ half
-        mixed = np.linalg.slogdet((1 - FOLLOWED) * B + FOLLOWED * Pt)[1]
-        return 3.0 * (mixed / FOLLOWED - np.linalg.slogdet(Pt)[1])
+        mixed = np.linalg.slogdet((1 - tuning.PRIOR_FOLLOWED) * B + tuning.PRIOR_FOLLOWED * Pt)[1]
+        return 3.0 * (mixed / tuning.PRIOR_FOLLOWED - np.linalg.slogdet(Pt)[1])
 
     second = (along(1e-3) - 2 * along(0.0) + along(-1e-3)) / 1e-6
     tangent = half @ (U * w) @ U.T @ half

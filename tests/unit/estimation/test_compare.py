@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynid.estimation.compare import FALSE_ALARM, compare, same_parameters
+from dynid.estimation import tuning
+from dynid.estimation.compare import compare, same_parameters
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.result import Identification, JointQuality, Quality
 
@@ -37,7 +38,7 @@ def test_noise_alone_is_called_drift_as_rarely_as_promised():
     for _ in range(2000):
         one, other = (result(truth + error * rng.normal(size=40), error) for _ in range(2))
         alarms += bool(compare(one, other).drifted)
-    assert 0.3 * FALSE_ALARM < alarms / 2000 < 2 * FALSE_ALARM
+    assert 0.3 * tuning.CHANGE_FALSE_ALARM < alarms / 2000 < 2 * tuning.CHANGE_FALSE_ALARM
 
 
 def test_the_parameter_that_changed_is_named_and_no_other():

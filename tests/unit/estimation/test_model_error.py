@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked, truth
 
+from dynid.estimation import tuning
 from dynid.estimation.error_columns import GROUPS, folded, rms_speed, walk_with_columns
 from dynid.estimation.estimators import irls, wls
-from dynid.estimation.model_error import (
-    LARGEST,
-    NOTHING,
-    _inverse_root,
-    best_size,
-    evidence_gain,
-    model_error,
-    squares,
-    whitened_rows,
-)
+from dynid.estimation.model_error import _inverse_root, best_size, evidence_gain, model_error, squares, whitened_rows
 from dynid.estimation.observation_rows import joint_factors
 from dynid.estimation.posterior import physical_posterior
 from dynid.files.robotfile import load_robot
@@ -98,12 +90,12 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found
             start += len(block)
         return -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
 
-    assert gain == pytest.approx(dense(size) - dense(np.full(3, NOTHING)), abs=0.05)
+    assert gain == pytest.approx(dense(size) - dense(np.full(3, tuning.RESIDUAL_NOTHING)), abs=0.05)
     assert gain > 6.0
     for group in range(3):
         for factor in (0.7, 1.4):
             near = size * np.where(np.arange(3) == group, factor, 1.0)
-            assert dense(np.clip(near, NOTHING, LARGEST)) < dense(size) + 1e-3
+            assert dense(np.clip(near, tuning.RESIDUAL_NOTHING, tuning.RESIDUAL_LARGEST)) < dense(size) + 1e-3
 
 
 def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, found):

@@ -9,7 +9,8 @@ from two_link_logs import log
 
 from dynid import compare, compare_methods
 from dynid.errors import PackageMissing, WrongUsage
-from dynid.estimation.compare import BIASED, biased, differing
+from dynid.estimation import tuning
+from dynid.estimation.compare import biased, differing
 
 
 def test_two_motions_of_one_arm_have_not_drifted(result, other):
@@ -121,6 +122,6 @@ def test_estimates_further_apart_than_their_errors_differ(result):
 def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result):
     """Errors of 0.05 and 0.1: the difference has the error sqrt(0.01 - 0.0025) = 0.0866, four of which are 0.3464."""
     instruments, error = identification(result, 0.0, 0.1), np.sqrt(0.1**2 - 0.05**2)
-    near, far = (identification(result, factor * BIASED * error / 0.05, 0.05) for factor in (0.99, 1.01))
+    near, far = (identification(result, factor * tuning.HAUSMAN_ERRORS * error / 0.05, 0.05) for factor in (0.99, 1.01))
     assert biased(near, instruments) == []
     assert set(biased(far, instruments)) == set(result.names)

@@ -1,0 +1,292 @@
+"""The numbers of this folder that decide something: unit, meaning, evidence."""
+
+import numpy as np
+
+# ---------------------------------------------------------------- rows
+#: Length of a block of time [s]: longer than the correlation of the residuals, short enough for a fine hold-out.
+#: evidence: none yet.
+BLOCK_SECONDS = 1.0
+#: At most this many blocks per log, so that the factors of an hour stay small. evidence: none yet.
+MOST_BLOCKS = 64
+#: Samples evaluated at once. evidence: none yet.
+ROWS_EVALUATED = 4096
+
+# ---------------------------------------------------------------- stacks
+#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
+#: are many, of which memory holds a block [bytes]. evidence: none yet.
+KEPT_BYTES = 1 << 31
+#: Fits until columns that scale with the model have settled; each changes them by the effect's share of the torque.
+#: evidence: none yet.
+SCALED_ROUNDS = 3
+
+# ---------------------------------------------------------------- velocity reversals
+#: Instants of one run of rows that are worked on together: many kernels long, few enough for small matrices.
+#: evidence: none yet.
+REVERSALS_TOGETHER = 256
+#: Instants up to which a log is treated so: beyond, it takes longer than everything else together. evidence: none yet.
+REVERSALS_LONGEST = 1 << 14
+#: Shapes of reversals that differ by less than this are one. evidence: none yet.
+REVERSALS_SAME = 1e-3
+
+# ---------------------------------------------------------------- delay of the torques
+#: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
+#: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
+#: evidence: real arms reach 2.8, a simulated 2 ms reaches 12 to 30.
+DELAY_CLEAR_ERRORS = 4.0
+#: Below this a delay is not worth correcting [s]: within the half sample that a controller holds its torque.
+#: evidence: none yet.
+DELAY_LEAST_S = 2e-3
+#: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
+#: evidence: none yet.
+DELAY_SETTLED_S, DELAY_ROUNDS = 2e-4, 3
+#: A delay beyond this gets a line of its own [s]. evidence: none yet.
+DELAY_NOTABLE_S = 3e-3
+
+# ---------------------------------------------------------------- least squares
+#: Rows factored at once: larger blocks leave the cache. evidence: none yet.
+ROWS_FACTORED = 512
+#: Singular value of the column-normalised matrix, relative to the largest, below which a direction is not excited.
+#: evidence: none yet.
+RANK_TOLERANCE = 1e-8
+#: Rows that a joint must have beyond the parameters that they were spent on, before they say how noisy it is.
+#: evidence: none yet.
+LEAST_ROWS_LEFT = 1.0
+#: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
+#: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
+#: evidence: benchmarks/estimators.md.
+COLOUR_UNSEEN, LARGEST_INFLATION = 2.0, 60.0
+
+# ---------------------------------------------------------------- covariance
+#: Instants whose sums over lags are made together. evidence: none yet.
+SCORES_TOGETHER = 8192
+#: Instants beyond which a log is not short, and instants times draws that are worked on.
+#: evidence: tests/unit/estimation/test_covariance.py.
+SHORT_LOG_INSTANTS, SHORT_LOG_WORK = 4096, 16384
+#: Fewest and most draws: the longer the log, the less a draw differs from the next. evidence: none yet.
+LEAST_DRAWS, MOST_DRAWS = 8, 48
+#: Scores that are added up together. evidence: none yet.
+SCORES_CACHED = 1 << 16
+#: Two degrees of freedom have no variance; nothing is said about fewer. evidence: law of Student's t.
+LEAST_FREEDOM = 2.5
+#: Relative standard error up to which a parameter is known well, and up to which roughly. evidence: a convention.
+WELL_ERROR, ROUGH_ERROR = 0.10, 0.30
+#: Change of torque, in standard deviations of a single sample, that nobody would notice. evidence: none yet.
+HARMLESS_TORQUE = 0.05
+
+# ---------------------------------------------------------------- spikes
+#: Residual, in robust standard deviations, from which on its weight falls; 95 % efficient without spikes (Huber 1981).
+#: evidence: Huber 1981, 95 % efficiency without spikes.
+HUBER = 1.345
+#: A residual beyond this many robust standard deviations is a spike; 2 in 10^9 of normal ones are.
+#: evidence: normal law, 2 in 10^9.
+SPIKE_ERRORS = 6.0
+#: Share of spikes and kurtosis from which on the robust fit is used. Coloured but spike-free residuals of arms reach
+#: a kurtosis of 5; one percent of spikes gives 20 and more. evidence: benchmarks/estimators.md.
+SPIKE_SHARE, SPIKE_KURTOSIS = 1e-3, 8.0
+#: Rows of a joint below which their middle is no noise: a joint that hardly moves has as many as it has parameters.
+#: evidence: none yet.
+NOISE_LEAST_ROWS = 20
+
+# ---------------------------------------------------------------- instruments
+#: Condition number of the column-normalised Z^T S W beyond which the instruments say nothing. evidence: none yet.
+INSTRUMENTS_WORST_CONDITION = 1e12
+
+# ---------------------------------------------------------------- estimators
+#: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
+#: largest of its kind: published inertias of one arm differ by as much from each other. evidence: none yet.
+RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
+#: Simulations at most; parameters that move by less than this many standard errors have settled. evidence: none yet.
+IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
+#: As above.
+DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
+
+# ---------------------------------------------------------------- simulated closed loop
+#: Longest step [s], and longest step over the time constant of the stiffest joint: central differences need 2 at most.
+#: evidence: none yet.
+SIMULATION_STEP_S, SIMULATION_STEP_SHARE = 2e-3, 0.4
+#: Steps that are solved together; a longer motion goes on from where the last ones ended. evidence: none yet.
+SIMULATION_STEPS_TOGETHER = 8192
+#: Corrections at most, and the size of the last one at which they end, in largest commanded speeds times the step.
+#: evidence: none yet.
+SIMULATION_ROUNDS, SIMULATION_SETTLED = 25, 1e-3
+#: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where the Coulomb sign changes.
+#: evidence: none yet.
+SIMULATION_SLOPE_SPEED = 2e-3
+#: A mass matrix serves this long [s]: the arm moves by less than a degree. evidence: none yet.
+MASS_MATRIX_SECONDS = 0.01
+
+# ---------------------------------------------------------------- prior of the bodies
+#: s above: the tails' slope is gamma (1 / s - 1). evidence: none yet.
+PRIOR_FOLLOWED = 0.5
+#: Share of the mean link's mass that a default cylinder gives for a ball of the mean link's extent: a cylinder as short
+#: as a small DH offset is no link. evidence: none yet.
+BALL_SHARE = 0.1
+#: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
+#: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
+#: evidence: benchmarks/random_arms.md.
+PRIOR_COUNTED = 0.5
+
+# ---------------------------------------------------------------- interior point
+#: Steps after which the method gives up; arms of seven links take 10 to 30. evidence: none yet.
+INTERIOR_STEPS = 80
+#: Relative error of the optimality conditions at which the method stops. evidence: none yet.
+INTERIOR_TOLERANCE = 1e-6
+#: Share of the way to the boundary that one step may go. evidence: none yet.
+INTERIOR_REACH = 0.98
+
+# ---------------------------------------------------------------- physically possible parameters
+#: Weight of the divergence from the prior, in units of 1/2 chi-square. Within a few percent of the best in every regime
+#: of docs/explanation/estimators.md, where cross-validation costs 0.5 s and was worse.
+#: evidence: benchmarks/estimators.md.
+PRIOR_WEIGHT = 3.0
+#: Weight of the logarithm of a bound that only has to hold: too small to bias anything. evidence: none yet.
+BOUND_WEIGHT = 1e-5
+#: Rounds of pooling, relative change of the sizes at which it ends, and how exactly each round is solved.
+#: evidence: none yet.
+POOLING_ROUNDS, POOLING_SETTLED, POOLING_TOLERANCE = 40, 0.03, 0.03
+#: Rounds in which the prior's bodies get their common size, and change of its logarithm at which they end.
+#: evidence: none yet.
+SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
+#: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
+#: first links, comes from the prior as it is, unless the data contradict its size. evidence: benchmarks/random_arms.md.
+SIZE_GAIN = 30.0
+#: Share of a standard deviation within which base parameters are kept, on the way to "exactly". evidence: none yet.
+COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+#: A parameter comes from the data when these take away at least this share of what the prior left open.
+#: evidence: none yet.
+FROM_DATA_SHARE = 0.5
+#: A base parameter counts as reproduced when it is kept to this share of its standard deviation. evidence: none yet.
+REPRODUCED_SHARE = 1e-2
+
+# ---------------------------------------------------------------- residual model: columns
+#: Highest harmonics of the position, alone and times the Coulomb sign. evidence: none yet.
+POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
+#: Speeds, as shares of the rms speed of the fitted motion, at which shapes of the friction have fallen to 1/e.
+#: evidence: none yet.
+FRICTION_SPEEDS = (0.1, 0.4, 1.6)
+#: Rows that are folded into the factors together. evidence: none yet.
+ROWS_FOLDED = 400
+#: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
+#: are there to explain. evidence: none yet.
+RESIDUAL_FAR = 5.0
+
+# ---------------------------------------------------------------- residual model: sizes and evidence
+#: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
+#: otherwise let the columns explain everything that it has. evidence: benchmarks/real_arms.md.
+RESIDUAL_LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
+#: Size that counts as nothing. evidence: none yet.
+RESIDUAL_NOTHING = 1e-7
+#: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and
+#: from equal sizes the search finds the former alone where the latter explains more. evidence: none yet.
+RESIDUAL_BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
+#: Steps of the search for sizes. evidence: none yet.
+RESIDUAL_STEPS = 40
+#: Gain of the log evidence from which on there is model error: three sizes were chosen.
+#: evidence: benchmarks/real_arms.md.
+RESIDUAL_EVIDENCE = 4.0
+#: Random states inside the limits over which the columns are made orthogonal to the parameters. evidence: none yet.
+RANDOM_STATES = 1500
+#: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
+#: [rad/s], sliding [m/s]. evidence: none yet.
+EXCITING_SPEED, FREE_SPEED = 0.2, {True: 0.5, False: 0.1}
+#: Reach of a joint without position limits: turning [rad], sliding [m]. evidence: none yet.
+FREE_REACH = {True: np.pi, False: 0.3}
+
+# ---------------------------------------------------------------- posterior
+#: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
+#: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: benchmarks/random_arms.md.
+COLOURED_ROWS = 4.0
+#: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
+#: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
+#: evidence: benchmarks/real_arms.md.
+UNSEEN_RESIDUAL = 1.2
+#: Gain of the log evidence from which on a joint has a large torque of its position that no possible arm has; joints
+#: that are tried at a time, those with the largest misfit; and joints that may have one. evidence: none yet.
+LARGE_TORQUE_EVIDENCE, LARGE_TORQUE_TRIED, LARGE_TORQUE_JOINTS = 10.0, 3, 3
+#: Mean frequency of an exciting motion [Hz]. evidence: none yet.
+EXCITING_FREQUENCY = 0.3
+#: States of it that tell how uncertain a log leaves it. evidence: none yet.
+FEW_STATES = 200
+
+#: Least torque that a joint is thought to need before anything is measured, as a share of the largest of any joint.
+#: evidence: none yet.
+LEAST_TORQUE = 0.05
+
+# ---------------------------------------------------------------- estimate
+#: Expected torque error on an exciting motion over that of the plain set up to which a set is clearly better.
+#: evidence: none yet.
+CLEARLY_BETTER = 0.75
+#: A parameter that differs from its prior by less than this share has not moved. evidence: none yet.
+PRIOR_UNCHANGED = 1e-9
+#: Samples of each fitted motion that a result keeps, so that a repetition of it is recognised: two minutes.
+#: evidence: none yet.
+MOTION_SAMPLES = 600
+
+# ---------------------------------------------------------------- findings
+#: Torque error on an exciting motion that what a log leaves open costs, from which on it counts as poorly excited [%].
+#: A condition number would hang on the choice of base columns. evidence: benchmarks/excitation.md.
+POORLY_EXCITED_PERCENT = 50.0
+#: Beyond this condition number with normalised columns a plain estimate contradicts no possible arm.
+#: evidence: none yet.
+LARGE_CONDITION = 1000.0
+#: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
+#: evidence: none yet.
+CONTRADICTION = 1.5
+#: Share of open parameters beyond which a log is called poor. evidence: none yet.
+MANY_OPEN = 0.2
+#: Poses in which the mass matrix is tested. evidence: none yet.
+ALARM_POSES = 500
+#: Findings that are worded one by one; the rest are listed. evidence: none yet.
+FINDINGS_WORDED = 8
+#: Beyond this factor a number would only pretend that faster motion of the same kind could help. evidence: none yet.
+MOST_SENSIBLE = 30.0
+
+# ---------------------------------------------------------------- predictions
+#: Kept instants that are filtered together. evidence: none yet.
+INSTANTS_PREDICTED = 4096
+
+# ---------------------------------------------------------------- comparison of results
+#: Chance of naming any parameter when none has changed.
+#: evidence: tests/unit/estimation/test_compare.py counts its false alarms.
+CHANGE_FALSE_ALARM = 0.01
+#: A parameter's change is measured against its value, or against this many standard errors where that is more:
+#: a parameter that is known to 10 % or better is measured against itself. evidence: none yet.
+CHANGE_FLOOR_ERRORS = 10.0
+#: Two estimates from the same rows differ when they are this many of the larger standard error apart.
+#: evidence: none yet.
+ESTIMATES_APART_ERRORS = 2.0
+#: Least squares and instruments from the same rows differ by the difference of their variances (Hausman 1978), at least
+#: by this share of the instruments'. Without encoder noise simulated logs stay below 1.4 such errors, with 0.09 deg
+#: they reach 7.7 to 9.6.
+#: evidence: simulated logs stay below 1.4 errors without encoder noise and reach 7.7 with 0.09 deg.
+HAUSMAN_LEAST_VARIANCE, HAUSMAN_ERRORS = 0.25, 4.0
+
+# ---------------------------------------------------------------- payload
+#: Radius of the ball that stands for a load's shape before measuring, such as a hand's or a tool's [m].
+#: evidence: none yet.
+LOAD_RADIUS_M = 0.08
+#: Mass of that ball when the data say nothing or less than nothing [kg]. evidence: none yet.
+LOAD_LEAST_KG = 0.05
+#: Share of the variance of the torque's scale that all joints have in common: one data sheet, one ageing.
+#: evidence: none yet.
+COMMON_SCALE_SHARE = 0.75
+#: By how much the torque scale of a real arm's joint differs between two recordings, as a share: its sensors and drives
+#: get warm. Chosen on recordings of the LWR4+, in which a scale 0.5 % wrong at the shoulder weighs 50 g at the flange.
+#: evidence: benchmarks/payloads.md.
+SCALE_DRIFT = 0.005
+#: Least change of a joint's friction that is thought possible, as a share of the largest torque of any joint.
+#: evidence: none yet.
+FRICTION_CHANGE_LEAST = 0.01
+#: Misfit over its expectation from which on something else than a load has changed. evidence: none yet.
+LOAD_MISFIT = 4.0
+
+# ---------------------------------------------------------------- gains of drives
+#: Gauss-Newton ends when no gain changes by more than this share, at the latest after so many steps.
+#: evidence: none yet.
+GAINS_SETTLED, GAINS_ROUNDS = 1e-6, 60
+#: Singular value, relative to the largest of normalised columns, below which a direction is not determined.
+#: evidence: none yet.
+GAINS_RANK = 1e-9
+#: A joint's gain changes by at most this factor in a step; the problem is bilinear and a first guess may be poor.
+#: evidence: none yet.
+GAINS_LONGEST_STEP = np.log(3.0)
