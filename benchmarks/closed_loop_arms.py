@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from dynid.estimation.physical_constraints import body_parameters, pseudo_inertia
+from dynid.estimation.possible_set import body_parameters, pseudo_inertia
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model

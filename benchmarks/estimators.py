@@ -24,8 +24,8 @@ from scipy import signal
 from closed_loop_arms import LOGGED, REGIMES, SECONDS, Arm, arm_of, command, recorded
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
-from dynid.estimation.observation_rows import dense_rows, joint_factors
 from dynid.estimation.posterior import physical_posterior
+from dynid.estimation.rows import dense_rows, joint_factors
 from dynid.estimation.stack import stack_logs
 from dynid.log import Log
 from dynid.model.parameters import prior_base_parameters

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 from dynid import IdentifyOptions, Log, identify, load_robot
 from dynid.errors import DynidError
-from dynid.estimation.model_error import squares
+from dynid.estimation.residual_model import squares
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack
 from dynid.workflows.parameters import observe

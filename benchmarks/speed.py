@@ -35,7 +35,7 @@ from arms import pinocchio_model, random_bodies  # noqa: E402
 from conic import clarabel_optimum  # noqa: E402
 from synthetic_arm import seven_joint_arm  # noqa: E402
 
-from dynid.estimation.physical_parameters import fit_physical, fit_pooled  # noqa: E402
+from dynid.estimation.possible_arm import fit_physical, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0

@@ -19,8 +19,8 @@ import dynid
 from dynid.errors import DynidError, JointCountDiffers, RankDeficient, WrongUsage
 from dynid.estimation import observation_files, prediction, result_files
 from dynid.estimation.compare import compare
-from dynid.estimation.parameter_posterior import parameter_posterior
 from dynid.estimation.payload import find_payload
+from dynid.estimation.posterior import parameter_posterior
 from dynid.files import artifact
 from dynid.files.batchfile import Job
 from dynid.files.contents import Contents

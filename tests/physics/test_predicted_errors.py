@@ -8,7 +8,7 @@ import pytest
 
 from dynid import IdentifyOptions, Log, identify
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.parameter_posterior import prior_information
+from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory

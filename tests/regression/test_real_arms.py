@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from dynid.estimation import result_files
-from dynid.estimation.observation_rows import rows_of
+from dynid.estimation.rows import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.parameters import prior_parameters

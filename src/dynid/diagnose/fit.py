@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
-from dynid.estimation.nonnegative import nonnegative_least_squares
+from dynid.estimation.least_squares import nonnegative_least_squares
 from dynid.log import Log
 from dynid.longarrays import median
 from dynid.model.kinematics import link_frames

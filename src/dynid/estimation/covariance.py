@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.observation_rows import ObservationRows, joined, runs
+from dynid.estimation.rows import ObservationRows, joined, runs
 from dynid.longarrays import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 

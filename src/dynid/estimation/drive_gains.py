@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
-from dynid.estimation.observation_rows import ObservationRows
 from dynid.estimation.payload import friction, last_link
+from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 

@@ -16,7 +16,6 @@ from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.findings import excitation_findings, physics_findings, sensor_findings
 from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error, solvable
-from dynid.estimation.model_error import ModelError, squares
 from dynid.estimation.posterior import (
     ExpectedError,
     Posterior,
@@ -25,6 +24,7 @@ from dynid.estimation.posterior import (
     physical_posterior,
     uncertainty,
 )
+from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.longarrays import joined

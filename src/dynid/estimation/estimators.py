@@ -1,6 +1,10 @@
-"""The estimators behind ``dynid identify --method``: rows of logs in, parameters with error bars out.
+"""The estimators behind ``dynid identify --method``: a stack in, parameters with error bars out, as a ``Fit``.
 
-``Fit`` is what each of them returns: base parameters with a covariance that allows for coloured residuals.
+Spikes get little weight (Huber) where the residuals of a first fit have them. Encoder noise biases least squares: they
+correlate the regressor's own noise with the torque's. Instruments Z are the same regressor on a motion that knows no
+measurement noise, the commanded one (IV-ref) or a simulated one (IDIM-IV):
+
+    theta = (Z^T S W)^-1 Z^T S tau,   S = 1 / noise^2 of each joint
 
 Source: Gautier 1997 (weighted least squares per joint); Huber 1981; Janot, Vandanjon, Gautier 2014, "A generic
 instrumental variable approach for industrial robot identification" (IDIM-IV); Gautier, Janot, Vandanjon 2013, "A new
@@ -9,26 +13,166 @@ closed-loop output error method for parameter identification of robot dynamics" 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import WrongUsage
+from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, hac_covariances
-from dynid.estimation.instrumental import instrumental
-from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, weighted
-from dynid.estimation.observation_rows import ObservationRows, RowWalk, joint_factors
-from dynid.estimation.robust import huber, look_for_spikes
+from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
+from dynid.estimation.rows import ObservationRows, RowWalk, joint_factors, robust_noise, root_mean_square
 from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
 
 Floats = NDArray[np.float64]
 
 
+# ---------------------------------------------------------------- spikes
+@dataclass(frozen=True)
+class Spikes:
+    """What the residuals of a first fit look like.
+
+    Attributes:
+        share: share of spikes of each joint, (n,).
+        kurtosis: of each joint, 3 for normal residuals, (n,).
+    """
+
+    share: Floats
+    kurtosis: Floats
+
+    @property
+    def found(self) -> bool:
+        """Whether the robust fit is worth its small loss of efficiency: many spikes and heavy tails at a joint."""
+        return bool(np.any((self.share > tuning.SPIKE_SHARE) & (self.kurtosis > tuning.SPIKE_KURTOSIS)))
+
+
+def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
+    """Look at the residuals of a first fit.
+
+    Args:
+        rows: observation rows.
+        theta: parameters of the first fit, (p,), each in its unit.
+
+    Returns:
+        What they look like.
+    """
+    noise, count = robust_noise(rows, theta), 0
+    moments = np.zeros((5, len(noise)))
+    for part in rows:
+        scaled = np.ascontiguousarray(part.residual(theta).T) / noise[:, None]
+        square = scaled * scaled
+        powers = scaled, square, square * scaled, square * square, np.abs(scaled) > tuning.SPIKE_ERRORS
+        moments += [np.sum(each, axis=1) for each in powers]
+        count = count + part.mask.sum(axis=0)
+    one, two, three, four, beyond = moments / np.maximum(count, 1)
+    variance = np.maximum(two - one**2, 1e-150)
+    fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
+    return Spikes(beyond, fourth / variance**2)
+
+
+def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> Fit:
+    """Fit with weights min(1, 1.345 sigma / |residual|), iterated (Huber 1981).
+
+    Args:
+        rows: observation rows; walked twice per round.
+        start: plain fit of the same rows.
+        max_rounds: limit of the iteration.
+
+    Returns:
+        The fit, with the robust standard deviation of each joint; its covariance is that of white residuals.
+    """
+    theta, rounds = np.array(start.theta, dtype=float), 0
+    while True:
+        noise = np.where(start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta))
+        factors, _ = joint_factors(_weighted(rows, theta, noise))
+        solution = solve(merge(factors, 1.0 / noise))
+        change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
+        moved = np.abs(change) / np.maximum(np.sqrt(np.diagonal(solution.inverse)), 1e-300)
+        if moved.max() < 1e-3 or rounds == max_rounds:
+            return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
+
+
+def _weighted(rows: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
+    for part in rows:
+        root = np.sqrt(huber_weight(part.residual(theta), noise))
+        yield replace(part, entries=part.entries * root.T[part.joints], command=None, tau=part.tau * root)
+
+
+def huber_weight(residual: Floats, noise: Floats) -> Floats:
+    """Return min(1, 1.345 sigma / |residual|), (M, n), for residuals (M, n) and noise (n,) in the same unit."""
+    return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))
+
+
+# ---------------------------------------------------------------- instruments
+def instrumental(
+    rows: Iterable[ObservationRows],
+    plain: Fit,
+    lags: int | None = None,
+    *,
+    robust: bool = False,
+    max_rounds: int = 50,
+) -> Fit:
+    """Estimate with the instruments that come with the rows.
+
+    Args:
+        rows: observation rows with instruments; walked twice per round.
+        plain: plain fit of the same rows, whose factors the result keeps.
+        lags: memory of the residuals in samples, for example 0.1 s of them; None to find it from the scores.
+        robust: give spikes little weight (Huber).
+        max_rounds: limit of the iteration for noise and weights.
+
+    Returns:
+        The estimate; its covariance allows for coloured residuals.
+
+    Raises:
+        RankDeficient: the instruments do not move with the regressor.
+    """
+    noise, theta, weigh = np.ones(len(plain.noise)), np.zeros(0), False
+    for _ in range(max_rounds):
+        bread, right = _normal_equations(rows, noise, theta if weigh else None)
+        before, theta = noise, bread @ right
+        noise = (robust_noise if robust else root_mean_square)(rows, theta)
+        if weigh == robust and np.all(np.abs(noise - before) <= 1e-4 * before):
+            break
+        weigh = robust
+    covariance, uncorrected = hac_covariances(rows, theta, noise, lags, robust=robust)
+    return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected)
+
+
+def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:
+    """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
+    left, right = np.zeros((0, 0)), np.zeros(0)
+    for part in rows:
+        left, right = (left, right) if left.size else (np.zeros((part.size, part.size)), np.zeros(part.size))
+        weight = _weights(part, noise, theta)
+        for j in range(len(noise)):
+            (columns, W), (_, Z) = part.of_joint(j), part.instruments.of_joint(j)
+            left[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
+            right[columns] += (Z * weight[:, j]) @ part.tau[:, j]
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
+    scaled = scale[:, None] * left * scale
+    condition = float(np.linalg.cond(scaled))
+    if not condition < tuning.INSTRUMENTS_WORST_CONDITION:
+        raise RankDeficient(
+            f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
+            fix="use --method wls, or check that the log's commanded positions belong to this recording",
+        )
+    return scale[:, None] * np.linalg.inv(scaled) * scale, right
+
+
+def _weights(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
+    """Return the weight of each row, (M, n)."""
+    weight = rows.mask / noise**2
+    if theta is not None:
+        weight = weight * huber_weight(rows.residual(theta), noise)
+    return weight
+
+
+# ---------------------------------------------------------------- the estimators
 class Estimator(Protocol):
     """From rows to parameters with error bars."""
 

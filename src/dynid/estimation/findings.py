@@ -10,7 +10,7 @@ from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.estimators import wls
 from dynid.estimation.least_squares import Fit
-from dynid.estimation.model_error import ModelError
+from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, indefinite_share, random_poses

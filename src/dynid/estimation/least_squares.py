@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation import tuning
-from dynid.estimation.nonnegative import nonnegative_least_squares
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
 
 #: Length of a column, relative to the longest, that is nothing but rounding.
 ROUNDING = 1e-15
@@ -380,3 +380,59 @@ def _freedom(rows: float, spent: float) -> float:
     if rows <= spent:
         raise LogTooShort(f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion")
     return float(rows - spent)
+
+
+# ---------------------------------------------------------------- numbers that cannot be negative
+
+
+def nonnegative_least_squares(A: Floats, b: Floats, rounds: int) -> Floats:
+    """Return x >= 0, (p,), that minimises |A x - b|.
+
+    Why not SciPy: importing its optimisation takes longer than everything else that a log of a minute is checked for.
+
+    Source: Lawson, Hanson 1974, chapter 23, with an orthogonal basis of the columns in use that grows column by column.
+
+    Args:
+        A: columns, (m, p).
+        b: what they shall add up to, (m,).
+        rounds: limit of the columns that are taken in.
+    """
+    x, use = np.zeros(A.shape[1]), np.zeros(0, dtype=np.intp)
+    Q, inverse = np.zeros((len(b), 0)), np.zeros((0, 0))
+    barred = np.zeros(A.shape[1], dtype=bool)
+    least = 1e-13 * float(np.linalg.norm(A, axis=0).max(initial=0.0)) * float(np.linalg.norm(b))
+    for _ in range(rounds):
+        gradient = A.T @ (b - A[:, use] @ x[use])
+        gradient[use] = -np.inf
+        gradient[barred] = -np.inf
+        new = int(np.argmax(gradient))
+        if not gradient[new] > least:
+            break
+        along = Q.T @ A[:, new]
+        own = A[:, new] - Q @ along
+        more = Q.T @ own
+        along, own = along + more, own - Q @ more
+        length = float(np.linalg.norm(own))
+        if length <= 1e-10 * float(np.linalg.norm(A[:, new])) or float(own @ (b - A[:, use] @ x[use])) <= 0.0:
+            barred[new] = True
+            continue
+        use, Q = np.append(use, new), np.column_stack([Q, own / length])
+        inverse = np.block([[inverse, -(inverse @ along)[:, None] / length], [np.zeros((1, len(along))), 1.0 / length]])
+        barred[:] = False
+        wanted = inverse @ (Q.T @ b)
+        while len(use) and wanted.min() <= 0.0:
+            below = wanted <= 0.0
+            step = float(np.min(x[use][below] / (x[use][below] - wanted[below])))
+            x[use] += step * (wanted - x[use])
+            x[use[below & (x[use] <= 0.0)]] = 0.0
+            kept = ~below | (x[use] > 1e-13 * float(x.max()))
+            x[use[~kept]] = 0.0
+            if kept.all():
+                kept[np.argmin(np.where(below, x[use], np.inf))] = False
+                x[use[~kept]] = 0.0
+            use = use[kept]
+            Q, R = np.linalg.qr(A[:, use])
+            inverse = np.linalg.inv(R)
+            wanted = inverse @ (Q.T @ b)
+        x[use] = wanted
+    return x

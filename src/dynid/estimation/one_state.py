@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.model_error import ModelError
+from dynid.estimation.residual_model import ModelError
 from dynid.model.base_model import BaseModel
 from dynid.model.kinematics import geometry
 from dynid.model.parameters import prior_vector

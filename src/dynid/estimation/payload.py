@@ -19,11 +19,10 @@ from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
 from dynid.estimation.least_squares import block_diagonal, solvable, triangle
-from dynid.estimation.model_error import centred, rows_under
-from dynid.estimation.parameter_posterior import ParameterPosterior, parameter_posterior
-from dynid.estimation.physical_constraints import make_constraints
-from dynid.estimation.physical_parameters import fit_pooled
-from dynid.estimation.posterior import ROBUST
+from dynid.estimation.possible_arm import fit_pooled
+from dynid.estimation.possible_set import make_constraints
+from dynid.estimation.posterior import ROBUST, ParameterPosterior, parameter_posterior
+from dynid.estimation.residual_model import centred, rows_under
 from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered

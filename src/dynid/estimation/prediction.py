@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynid import longarrays
 from dynid.estimation import tuning
-from dynid.estimation.model_error import ModelError
-from dynid.estimation.observation_rows import ObservationRows
+from dynid.estimation.residual_model import ModelError
+from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.covariance import counted, normal_quantile
 from dynid.estimation.least_squares import Fit, relative_error
-from dynid.estimation.model_error import GROUP_NAMES, ModelError
 from dynid.estimation.one_state import OneState, one_state
-from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
+from dynid.estimation.residual_model import GROUP_NAMES, ModelError
 from dynid.model.base_model import BaseModel, Reduction
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import body_columns, body_of

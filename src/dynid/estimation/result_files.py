@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact
 from dynid.estimation.covariance import WORDS
-from dynid.estimation.error_columns import GROUPS
 from dynid.estimation.least_squares import Fit
-from dynid.estimation.model_error import GROUP_NAMES, ModelError
-from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
+from dynid.estimation.residual_model import GROUP_NAMES, GROUPS, ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact, write_text
 from dynid.files.contents import Array, Contents, Fact, require_numbers

@@ -31,7 +31,7 @@ REVERSALS_SAME = 1e-3
 # ---------------------------------------------------------------- delay of the torques
 #: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
 #: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
-#: evidence: real arms reach 2.8, a simulated 2 ms reaches 12 to 30.
+#: evidence: those figures.
 DELAY_CLEAR_ERRORS = 4.0
 #: Below this a delay is not worth correcting [s]: within the half sample that a controller holds its torque.
 #: evidence: none yet.
@@ -53,14 +53,14 @@ RANK_TOLERANCE = 1e-8
 LEAST_ROWS_LEFT = 1.0
 #: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
 #: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
-#: evidence: benchmarks/estimators.md.
+#: evidence: none yet.
 COLOUR_UNSEEN, LARGEST_INFLATION = 2.0, 60.0
 
 # ---------------------------------------------------------------- covariance
 #: Instants whose sums over lags are made together. evidence: none yet.
 SCORES_TOGETHER = 8192
 #: Instants beyond which a log is not short, and instants times draws that are worked on.
-#: evidence: tests/unit/estimation/test_covariance.py.
+#: evidence: none yet.
 SHORT_LOG_INSTANTS, SHORT_LOG_WORK = 4096, 16384
 #: Fewest and most draws: the longer the log, the less a draw differs from the next. evidence: none yet.
 LEAST_DRAWS, MOST_DRAWS = 8, 48
@@ -75,13 +75,13 @@ HARMLESS_TORQUE = 0.05
 
 # ---------------------------------------------------------------- spikes
 #: Residual, in robust standard deviations, from which on its weight falls; 95 % efficient without spikes (Huber 1981).
-#: evidence: Huber 1981, 95 % efficiency without spikes.
+#: evidence: that law.
 HUBER = 1.345
 #: A residual beyond this many robust standard deviations is a spike; 2 in 10^9 of normal ones are.
-#: evidence: normal law, 2 in 10^9.
+#: evidence: that law.
 SPIKE_ERRORS = 6.0
 #: Share of spikes and kurtosis from which on the robust fit is used. Coloured but spike-free residuals of arms reach
-#: a kurtosis of 5; one percent of spikes gives 20 and more. evidence: benchmarks/estimators.md.
+#: a kurtosis of 5; one percent of spikes gives 20 and more. evidence: those figures.
 SPIKE_SHARE, SPIKE_KURTOSIS = 1e-3, 8.0
 #: Rows of a joint below which their middle is no noise: a joint that hardly moves has as many as it has parameters.
 #: evidence: none yet.
@@ -97,7 +97,7 @@ INSTRUMENTS_WORST_CONDITION = 1e12
 RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
 #: Simulations at most; parameters that move by less than this many standard errors have settled. evidence: none yet.
 IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
-#: As above.
+#: The same when torques of the simulated arm are fitted. evidence: none yet.
 DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
 
 # ---------------------------------------------------------------- simulated closed loop
@@ -123,7 +123,7 @@ PRIOR_FOLLOWED = 0.5
 BALL_SHARE = 0.1
 #: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
 #: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
-#: evidence: benchmarks/random_arms.md.
+#: evidence: those figures.
 PRIOR_COUNTED = 0.5
 
 # ---------------------------------------------------------------- interior point
@@ -137,7 +137,7 @@ INTERIOR_REACH = 0.98
 # ---------------------------------------------------------------- physically possible parameters
 #: Weight of the divergence from the prior, in units of 1/2 chi-square. Within a few percent of the best in every regime
 #: of docs/explanation/estimators.md, where cross-validation costs 0.5 s and was worse.
-#: evidence: benchmarks/estimators.md.
+#: evidence: those figures.
 PRIOR_WEIGHT = 3.0
 #: Weight of the logarithm of a bound that only has to hold: too small to bias anything. evidence: none yet.
 BOUND_WEIGHT = 1e-5
@@ -148,7 +148,7 @@ POOLING_ROUNDS, POOLING_SETTLED, POOLING_TOLERANCE = 40, 0.03, 0.03
 #: evidence: none yet.
 SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
 #: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
-#: first links, comes from the prior as it is, unless the data contradict its size. evidence: benchmarks/random_arms.md.
+#: first links, comes from the prior as it is, unless the data contradict its size. evidence: none yet.
 SIZE_GAIN = 30.0
 #: Share of a standard deviation within which base parameters are kept, on the way to "exactly". evidence: none yet.
 COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
@@ -172,7 +172,7 @@ RESIDUAL_FAR = 5.0
 
 # ---------------------------------------------------------------- residual model: sizes and evidence
 #: Largest size of each group, lambda: variance of a column's torque over that of the noise. A short slow log would
-#: otherwise let the columns explain everything that it has. evidence: benchmarks/real_arms.md.
+#: otherwise let the columns explain everything that it has. evidence: none yet.
 RESIDUAL_LARGEST = np.array([3.0, 10.0, 100.0]) / 26.0
 #: Size that counts as nothing. evidence: none yet.
 RESIDUAL_NOTHING = 1e-7
@@ -182,7 +182,7 @@ RESIDUAL_BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
 #: Steps of the search for sizes. evidence: none yet.
 RESIDUAL_STEPS = 40
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
-#: evidence: benchmarks/real_arms.md.
+#: evidence: none yet.
 RESIDUAL_EVIDENCE = 4.0
 #: Random states inside the limits over which the columns are made orthogonal to the parameters. evidence: none yet.
 RANDOM_STATES = 1500
@@ -194,11 +194,11 @@ FREE_REACH = {True: np.pi, False: 0.3}
 
 # ---------------------------------------------------------------- posterior
 #: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
-#: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: benchmarks/random_arms.md.
+#: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
 COLOURED_ROWS = 4.0
 #: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
-#: evidence: benchmarks/real_arms.md.
+#: evidence: those figures.
 UNSEEN_RESIDUAL = 1.2
 #: Gain of the log evidence from which on a joint has a large torque of its position that no possible arm has; joints
 #: that are tried at a time, those with the largest misfit; and joints that may have one. evidence: none yet.
@@ -224,7 +224,7 @@ MOTION_SAMPLES = 600
 
 # ---------------------------------------------------------------- findings
 #: Torque error on an exciting motion that what a log leaves open costs, from which on it counts as poorly excited [%].
-#: A condition number would hang on the choice of base columns. evidence: benchmarks/excitation.md.
+#: A condition number would hang on the choice of base columns. evidence: none yet.
 POORLY_EXCITED_PERCENT = 50.0
 #: Beyond this condition number with normalised columns a plain estimate contradicts no possible arm.
 #: evidence: none yet.
@@ -258,7 +258,7 @@ ESTIMATES_APART_ERRORS = 2.0
 #: Least squares and instruments from the same rows differ by the difference of their variances (Hausman 1978), at least
 #: by this share of the instruments'. Without encoder noise simulated logs stay below 1.4 such errors, with 0.09 deg
 #: they reach 7.7 to 9.6.
-#: evidence: simulated logs stay below 1.4 errors without encoder noise and reach 7.7 with 0.09 deg.
+#: evidence: those figures.
 HAUSMAN_LEAST_VARIANCE, HAUSMAN_ERRORS = 0.25, 4.0
 
 # ---------------------------------------------------------------- payload
@@ -272,7 +272,7 @@ LOAD_LEAST_KG = 0.05
 COMMON_SCALE_SHARE = 0.75
 #: By how much the torque scale of a real arm's joint differs between two recordings, as a share: its sensors and drives
 #: get warm. Chosen on recordings of the LWR4+, in which a scale 0.5 % wrong at the shoulder weighs 50 g at the flange.
-#: evidence: benchmarks/payloads.md.
+#: evidence: those figures.
 SCALE_DRIFT = 0.005
 #: Least change of a joint's friction that is thought possible, as a share of the largest torque of any joint.
 #: evidence: none yet.

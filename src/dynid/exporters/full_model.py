@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.physical_constraints import smallest_eigenvalues
-from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.possible_arm import PhysicalParameters
+from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.model.base_model import BaseModel
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import body_of, moved, prior_bodies

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.model_error import ModelError
+from dynid.estimation.residual_model import ModelError
 from dynid.exporters.engines import Torques
 from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel

@@ -2,7 +2,7 @@
 
     tau_j = sum_k a_jk shape_k(q_j, qd_j) + a_j |Y_j reference| sign_j - Y_j shift_j
 
-Y is the base regressor that the file has already. Shapes are those of ``dynid.estimation.model_error``.
+Y is the base regressor that the file has already. Shapes are those of ``dynid.estimation.residual_model``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.model_error import ModelError
+from dynid.estimation.residual_model import ModelError
 
 Floats = NDArray[np.float64]
 

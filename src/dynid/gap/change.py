@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.error_columns import GROUPS, shapes_of
+from dynid.estimation.residual_model import GROUPS, shapes_of
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
@@ -108,7 +108,7 @@ def with_always_missing(
 ) -> tuple[list[SegmentRows], Floats]:
     """Return rows with further base columns: what may have been missing before and is missing now, of each joint.
 
-    They are those of the residual model (``estimation/error_columns.py``), and act in old and new logs alike, so that
+    They are those of the residual model (``estimation/residual_model.py``), and act in old and new logs alike, so that
     what follows place, speed and load in both is no change.
 
     Args:

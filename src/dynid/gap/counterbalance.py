@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.estimation.physical_parameters import fit_sized
+from dynid.estimation.possible_arm import fit_sized
 from dynid.gap.possible_arm import (
     COUNTERBALANCE,
     LEAST_GAIN,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dynid.estimation.physical_parameters import constraints_of, fit_pooled
+from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.gap.whitened_regression import WhitenedRegression

@@ -1,7 +1,7 @@
 """What only an implausible arm would absorb: the rows of a search with the prior of possible links.
 
 A counterbalance vanishes in masses and centres of mass that no link has. The entropic prior of possible links
-(``estimation/physical_parameters.py``) says what such links cost. Near the best possible arm it is a parabola
+(``estimation/possible_arm.py``) says what such links cost. Near the best possible arm it is a parabola
 (Laplace), so it joins the search as further rows on the base parameters; that ranks candidates well and overstates
 large gains, so what is taken is fitted again exactly. And the prior's own masses may be wrong: the least gain over
 several of them counts.
@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.physical_constraints import PhysicalConstraints
-from dynid.estimation.physical_parameters import constraints_of, fit_physical, fit_pooled, fit_sized
+from dynid.estimation.possible_arm import constraints_of, fit_physical, fit_pooled, fit_sized
+from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.gap.significance import candidates_at, score_candidate
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.base_model import BaseModel

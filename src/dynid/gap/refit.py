@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.physical_constraints import pseudo_inertia
+from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap.noise import NoiseModel
 from dynid.gap.problem import GapProblem, at_possible, near_possible
 from dynid.gap.search import EffectSearch

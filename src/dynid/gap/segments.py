@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.observation_rows import ObservationRows, joined, rows_of
+from dynid.estimation.rows import ObservationRows, joined, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.covariance import NEGLIGIBLE
-from dynid.estimation.model_error import GROUP_NAMES
 from dynid.estimation.prediction import EstimatedMotion
+from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.estimation.result import Identification
 from dynid.reports.chart import LINE, Curve, Panel, broken, chart, framed, number, reach, rectangle, stroke, text, ticks
 from dynid.robot import Joint, Robot

@@ -161,7 +161,7 @@ def compare_methods(
     from dynid.estimation.compare import biased, differing
     from dynid.estimation.estimate import estimate, last_share
     from dynid.estimation.estimators import METHODS, choose
-    from dynid.estimation.physical_parameters import is_possible
+    from dynid.estimation.possible_arm import is_possible
 
     options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
     robot, base = arguments.robot(robot), arguments.base_model(base)

@@ -72,7 +72,7 @@ def torque_noise(
         Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from. White noise is meant: of an
         identification, that which tells as little as its coloured residuals.
     """
-    from dynid.estimation.parameter_posterior import parameter_posterior
+    from dynid.estimation.posterior import parameter_posterior
     from dynid.trajectory.predict import default_noise
 
     if given is not None:
@@ -118,7 +118,7 @@ def believed(base: BaseModel, earlier: Sequence[Earlier], known: Floats | None) 
         earlier: logs, results and motions; the posterior of a physical set holds the prior already.
         known: their information, from ``earlier_information``.
     """
-    from dynid.estimation.parameter_posterior import prior_information
+    from dynid.estimation.posterior import prior_information
 
     if known is None:
         return prior_information(base)
@@ -141,7 +141,7 @@ def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progr
 
 
 def _of_result(base: BaseModel, found: Identification) -> Floats:
-    from dynid.estimation.parameter_posterior import parameter_posterior
+    from dynid.estimation.posterior import parameter_posterior
 
     names = {name: k for k, name in enumerate(found.names)}
     if not set(base.reduction.base_names) <= set(names):

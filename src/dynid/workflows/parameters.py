@@ -22,8 +22,7 @@ from dynid.workflows.model import base_model
 if TYPE_CHECKING:
     from distributed import Client
 
-    from dynid.estimation.delay import Delay
-    from dynid.estimation.stack import Stack
+    from dynid.estimation.stack import Delay, Stack
     from dynid.model.base_model import BaseModel
     from dynid.workflows.arguments import LogsLike, RobotLike
 
@@ -260,8 +259,7 @@ def observed(
         findings: what was noticed in all logs together.
         progress: told what is noticed.
     """
-    from dynid.estimation.delay import on_time
-    from dynid.estimation.stack import scale_with_model, settled
+    from dynid.estimation.stack import on_time, scale_with_model, settled
     from dynid.estimation.stack import stack_logs as folded
 
     noticed = tuple(finding for log in stack.logs for finding in log.findings)
@@ -291,8 +289,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         NotAnArtifact: it is damaged.
     """
     from dynid.estimation import observation_files
-    from dynid.estimation.delay import Delay
-    from dynid.estimation.stack import settled
+    from dynid.estimation.stack import Delay, settled
     from dynid.estimation.stack import stack_logs as folded
     from dynid.files.artifact import reading
 

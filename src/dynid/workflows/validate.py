@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
-    from dynid.estimation.model_error import ModelError
-    from dynid.estimation.observation_rows import ObservationRows
     from dynid.estimation.prediction import EstimatedMotion, JointCheck
+    from dynid.estimation.residual_model import ModelError
     from dynid.estimation.result import Identification
+    from dynid.estimation.rows import ObservationRows
     from dynid.model.base_model import BaseModel
     from dynid.model.regressor import Observer
     from dynid.robot import Robot

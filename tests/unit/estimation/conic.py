@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.physical_constraints import basis
+from dynid.estimation.possible_set import basis
 
 
 def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):

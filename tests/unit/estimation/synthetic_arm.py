@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from dynid.estimation.physical_constraints import PhysicalConstraints, body_parameters, make_constraints, pseudo_inertia
+from dynid.estimation.possible_set import PhysicalConstraints, body_parameters, make_constraints, pseudo_inertia
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from dynid.estimation import tuning
-from dynid.estimation.body_prior import curvature, followed, rounded, widened
-from dynid.estimation.physical_constraints import basis, make_constraints, pseudo_inertia, smallest_eigenvalues
-from dynid.estimation.physical_parameters import fit_physical, fit_pooled
+from dynid.estimation.possible_arm import curvature, fit_physical, fit_pooled, followed, rounded, widened
+from dynid.estimation.possible_set import basis, make_constraints, pseudo_inertia, smallest_eigenvalues
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.parameters import prior_vector

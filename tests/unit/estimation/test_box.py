@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from dynid.estimation.box import smallest_in_box
+from dynid.estimation.residual_model import smallest_in_box
 
 
 def bowl(random):

@@ -12,7 +12,7 @@ from dynid.estimation.covariance import (
     short_log_factor,
 )
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import dense_rows, joint_factors
+from dynid.estimation.rows import dense_rows, joint_factors
 from dynid.signals.filters import pulse, pulse_width
 
 TRUTH = np.array([2.0, -1.0, 0.5, 0.0])

@@ -5,9 +5,8 @@ import pytest
 from test_stack import motion, truth
 
 import dynid
-from dynid.estimation.delay import estimate_delay, on_time
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import stack_logs
+from dynid.estimation.stack import estimate_delay, on_time, stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dynid.errors import RankDeficient
-from dynid.estimation.instrumental import instrumental
+from dynid.estimation.estimators import instrumental
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import dense_rows, joint_factors
+from dynid.estimation.rows import dense_rows, joint_factors
 
 TRUTH = np.array([2.0, -1.0])
 NOISE = np.array([0.2, 1.0])

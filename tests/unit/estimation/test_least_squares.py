@@ -16,7 +16,7 @@ from dynid.estimation.least_squares import (
     weighted,
     with_columns,
 )
-from dynid.estimation.observation_rows import dense_rows, joint_factors
+from dynid.estimation.rows import dense_rows, joint_factors
 
 TRUTH = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
 NOISE = np.array([0.1, 1.0, 10.0])

@@ -7,11 +7,21 @@ import pytest
 from test_stack import simulated, stacked, truth
 
 from dynid.estimation import tuning
-from dynid.estimation.error_columns import GROUPS, folded, rms_speed, walk_with_columns
 from dynid.estimation.estimators import irls, wls
-from dynid.estimation.model_error import _inverse_root, best_size, evidence_gain, model_error, squares, whitened_rows
-from dynid.estimation.observation_rows import joint_factors
 from dynid.estimation.posterior import physical_posterior
+from dynid.estimation.residual_model import (
+    GROUPS,
+    _inverse_root,
+    best_size,
+    evidence_gain,
+    folded,
+    model_error,
+    rms_speed,
+    squares,
+    walk_with_columns,
+    whitened_rows,
+)
+from dynid.estimation.rows import joint_factors
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -127,7 +137,7 @@ def test_squares_are_those_of_walking_over_the_rows(found):
 
 
 def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(base, found, monkeypatch):
-    monkeypatch.setattr("dynid.estimation.velocity_reversal.LONGEST", 0)
+    monkeypatch.setattr("dynid.estimation.tuning.REVERSALS_LONGEST", 0)
     stack, estimate, _ = found
     stack = replace(stack)
     assert stack.reversals is None

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, nnls
 
-from dynid.estimation.least_squares import nonnegative
-from dynid.estimation.nonnegative import nonnegative_least_squares
+from dynid.estimation.least_squares import nonnegative, nonnegative_least_squares
 
 
 @pytest.mark.parametrize("kind", ["any", "positive", "repeated", "nearly dependent", "zero columns"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.estimation.covariance import hac_covariances
-from dynid.estimation.observation_rows import (
+from dynid.estimation.rows import (
     ObservationRows,
     _stops,
     dense_rows,

@@ -8,7 +8,7 @@ from loaded_arm import LOAD, recorded
 
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
-from dynid.estimation.physical_constraints import is_consistent
+from dynid.estimation.possible_set import is_consistent
 from dynid.estimation.stack import stack_logs
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.physical_constraints import (
+from dynid.estimation.possible_set import (
     body_parameters,
     is_consistent,
     make_constraints,

@@ -6,8 +6,8 @@ from conic import clarabel_optimum
 from synthetic_arm import arm_with_measured_friction
 
 from dynid.errors import NotPhysical
-from dynid.estimation.physical_constraints import basis, make_constraints
-from dynid.estimation.physical_parameters import exact_parameters, feasible_start, fit_physical, fit_pooled
+from dynid.estimation.possible_arm import exact_parameters, feasible_start, fit_physical, fit_pooled
+from dynid.estimation.possible_set import basis, make_constraints
 from dynid.model.parameters import numbered
 
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.estimators import huber, look_for_spikes
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import ObservationRows, dense_rows, joint_factors
-from dynid.estimation.robust import huber, look_for_spikes
+from dynid.estimation.rows import ObservationRows, dense_rows, joint_factors
 
 TRUTH = np.array([3.0, -1.0, 0.5])
 NOISE = np.array([0.1, 2.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic_arm import OFFSET, TWIST
 
-from dynid.estimation.physical_parameters import fit_physical, fit_pooled
+from dynid.estimation.possible_arm import fit_physical, fit_pooled
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -9,9 +9,9 @@ from dynid.errors import NotAnArtifact, NothingChanged, RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.estimators import wls
-from dynid.estimation.observation_rows import joint_factors, rows_of
 from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.result_files import load
+from dynid.estimation.rows import joint_factors, rows_of
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
@@ -87,7 +87,7 @@ def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
     source = ConditionedLog(condition(log, chosen), chosen, "log")
     observer = base.model.observer(base.reduction.base)
     whole = np.concatenate([r.W for r in rows_of(source, observer)])
-    monkeypatch.setattr("dynid.estimation.observation_rows.EVALUATED", 150)
+    monkeypatch.setattr("dynid.estimation.tuning.ROWS_EVALUATED", 150)
     monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 300)
     pieces = ConditionedLog(condition(log, chosen), chosen, "log")
     assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(whole, abs=1e-9)
@@ -167,7 +167,7 @@ def test_long_logs_give_the_same_rows_from_a_file_or_evaluated_anew(base, monkey
     kept = stacked(base, simulated(base))
     for in_memory, limit in ((1000, 1 << 30), (1 << 20, 0)):
         monkeypatch.setattr("dynid.longarrays.IN_MEMORY", in_memory)
-        monkeypatch.setattr("dynid.estimation.stack.KEPT_BYTES", limit)
+        monkeypatch.setattr("dynid.estimation.tuning.KEPT_BYTES", limit)
         other = stacked(base, simulated(base))
         list(other)
         assert (other.rows[0]._kept is None) == (limit == 0)

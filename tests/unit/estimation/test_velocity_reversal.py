@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.observation_rows import dense_rows, joint_factors
-from dynid.estimation.velocity_reversal import reversal_effects
+from dynid.estimation.rows import dense_rows, joint_factors, reversal_effects
 from dynid.signals.filters import lowpass_kernel
 
 TRUTH = np.array([1.5, 0.8, 2.0])

@@ -3,8 +3,7 @@
 import numpy as np
 from arms import random_bodies, random_robot
 
-from dynid.estimation.error_columns import GROUPS
-from dynid.estimation.model_error import ModelError
+from dynid.estimation.residual_model import GROUPS, ModelError
 from dynid.exporters import FullModel, IdentifiedArm, Provenance
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import BaseModel

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dynid.estimation.observation_rows import ObservationRows, dense_rows
+from dynid.estimation.rows import ObservationRows, dense_rows
 from dynid.gap.matched_motion import subtract_matched_motion
 
 RATE = 40.0

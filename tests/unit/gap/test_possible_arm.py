@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.physical_parameters import constraints_of, fit_pooled
+from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.possible_arm import PossibleArm, least_gain, possible_arm, prior_rows, reduced
 from dynid.gap.problem import held_near_possible, problem_of_arm

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.errors import Finding
 from dynid.estimation.least_squares import Fit
-from dynid.estimation.physical_parameters import PhysicalParameters
+from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.robotfile import load_robot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynid.estimation.model_error import GROUP_NAMES
 from dynid.estimation.prediction import EstimatedMotion
+from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.reports.charts import (
     AGAINST,
     coverage_chart,
