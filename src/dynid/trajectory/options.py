@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
 from dynid.options import LEAST, MOST, Options, option, share
 from dynid.text import whole_number
-from dynid.trajectory.scene import Box, Scene
+
+if TYPE_CHECKING:
+    from dynid.trajectory.scene import Box, Scene
 
 FAMILIES = ("quintic", "spline", "fourier")
 COSTS = ("i", "d", "condition", "paper")
@@ -55,6 +57,8 @@ def _floor(value: Any, name: str) -> float | None:  # noqa: ANN401
 
 
 def _box(value: Any, name: str) -> Box | None:  # noqa: ANN401
+    from dynid.trajectory.scene import Box  # here: it needs numpy, and help must be fast
+
     if value is None or isinstance(value, Box):
         return value
     text = value.removeprefix("box").strip(":, ") if isinstance(value, str) else value
@@ -137,4 +141,6 @@ class PlanOptions(Options):
     @property
     def scene(self) -> Scene:
         """What surrounds the arm, and how far to stay away from it."""
+        from dynid.trajectory.scene import Scene
+
         return Scene(floor=self.floor, obstacles=self.obstacles, workspace=self.workspace)
