@@ -1,4 +1,4 @@
-"""What each tuning number is worth: every constant of the tables ``dynid/FOLDER/tuning.py`` at half and at double its value.
+"""What each tuning number is worth: every constant of the tables ``tuning.py`` at half and at double its value.
 
     PYTHONPATH=src python benchmarks/tuning.py [--folder signals ...] [--minutes 60]     go on where the last piece ended
     python benchmarks/tuning.py --page > benchmarks/tuning.md                            the page of all that is there
@@ -610,7 +610,7 @@ def page() -> str:
 
 
 INTRODUCTION = """\
-`python benchmarks/tuning.py` sets each constant of the tables `dynid/FOLDER/tuning.py` to half and to double its value and
+`python benchmarks/tuning.py` sets each constant of the tables `tuning.py` to half and to double its value and
 takes a fixed set of quick figures of what the folder can influence; shown is what changes by more than 0.1 %, "-" where
 nothing does, "not read" where no figure comes to the place where the constant is used. Several numbers in one constant change together; whole numbers stay whole; shares stay below 1.
 

@@ -153,7 +153,7 @@ CASES = {
     "half a character as a name": ("log.npz", half_a_name, "convert log.npz --to out/x.bag", 3, "E301"),
     "a zero byte in a path": ("batch.yaml", job(baseline="a\0b"), "run batch.yaml --out out", 3, "zero byte"),
     "a job at an endless URL": ("batch.yaml", job(logs="file:///dev/zero"), "run batch.yaml --out out", 3, "it is no regular file"),
-    "a job at a URL of 50 000 characters": ("batch.yaml", json.dumps({"jobs": [{"name": k, "robot": "arm.yaml", "logs": ["memory://" + "a" * 50_000] * 2, "split_s": 1} for k in "ab"]}), "run batch.yaml --out out/b", 3, "nothing can be read"),
+    "a job at a URL of 50 000 characters": ("batch.yaml", json.dumps({"jobs": [{"name": k, "robot": "arm.yaml", "logs": ["memory://" + "a" * 50_000] * 2} for k in "ab"]}), "run batch.yaml --out out/b", 3, "nothing can be read"),
     "a job at a URL of a URL": ("batch.yaml", job(logs="reference://::file:///etc/passwd"), "run batch.yaml --out out", 3, "no URL of a recording"),
     "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
     "a prior of no possible body": ("arm.yaml", ROBOT.replace("izz: 0.015", "izz: 50"), "trajectory arm.yaml plan.yaml --preview none --out out", 1, "the prior of link 2 is no possible body"),

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dynid import limits
-from dynid.errors import UnknownKey, WrongRobotFile
+from dynid.errors import WrongRobotFile
 from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
 
@@ -61,10 +61,6 @@ def read_batch(path: Path) -> tuple[Job, ...]:
         if not jobs:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
         _unique(jobs, top["jobs"])
-    except UnknownKey as error:
-        if "'split_s'" in error.what:
-            error.fix = "remove it; logs are spread over the workers by themselves"
-        raise
     except WrongRobotFile as error:
         error.why, error.fix = "the job could not be run", "`dynid explain ci-regression` shows a batch file"
         raise

@@ -50,12 +50,6 @@ def test_mistakes_are_named_with_their_line(text, error, message, tmp_path):
         read_batch(batch(tmp_path, text))
 
 
-def test_an_old_key_for_logs_in_stretches_is_answered_with_what_is_now(tmp_path):
-    with pytest.raises(UnknownKey, match="unknown key 'split_s'") as error:
-        read_batch(batch(tmp_path, "jobs: [{robot: a, logs: l.bag, split_s: 600}]"))
-    assert error.value.fix == "remove it; logs are spread over the workers by themselves"
-
-
 def test_a_jobs_folder_stays_inside_the_results(tmp_path):
     """A name with slashes or dots cannot lead out of it."""
     (job,) = read_batch(batch(tmp_path, "jobs: [{name: ../../etc/x, robot: a, logs: l.bag}]"))
