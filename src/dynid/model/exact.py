@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
-from dynid.model.formula import ONE, Formula, joined, latex_symbol
 from dynid.model.kinematics import geometry as geometry_of
 from dynid.model.parameters import Parameter
+from dynid.model.polynomial import ONE, Polynomial, joined, latex_symbol
 from dynid.model.prime_field import (
     PRIME,
     Residues,
@@ -48,7 +48,7 @@ class Term:
     """
 
     name: str
-    formula: Formula | None
+    formula: Polynomial | None
     value: float
 
 
@@ -141,7 +141,11 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
 
 
 def _numbers(
-    model: Model, base: Sequence[int], K: Residues, formulas: dict[tuple[int, int], Formula], regressor: FieldRegressor
+    model: Model,
+    base: Sequence[int],
+    K: Residues,
+    formulas: dict[tuple[int, int], Polynomial],
+    regressor: FieldRegressor,
 ) -> Floats:
     """Return K as numbers: from the formulas, and by least squares on random states where there is none."""
     numbers = np.zeros(K.shape)

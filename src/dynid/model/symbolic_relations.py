@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model import tuning
-from dynid.model.formula import ONE, Formula
+from dynid.model.polynomial import ONE, Polynomial
 from dynid.model.prime_field import PRIME, ROOTS, Residues, echelon, inverse, product, residue
 from dynid.model.regrouping import regrouping
 from dynid.robot import Joint
@@ -26,7 +26,7 @@ from dynid.robot import Joint
 if TYPE_CHECKING:
     from dynid.model.exact import FieldRegressor
 
-Formulas = dict[tuple[int, int], Formula]
+Formulas = dict[tuple[int, int], Polynomial]
 
 #: Numbers that a coefficient may carry with its symbols.
 _FACTORS = sorted(
@@ -83,9 +83,9 @@ class _Naming:
         angles = [name for name in regressor.symbols if name[0] in "cs"]
         self._symbols = lengths + (angles if turned else [])
         self._roots = {} if turned or not angles else ROOTS
-        self._monomials = [Formula.monomial(1, dict(m)) for m in lengths_up_to_two(lengths)]
+        self._monomials = [Polynomial.monomial(1, dict(m)) for m in lengths_up_to_two(lengths)]
         self._factors = {
-            residue(f) * root % PRIME: Formula.monomial(f, {f"sqrt({k})": 1} if k > 1 else {})
+            residue(f) * root % PRIME: Polynomial.monomial(f, {f"sqrt({k})": 1} if k > 1 else {})
             for k, root in ((1, 1), *self._roots.items())
             for f in _FACTORS
         }
@@ -93,7 +93,7 @@ class _Naming:
         self._links = regressor.model.link_columns // 11 + 1
         joints = regressor.model.robot.joints
         self._dimension = [_dimension(joints[k // 11], k) for k in regressor.model.link_columns.tolist()]
-        self._regroupings: dict[int, dict[int, dict[int, Formula]]] = {}
+        self._regroupings: dict[int, dict[int, dict[int, Polynomial]]] = {}
         self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
 
@@ -107,7 +107,7 @@ class _Naming:
                 self._by_links(j)
         return {cell: formula for cell, formula in self._formulas.items() if own[cell]}
 
-    def _verified(self, i: int, j: int, formula: Formula) -> bool:
+    def _verified(self, i: int, j: int, formula: Polynomial) -> bool:
         return all(formula.residue(at) == int(k[i, j]) for at, k in zip(self._at, self._K, strict=True))
 
     def _single(self, i: int, j: int, inverses: Residues) -> bool:
@@ -134,9 +134,9 @@ class _Naming:
             if local is not None and self._substitute(j, local):
                 return
 
-    def _substitute(self, j: int, local: dict[int, Formula]) -> bool:
+    def _substitute(self, j: int, local: dict[int, Polynomial]) -> bool:
         """Express a column by base columns, given its expression by columns before it; tell whether all have a name."""
-        total: dict[int, Formula] = {}
+        total: dict[int, Polynomial] = {}
         open_rows: set[int] = set()
         for column, factor in local.items():
             own = column in self._base
@@ -145,23 +145,23 @@ class _Naming:
                 if formula is None:
                     open_rows.add(i)
                 else:
-                    total[i] = total.get(i, Formula(())) + factor * formula
+                    total[i] = total.get(i, Polynomial(())) + factor * formula
         for i, formula in total.items():
             if i not in open_rows and formula.terms and self._verified(i, j, formula):
                 self._formulas.setdefault((i, j), formula)
         return all((i, j) in self._formulas for i in np.flatnonzero(self._K[0, :, j]).tolist())
 
-    def _passed(self, link: int) -> dict[int, dict[int, Formula]]:
+    def _passed(self, link: int) -> dict[int, dict[int, Polynomial]]:
         """Return the parameters that pass through a link's joint, expressed by others of it and the link before."""
         if link not in self._regroupings:
             self._regroupings[link] = self._find_passed(link) if link > 1 else {}
         return self._regroupings[link]
 
-    def _find_passed(self, link: int) -> dict[int, dict[int, Formula]]:
+    def _find_passed(self, link: int) -> dict[int, dict[int, Polynomial]]:
         joint, convention = self._regressor.model.robot.joints[link - 1], self._regressor.model.robot.convention
         both = [11 * (link - 2) + k for k in (*range(10), *range(11, 21))]
         place = {int(k): i for i, k in enumerate(self._regressor.model.link_columns)}
-        passed: dict[int, dict[int, Formula]] = {}
+        passed: dict[int, dict[int, Polynomial]] = {}
         for stage in (0, 1):
             tables = self._tables(link, link, stage)
             geometry = self._regressor.free(needed_geometries(tables), self._turned)
@@ -181,13 +181,13 @@ class _Naming:
                 break
         return passed
 
-    def _tables(self, first: int, last: int, stage: int) -> dict[int, list[Formula]]:
+    def _tables(self, first: int, last: int, stage: int) -> dict[int, list[Polynomial]]:
         symbols = [s for s in self._symbols if first <= int(s.lstrip("acds")) <= last]
         return {degree: monomials(symbols, degree, stage, self._roots) for degree in range(-2, 3)}
 
-    def _local(self, j: int, first: int, last: int) -> dict[int, Formula] | None:
+    def _local(self, j: int, first: int, last: int) -> dict[int, Polynomial] | None:
         """Return the expression of a column by others of links ``first`` to ``last``, None when there is none."""
-        found: dict[int, Formula] = {}
+        found: dict[int, Polynomial] = {}
         for stage in range(3):
             window = self._window(first, last, stage)
             if window is None or j in window.pivots:
@@ -256,11 +256,11 @@ class FormulaFitter:
         count: G.
     """
 
-    def __init__(self, tables: dict[int, list[Formula]], geometry: dict[str, Residues], count: int) -> None:
+    def __init__(self, tables: dict[int, list[Polynomial]], geometry: dict[str, Residues], count: int) -> None:
         self._tables, self._geometry, self._count = tables, geometry, count
         self._solvers: dict[int, _Solver] = {}
 
-    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Formula]) -> Formula | None:
+    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Polynomial]) -> Polynomial | None:
         """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
         table = self._tables.get(degree, [])
         if not table:
@@ -275,7 +275,7 @@ class FormulaFitter:
         return _fit(table, solver, wanted)
 
 
-def needed_geometries(tables: dict[int, list[Formula]]) -> int:
+def needed_geometries(tables: dict[int, list[Polynomial]]) -> int:
     """Return at how many geometries a coefficient must be known to be fitted with these tables."""
     return max(map(len, tables.values())) + tuning.FIT_CHECKS
 
@@ -289,7 +289,7 @@ def lengths_up_to_two(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...
     return found + [((s, -k),) for k in (1, 2) for s in lengths]
 
 
-def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Formula]:
+def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Polynomial]:
     """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
 
     Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
@@ -309,7 +309,7 @@ def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, 
         {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
         for a, b, c in pairings(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
     ]
-    return [Formula.monomial(1, p) for p in powers][: tuning.MOST_MONOMIALS]
+    return [Polynomial.monomial(1, p) for p in powers][: tuning.MOST_MONOMIALS]
 
 
 def _complexity(powers: tuple[int, ...]) -> tuple[int, int]:
@@ -333,7 +333,7 @@ class _Solver:
     solve: Residues
 
 
-def _solver(table: list[Formula], geometry: dict[str, Residues], count: int) -> _Solver:
+def _solver(table: list[Polynomial], geometry: dict[str, Residues], count: int) -> _Solver:
     rows = _evaluated(table, geometry, count)
     independent, _ = echelon(rows[None])
     size = len(independent)
@@ -341,22 +341,22 @@ def _solver(table: list[Formula], geometry: dict[str, Residues], count: int) -> 
     return _Solver(rows, inverse(rows[:2]), independent, echelon(square[None])[1][0, :, size:])
 
 
-def _fit(table: list[Formula], solver: _Solver, wanted: Residues) -> Formula | None:
+def _fit(table: list[Polynomial], solver: _Solver, wanted: Residues) -> Polynomial | None:
     """Return the sum of table entries that gives the wanted value at every geometry, None when there is none."""
     size = len(solver.independent)
     shares = product(solver.solve, wanted[:size, None])
     if np.any(product(solver.rows[:, solver.independent], shares)[:, 0] != wanted):
         return None
-    total = Formula(())
+    total = Polynomial(())
     for k in np.flatnonzero(shares).tolist():
         factor = small_fraction(int(shares[k, 0]))
         if factor is None:
             return None
-        total += Formula.monomial(factor, dict(table[solver.independent[k]].terms[0][1]))
+        total += Polynomial.monomial(factor, dict(table[solver.independent[k]].terms[0][1]))
     return total
 
 
-def _evaluated(table: list[Formula], geometry: dict[str, Residues], count: int) -> Residues:
+def _evaluated(table: list[Polynomial], geometry: dict[str, Residues], count: int) -> Residues:
     """Return the value of each monomial at each geometry, (G, M)."""
     known = {name: np.resize(value, count) for name, value in geometry.items()}
     known |= {f"sqrt({k})": np.full(count, root, dtype=np.uint64) for k, root in ROOTS.items()}

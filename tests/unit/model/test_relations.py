@@ -13,7 +13,7 @@ import pytest
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.exact import FieldRegressor, reduce_exactly, relations_json, relations_latex, relations_text
-from dynid.model.formula import ONE, Formula
+from dynid.model.polynomial import ONE, Polynomial
 from dynid.model.reduce import reduce
 from dynid.robot import Joint, Robot
 
@@ -70,7 +70,7 @@ def test_latex_has_a_row_for_each_combination(exact):
 
 
 def test_formulas_add_multiply_and_evaluate_like_numbers():
-    d, c = Formula.monomial(2, {"d3": 1}), Formula.monomial(Fraction(-1, 2), {"ca4": -1, "sqrt(3)": 1})
+    d, c = Polynomial.monomial(2, {"d3": 1}), Polynomial.monomial(Fraction(-1, 2), {"ca4": -1, "sqrt(3)": 1})
     values = {"d3": 0.4, "ca4": 0.3}
     assert (d * c + ONE).value(values) == pytest.approx(2 * 0.4 * -0.5 * math.sqrt(3) / 0.3 + 1)
     assert (d + -d).terms == ()

@@ -1,4 +1,4 @@
-"""Coefficients as formulas: sums of monomials in the DH symbols, with text, LaTeX and value."""
+"""Coefficients as polynomials: sums of monomials in the DH symbols, with text, LaTeX and value."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROOT_NAMES = {f"sqrt({k})": k for k in ROOTS}
 
 
 @dataclass(frozen=True)
-class Formula:
+class Polynomial:
     """A sum of monomials.
 
     Attributes:
@@ -27,31 +27,31 @@ class Formula:
     terms: tuple[tuple[Fraction, Monomial], ...]
 
     @staticmethod
-    def monomial(factor: Fraction | int, powers: Mapping[str, int]) -> Formula:
+    def monomial(factor: Fraction | int, powers: Mapping[str, int]) -> Polynomial:
         """Return one monomial."""
-        return Formula(((Fraction(factor), tuple(sorted((s, k) for s, k in powers.items() if k))),))
+        return Polynomial(((Fraction(factor), tuple(sorted((s, k) for s, k in powers.items() if k))),))
 
-    def __add__(self, other: Formula) -> Formula:
+    def __add__(self, other: Polynomial) -> Polynomial:
         """Return the sum with equal monomials merged."""
         total: dict[Monomial, Fraction] = {}
         for factor, monomial in (*self.terms, *other.terms):
             total[monomial] = total.get(monomial, Fraction(0)) + factor
-        return Formula(tuple((factor, monomial) for monomial, factor in sorted(total.items(), key=_order) if factor))
+        return Polynomial(tuple((factor, monomial) for monomial, factor in sorted(total.items(), key=_order) if factor))
 
-    def __mul__(self, other: Formula) -> Formula:
+    def __mul__(self, other: Polynomial) -> Polynomial:
         """Return the product."""
-        total = Formula(())
+        total = Polynomial(())
         for left, one in self.terms:
             for right, two in other.terms:
                 powers = dict(one)
                 for symbol, power in two:
                     powers[symbol] = powers.get(symbol, 0) + power
-                total += Formula.monomial(left * right, powers)
+                total += Polynomial.monomial(left * right, powers)
         return total
 
-    def __neg__(self) -> Formula:
+    def __neg__(self) -> Polynomial:
         """Return the formula with the other sign."""
-        return Formula(tuple((-factor, monomial) for factor, monomial in self.terms))
+        return Polynomial(tuple((-factor, monomial) for factor, monomial in self.terms))
 
     @property
     def degree(self) -> int:
@@ -95,7 +95,7 @@ class Formula:
         return joined(parts)
 
 
-ONE = Formula.monomial(1, {})
+ONE = Polynomial.monomial(1, {})
 
 
 def _order(item: tuple[Monomial, Fraction]) -> tuple[int, Monomial]:
