@@ -22,7 +22,7 @@ OTHER_OPTIONS = {
     "--exclude-editable", "--requirement",  # pip
     "--nthreads", "--nworkers", "--tls-cert",  # dask worker
     "--core",  # rosmaster
-    "--commands", "--data", "--draws", "--logs", "--unchanged",  # scripts in benchmarks/
+    "--commands", "--data", "--draws", "--folder", "--logs", "--minutes", "--unchanged",  # scripts in benchmarks/
 }  # fmt: skip
 
 #: A word that stands for another one; README, CHANGELOG and CONTRIBUTING are files.
