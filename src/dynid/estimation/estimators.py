@@ -14,7 +14,7 @@ closed-loop output error method for parameter identification of robot dynamics" 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -32,25 +32,7 @@ Floats = NDArray[np.float64]
 
 
 # ---------------------------------------------------------------- spikes
-@dataclass(frozen=True)
-class Spikes:
-    """What the residuals of a first fit look like.
-
-    Attributes:
-        share: share of spikes of each joint, (n,).
-        kurtosis: of each joint, 3 for normal residuals, (n,).
-    """
-
-    share: Floats
-    kurtosis: Floats
-
-    @property
-    def found(self) -> bool:
-        """Whether the robust fit is worth its small loss of efficiency: many spikes and heavy tails at a joint."""
-        return bool(np.any((self.share > tuning.SPIKE_SHARE) & (self.kurtosis > tuning.SPIKE_KURTOSIS)))
-
-
-def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
+def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> tuple[Floats, bool]:
     """Look at the residuals of a first fit.
 
     Args:
@@ -58,7 +40,8 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
         theta: parameters of the first fit, (p,), each in its unit.
 
     Returns:
-        What they look like.
+        Share of spikes of each joint, (n,), and whether the robust fit is worth its small loss of efficiency: many
+        spikes and heavy tails at a joint.
     """
     noise, count = robust_noise(rows, theta), 0
     moments = np.zeros((5, len(noise)))
@@ -71,7 +54,8 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> Spikes:
     one, two, three, four, beyond = moments / np.maximum(count, 1)
     variance = np.maximum(two - one**2, 1e-150)
     fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
-    return Spikes(beyond, fourth / variance**2)
+    found = (beyond > tuning.SPIKE_SHARE) & (fourth / variance**2 > tuning.SPIKE_KURTOSIS)
+    return beyond, bool(np.any(found))
 
 
 def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> Fit:
@@ -244,7 +228,7 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
     for _ in range(tuning.DIDIM_ROUNDS):
         rows, before = _of_simulation(simulate(fit.theta)), fit.theta
         found = weighted(*joint_factors(rows))
-        robust = look_for_spikes(rows, found.theta).found
+        _, robust = look_for_spikes(rows, found.theta)
         if robust:
             found = huber(rows, found)
         covariance, uncorrected = hac_covariances(rows, found.theta, found.noise, robust=robust)
@@ -283,9 +267,9 @@ def choose(stack: Stack) -> tuple[str, str]:
         return "wls", "an earlier result is updated, which keeps triangular factors and no single rows"
     if stack.commanded:
         return "iv", "the log holds the commanded motion, whose instruments are free of encoder noise"
-    spikes = look_for_spikes(stack, stack.first_fit.theta)
-    if spikes.found:
-        share = 100 * float(np.max(spikes.share))
+    shares, spiky = look_for_spikes(stack, stack.first_fit.theta)
+    if spiky:
+        share = 100 * float(np.max(shares))
         return "irls", f"the residual has spikes (up to {share:.1f} % of a joint's samples), which get little weight"
     return "wls", "no commanded motion in the log and no spikes in the residual"
 

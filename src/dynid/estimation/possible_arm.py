@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.possible_set import (
-    Minimum,
     Objective,
     PhysicalConstraints,
+    Point,
     approach,
     basis,
     body_parameters,
@@ -274,15 +274,16 @@ def fit_pooled(
     constraints = with_pooled_prior(constraints, start)
     bound = constraints if near is None else _followed(constraints, near)
     objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-    here, steps = approach(objective, start, tuning.POOLING_TOLERANCE)
+    here = approach(objective, start, tuning.POOLING_TOLERANCE)
+    steps = here.steps
     for _ in range(tuning.POOLING_ROUNDS):
         before, constraints = bound, with_pooled_prior(constraints, here.y)
         bound = _followed(constraints, here.y)
         if _settled(before, bound):
             break
         objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-        here, more = approach(objective, here, tuning.POOLING_TOLERANCE)
-        steps += more
+        here = approach(objective, here, tuning.POOLING_TOLERANCE)
+        steps += here.steps
     minimum = minimise(objective, here)
     fit = _report(objective, replace(minimum, steps=steps + minimum.steps), constraints)
     return _honest(fit, R, minimum, constraints, gamma), constraints
@@ -306,7 +307,7 @@ def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
 
 
 def _honest(
-    fit: PhysicalParameters, R: Floats, minimum: Minimum, constraints: PhysicalConstraints, gamma: float
+    fit: PhysicalParameters, R: Floats, minimum: Point, constraints: PhysicalConstraints, gamma: float
 ) -> PhysicalParameters:
     """Return the fit with error bars for bodies that may be far from the prior's.
 
@@ -422,7 +423,7 @@ def exact_parameters(
     sigma = np.sqrt(np.diagonal(covariance))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
     x = feasible_start(constraints)
-    minimum: Minimum | None = None
+    minimum: Point | None = None
     worst, steps = np.inf, 0
     for tolerance in tuning.COMPLETION_STEPS:
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
@@ -514,7 +515,7 @@ def _objective(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: fl
     return Objective(R, r, constraints.bodies, weights, linear, constraints.G, constraints.h, mu)
 
 
-def _report(objective: Objective, minimum: Minimum, constraints: PhysicalConstraints) -> PhysicalParameters:
+def _report(objective: Objective, minimum: Point, constraints: PhysicalConstraints) -> PhysicalParameters:
     x = objective.to_x(minimum.y)
     residual = objective.R @ minimum.y - objective.r
     # A bound's multiplier mu / slack, times its distance from the prior, says how much cost it holds back.

@@ -14,7 +14,7 @@ identification" (the pseudo-inertia); Boyd, Vandenberghe 2004, sections 9.6 and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -226,79 +226,32 @@ class Objective:
 
 
 @dataclass(frozen=True)
-class Minimum:
-    """Where the method stopped and how good that is.
+class Point:
+    """Where the method is, and at its end how good that is.
 
     Attributes:
-        y: the minimiser, (d,).
-        decrement: Newton decrement of f at y.
-        gap: bound on f(y) minus the smallest f; infinite where the decrement is too large for a bound.
-        steps: Newton steps.
-        hessian: of f at y, (d, d).
-        logs: the part of it that comes from the logarithms, in x, (c, c).
+        y: the point, (d,).
+        P: pseudo-inertias there, (L, 4, 4).
+        slack: how far the bounds are kept, (k,).
         Z: multipliers of the pseudo-inertias, (L, 4, 4).
         z: multipliers of the bounds, (k,).
+        steps: Newton steps that led there.
+        decrement: Newton decrement of f at y; infinite before it is certified.
+        gap: bound on f(y) minus the smallest f; infinite where the decrement is too large for a bound.
+        hessian: of f at y, (d, d), once it is certified.
+        logs: the part of it that comes from the logarithms, in x, (c, c).
     """
-
-    y: Floats
-    decrement: float
-    gap: float
-    steps: int
-    hessian: Floats
-    logs: Floats
-    Z: Floats
-    z: Floats
-
-
-def minimise(objective: Objective, start: Floats | Minimum | Point) -> Minimum:
-    """Minimise the objective from an interior point.
-
-    Args:
-        objective: the function.
-        start: a point where f is finite, (d,), or where the method came to with a similar objective.
-
-    Returns:
-        The minimum with its certificate.
-    """
-    here, steps = approach(objective, start)
-    return _certify(objective, objective.R.T @ objective.R, here, steps)
-
-
-def approach(
-    objective: Objective, start: Floats | Minimum | Point, tolerance: float = tuning.INTERIOR_TOLERANCE
-) -> tuple[Point, int]:
-    """Come near the minimum, without a certificate.
-
-    Args:
-        objective: the function.
-        start: a point where f is finite, (d,), or where the method came to with a similar objective.
-        tolerance: relative error of the optimality conditions at which the method stops.
-
-    Returns:
-        Where it stopped, and the number of Newton steps.
-    """
-    RtR = objective.R.T @ objective.R
-    here = _cold(objective, start) if isinstance(start, np.ndarray) else _warm(objective, start)
-    steps, step = 0, 0.0
-    while steps < tuning.INTERIOR_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
-        try:
-            after, step = _step(objective, RtR, here)
-            np.linalg.cholesky(after.P)
-        except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
-            break
-        here, steps = after, steps + 1
-    return here, steps
-
-
-@dataclass(frozen=True)
-class Point:
-    """A primal-dual point: y, pseudo-inertias (L, 4, 4), slack of the bounds (k,), and their multipliers Z and z."""
 
     y: Floats
     P: Floats
     slack: Floats
     Z: Floats
     z: Floats
+    steps: int = 0
+    decrement: float = np.inf
+    gap: float = np.inf
+    hessian: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    logs: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def error(self, objective: Objective) -> float:
         """Return the relative error of the optimality conditions."""
@@ -310,6 +263,43 @@ class Point:
     def complementarity(self) -> float:
         """Return the sum of what is zero in the limit: each matrix and slack times its multiplier."""
         return float(np.sum(self.P * self.Z)) + float(self.slack @ self.z)
+
+
+def minimise(objective: Objective, start: Floats | Point) -> Point:
+    """Minimise the objective from an interior point.
+
+    Args:
+        objective: the function.
+        start: a point where f is finite, (d,), or where the method came to with a similar objective.
+
+    Returns:
+        The minimum with its certificate.
+    """
+    return _certified(objective, approach(objective, start))
+
+
+def approach(objective: Objective, start: Floats | Point, tolerance: float = tuning.INTERIOR_TOLERANCE) -> Point:
+    """Come near the minimum, without a certificate.
+
+    Args:
+        objective: the function.
+        start: a point where f is finite, (d,), or where the method came to with a similar objective.
+        tolerance: relative error of the optimality conditions at which the method stops.
+
+    Returns:
+        Where it stopped.
+    """
+    RtR = objective.R.T @ objective.R
+    here = _cold(objective, start) if isinstance(start, np.ndarray) else _warm(objective, start)
+    step = 0.0
+    while here.steps < tuning.INTERIOR_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
+        try:
+            after, step = _step(objective, RtR, here)
+            np.linalg.cholesky(after.P)
+        except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
+            break
+        here = after
+    return here
 
 
 def _primal(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
@@ -326,8 +316,8 @@ def _cold(objective: Objective, y: Floats) -> Point:
     return Point(np.array(y, dtype=float), P, slack, gamma[:, None, None] * np.linalg.inv(P), mu / slack)
 
 
-def _warm(objective: Objective, minimum: Minimum | Point) -> Point:
-    return Point(minimum.y, *_primal(objective, minimum.y), minimum.Z, minimum.z)
+def _warm(objective: Objective, before: Point) -> Point:
+    return Point(before.y, *_primal(objective, before.y), before.Z, before.z)
 
 
 def _step(objective: Objective, RtR: Floats, here: Point) -> tuple[Point, float]:
@@ -365,19 +355,20 @@ def _step(objective: Objective, RtR: Floats, here: Point) -> tuple[Point, float]
         step, (dy, dZ, dz) = towards(excess * (1.0 - step))
     y = here.y + step * dy
     Z = here.Z + step * back.swapaxes(-1, -2) @ dZ @ back
-    return Point(y, *_primal(objective, y), 0.5 * (Z + Z.swapaxes(-1, -2)), here.z + step * dz), step
+    Z = 0.5 * (Z + Z.swapaxes(-1, -2))
+    return Point(y, *_primal(objective, y), Z, here.z + step * dz, here.steps + 1), step
 
 
-def _certify(objective: Objective, RtR: Floats, here: Point, steps: int) -> Minimum:
+def _certified(objective: Objective, here: Point) -> Point:
     back = np.linalg.inv(np.linalg.cholesky(here.P))
     gradient = _gradient(objective, here.y, back.swapaxes(-1, -2) @ back, here.slack)
     logs = _curvature(objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / here.slack**2)
-    hessian = RtR + _in_y(objective, logs)
+    hessian = objective.R.T @ objective.R + _in_y(objective, logs)
     decrement = max(float(gradient @ solve_scaled(hessian, gradient)), 0.0) ** 0.5
     # f over its smallest weight is self-concordant, which turns the decrement into a bound.
     weakest = float(min(objective.gamma.min(initial=np.inf), objective.mu.min(initial=np.inf)))
     gap = weakest * _gap_bound(decrement / weakest**0.5)
-    return Minimum(here.y, decrement, gap, steps, hessian, logs, here.Z, here.z)
+    return replace(here, decrement=decrement, gap=gap, hessian=hessian, logs=logs)
 
 
 def _barrier_gradient(objective: Objective, inverse: Floats, slack: Floats, gamma: Floats, mu: Floats) -> Floats:

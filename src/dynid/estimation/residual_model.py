@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root, triangle, with_columns
-from dynid.estimation.rows import ObservationRows, RowWalk, fold, joined
+from dynid.estimation.rows import ObservationRows, fold, joined
 from dynid.estimation.stack import Stack
 from dynid.longarrays import spans
 from dynid.model.base_model import BaseModel
@@ -126,7 +126,7 @@ def folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust
     if stack.reversals is None and robust is None:
         return _beside(stack, speed, reference)
     factors = np.zeros((n, k + p + 1, k + p + 1))
-    walk = walk_with_columns(stack, speed, reference)
+    walk = rows_with_columns(stack, speed, reference)
     for rows in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
         weight = np.ones_like(rows.tau)
         if robust is not None:
@@ -163,23 +163,19 @@ def _rows_and_columns(stack: Stack, speed: Floats, reference: Floats) -> Iterato
             yield rows, columns_of(rows, log, stack.observer, speed, reference)
 
 
-def walk_with_columns(stack: Stack, speed: Floats, reference: Floats) -> RowWalk:
-    """Return the rows of a stack with [D W] in place of W; arguments as for ``folded``."""
+def rows_with_columns(stack: Stack, speed: Floats, reference: Floats) -> Iterator[ObservationRows]:
+    """Yield the rows of a stack with [D W] in place of W; arguments as for ``folded``."""
     n, k = len(stack.joints), len(GROUPS)
     joints, columns = np.divmod(np.arange(n * k), k)
-
-    def walk() -> Iterator[ObservationRows]:
-        for rows, D in _rows_and_columns(stack, speed, reference):
-            yield replace(
-                rows,
-                entries=np.concatenate([D.reshape(n * k, -1), rows.entries]),
-                joints=np.concatenate([joints, rows.joints]),
-                columns=np.concatenate([columns, k + rows.columns]),
-                size=k + rows.size,
-                command=None,
-            )
-
-    return RowWalk(walk)
+    for rows, D in _rows_and_columns(stack, speed, reference):
+        yield replace(
+            rows,
+            entries=np.concatenate([D.reshape(n * k, -1), rows.entries]),
+            joints=np.concatenate([joints, rows.joints]),
+            columns=np.concatenate([columns, k + rows.columns]),
+            size=k + rows.size,
+            command=None,
+        )
 
 
 def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
@@ -555,7 +551,7 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
         return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
     found = np.zeros(len(stack.joints))
     by_column, by_parameter = error.mean_by_rows
-    for rows in walk_with_columns(stack, error.speed, error.reference):
+    for rows in rows_with_columns(stack, error.speed, error.reference):
         found += np.sum(rows.residual(np.hstack([by_column, theta + by_parameter])) ** 2, axis=0)
     return found
 

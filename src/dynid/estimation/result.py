@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.covariance import counted, normal_quantile
 from dynid.estimation.least_squares import Fit, relative_error
-from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import GROUP_NAMES, ModelError
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+    from dynid.estimation.one_state import OneState
     from dynid.estimation.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -379,6 +379,9 @@ class Identification:
         times = None if t is None else np.atleast_1d(np.asarray(t, dtype=float))
         if position.ndim == 1:
             if residual_model not in self._functions:
+                # Here: what is written for controllers is needed by few results.
+                from dynid.estimation.one_state import one_state
+
                 error = self.model_error if residual_model else None
                 self._functions[residual_model] = one_state(self.base, self.theta, error)
             function = self._functions[residual_model]

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -401,19 +401,9 @@ def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- what reversals leave in the rows
-@dataclass(frozen=True)
-class ReversalSubspace:
-    """What reversals may leave in the rows of one joint over one run of rows: M instants, k shapes.
-
-    Attributes:
-        basis: orthonormal shapes, (M, k).
-        size: length of a reversal's effect along each, of those that are one long, (k,).
-        seen: the rows [W tau] along each, (k, p + 1).
-    """
-
-    basis: Floats
-    size: Floats
-    seen: Floats
+#: What reversals may leave in the rows of one joint over one run of rows, M instants: orthonormal shapes, (M, k); how
+#: long a reversal's effect of length one is along each, (k,); the rows [W tau] along each, (k, p + 1).
+ReversalShapes: TypeAlias = tuple[Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -421,11 +411,11 @@ class ReversalEffects:
     """What velocity reversals leave in the rows of a log, as random effects with variances.
 
     Attributes:
-        subspaces: of each run of rows and joint.
+        shapes: of each run of rows and joint.
         strength: variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
     """
 
-    subspaces: tuple[tuple[ReversalSubspace, ...], ...]
+    shapes: tuple[tuple[ReversalShapes, ...], ...]
     strength: Floats
 
     def whitened(self, rows: Iterable[ObservationRows]) -> RowWalk:
@@ -435,14 +425,12 @@ class ReversalEffects:
             rows: the rows that the effects were found in, or others of the same instants.
         """
         return RowWalk(
-            lambda: (_whitened(run, each, self.strength) for run, each in zip(_runs(rows), self.subspaces, strict=True))
+            lambda: (_whitened(run, each, self.strength) for run, each in zip(_runs(rows), self.shapes, strict=True))
         )
 
     def factors(self, factors: Floats) -> Floats:
         """Return the factors of the whitened rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
-        return np.array(
-            [_less(R, [each[j] for each in self.subspaces], self.strength[j]) for j, R in enumerate(factors)]
-        )
+        return np.array([_less(R, [each[j] for each in self.shapes], self.strength[j]) for j, R in enumerate(factors)])
 
 
 def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: Ints) -> ReversalEffects | None:
@@ -459,30 +447,30 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
     first = next(iter(rows), None)
     if first is None or not first.reversal_times or counts.max() > tuning.REVERSALS_LONGEST:
         return None
-    subspaces = tuple(tuple(_subspace(run, j) for j in range(len(counts))) for run in _runs(rows))
+    shapes = tuple(tuple(_reversal_shapes(run, j) for j in range(len(counts))) for run in _runs(rows))
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
-    without = ReversalEffects(subspaces, np.full(len(counts), np.inf))
-    taken = np.array([sum(len(each[j].size) for each in subspaces) for j in range(len(counts))])
+    without = ReversalEffects(shapes, np.full(len(counts), np.inf))
+    taken = np.array([sum(len(run[j][1]) for run in shapes) for j in range(len(counts))])
     rest = np.maximum(counts - taken, 1)
     theta = weighted(without.factors(factors), rest).theta
     noise = robust_noise(without.whitened(rows), theta) * np.sqrt(counts / rest)
-    return replace(without, strength=_strength(subspaces, theta, noise * np.sqrt(flat)))
+    return replace(without, strength=_strength(shapes, theta, noise * np.sqrt(flat)))
 
 
-def _strength(subspaces: tuple[tuple[ReversalSubspace, ...], ...], theta: Floats, noise: Floats) -> Floats:
+def _strength(shapes: tuple[tuple[ReversalShapes, ...], ...], theta: Floats, noise: Floats) -> Floats:
     """Return how much larger residuals are in the shapes of reversals than noise makes them, by moments, (n,).
 
     Args:
-        subspaces: of each run of rows and joint.
+        shapes: of each run of rows and joint.
         theta: parameters that reversals had no part in, (p,).
         noise: along any of the shapes; filtered noise has all its power where they have theirs, (n,) [N m].
     """
     excess, sizes = np.zeros_like(noise), np.zeros_like(noise)
-    for run in subspaces:
-        for j, each in enumerate(run):
-            left = each.seen @ np.append(theta, -1.0) / noise[j]
+    for run in shapes:
+        for j, (_, size, seen) in enumerate(run):
+            left = seen @ np.append(theta, -1.0) / noise[j]
             excess[j] += float(np.sum(left**2 - 1.0))
-            sizes[j] += float(np.sum(each.size**2))
+            sizes[j] += float(np.sum(size**2))
     return np.asarray(np.maximum(excess, 0.0) / np.maximum(sizes, 1e-12))
 
 
@@ -494,7 +482,7 @@ def _step(rows: ObservationRows) -> float:
     return float(median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
 
 
-def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:
+def _reversal_shapes(rows: ObservationRows, joint: int) -> ReversalShapes:
     half, times = pulse_width(rows.cutoff), rows.reversal_times[joint]
     times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
     whole = np.arange(-half, half, _step(rows))
@@ -508,16 +496,16 @@ def _subspace(rows: ObservationRows, joint: int) -> ReversalSubspace:
     basis = effects @ (vector / size)
     seen, (columns, entries) = np.zeros((len(size), rows.size + 1)), rows.of_joint(joint)
     seen[:, columns], seen[:, -1] = (entries @ basis).T, rows.tau[:, joint] @ basis
-    return ReversalSubspace(basis, size, seen)
+    return basis, size, seen
 
 
-def _trusted(each: ReversalSubspace, strength: float) -> Floats:
+def _trusted(size: Floats, strength: float) -> Floats:
     """Return the share of the rows' weight along each shape that is left, (k,)."""
-    return 1.0 / (1.0 + strength * each.size**2)
+    return 1.0 / (1.0 + strength * size**2)
 
 
-def _less(R: Floats, subspaces: list[ReversalSubspace], strength: float) -> Floats:
-    taken = np.concatenate([each.seen * np.sqrt(1.0 - _trusted(each, strength))[:, None] for each in subspaces])
+def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
+    taken = np.concatenate([seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes])
     length = np.linalg.norm(R, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     scaled, taken = R / length, taken / length
@@ -525,15 +513,15 @@ def _less(R: Floats, subspaces: list[ReversalSubspace], strength: float) -> Floa
     return triangle(np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T * length)
 
 
-def _whitened(rows: ObservationRows, subspaces: tuple[ReversalSubspace, ...], strength: Floats) -> ObservationRows:
+def _whitened(rows: ObservationRows, shapes: tuple[ReversalShapes, ...], strength: Floats) -> ObservationRows:
     """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
     tau, counts = np.where(rows.mask, rows.tau, 0.0), rows.mask.T[rows.joints]
     entries, command = (None if x is None else np.where(counts, x, 0.0) for x in (rows.entries, rows.command))
     assert entries is not None
-    for j, each in enumerate(subspaces):
-        if strength[j] > 0.0 and len(each.size):
-            less, own = each.basis * (1.0 - np.sqrt(_trusted(each, strength[j]))), rows.joints == j
-            tau[:, j] -= less @ (each.basis.T @ tau[:, j])
+    for j, (basis, size, _) in enumerate(shapes):
+        if strength[j] > 0.0 and len(size):
+            less, own = basis * (1.0 - np.sqrt(_trusted(size, strength[j]))), rows.joints == j
+            tau[:, j] -= less @ (basis.T @ tau[:, j])
             for x in (entries,) if command is None else (entries, command):
-                x[own] -= (x[own] @ each.basis) @ less.T
+                x[own] -= (x[own] @ basis) @ less.T
     return replace(rows, entries=entries, command=command, tau=tau)

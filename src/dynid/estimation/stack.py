@@ -23,7 +23,7 @@ from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.least_squares import Fit, block_diagonal, merge, triangle, weighted, with_columns
-from dynid.estimation.rows import ObservationRows, ReversalEffects, RowWalk, fold, reversal_effects, rows_of
+from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, reversal_effects, rows_of
 from dynid.longarrays import Growing, empty, release, spans
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, model_torques
@@ -354,7 +354,7 @@ def estimate_delay(stack: Stack) -> Delay:
     _, sigma, Vt = np.linalg.svd(whitened / length)
     columns = (Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]] / length).T
     slopes = _slopes(stack, fit.theta)
-    rows = RowWalk(lambda: (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True)))
+    rows = (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True))
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = block_diagonal(columns, np.eye(1))
     factors, counts = stack.whole

@@ -226,7 +226,7 @@ def updated(
 
 def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
-    from dynid.estimation.estimate import HoldOut, last_motion, last_share
+    from dynid.estimation.estimate import last_motion, last_share
     from dynid.estimation.stack import scaled
     from dynid.estimation.stack import stack_logs as folded
 
@@ -241,7 +241,7 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     kept = arguments.log(kept, base.robot, same, "holdout")
     conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
     test = folded(scaled(conditioned, base, stack.first_fit.theta), base, progress)
-    return HoldOut(stack, test, str(kept.source or "log"))
+    return stack, test, str(kept.source or "log")
 
 
 def save_result(folder: Path, result: Identification, facts: dict[str, Any] | None = None) -> list[Path]:

@@ -63,7 +63,7 @@ class Observations:
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        from dynid.estimation.findings import weakly_excited
+        from dynid.estimation.estimate import weakly_excited
         from dynid.model.parameters import prior_base_parameters
 
         return list(weakly_excited(self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)))

@@ -17,8 +17,8 @@ from dynid.estimation.residual_model import (
     folded,
     model_error,
     rms_speed,
+    rows_with_columns,
     squares,
-    walk_with_columns,
     whitened_rows,
 )
 from dynid.estimation.rows import joint_factors
@@ -143,7 +143,7 @@ def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(b
     assert stack.reversals is None
     speed = rms_speed(stack.logs, len(stack.joints))
     beside = folded(stack, speed, estimate.theta, estimate.noise, None)
-    rows, _ = joint_factors(walk_with_columns(stack, speed, estimate.theta))
+    rows, _ = joint_factors(rows_with_columns(stack, speed, estimate.theta))
     for one, other in zip(beside, rows, strict=True):
         size = np.maximum(np.linalg.norm(other, axis=0), 1e-30)
         np.testing.assert_allclose(

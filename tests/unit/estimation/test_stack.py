@@ -138,12 +138,13 @@ def test_held_out_rows_judge_a_fit_to_the_others(base):
     """NumPy's fit to the first four fifths leaves the same error on the last; all rows give the parameters."""
     found = stacked(base, simulated(base, noise=0.2))
     split = last_share(found, 0.2)
-    assert not set(split.train.block) & set(split.test.block)
-    assert split.test.blocks == round(0.2 * found.blocks)
-    assert min(rows.t[0] for rows in split.test) > max(rows.t[-1] for rows in split.train)
+    train, test, _ = split
+    assert not set(train.block) & set(test.block)
+    assert test.blocks == round(0.2 * found.blocks)
+    assert min(rows.t[0] for rows in test) > max(rows.t[-1] for rows in train)
     result = estimate(found, base, method="ols", holdout=split)
-    theta = np.linalg.lstsq(*usable(split.train), rcond=None)[0]
-    W, tau = usable(split.test)
+    theta = np.linalg.lstsq(*usable(train), rcond=None)[0]
+    W, tau = usable(test)
     expected = 100 * np.linalg.norm(tau - W @ theta) / np.linalg.norm(tau)
     assert result.heldout_by_set["plain"] == pytest.approx(expected, rel=1e-9)
     assert result.plain == pytest.approx(np.linalg.lstsq(*usable(found), rcond=None)[0], abs=1e-9)
