@@ -27,8 +27,8 @@ from arms import random_bodies  # noqa: E402
 
 from dynid.files.robotfile import load_robot  # noqa: E402
 from dynid.log import Log  # noqa: E402
-from dynid.longarrays import Growing  # noqa: E402
 from dynid.model import build_model  # noqa: E402
+from dynid.scratch import Growing  # noqa: E402
 
 ROBOT, RATE, START = "kuka_lwr4plus", 1000.0, 1_460_000_000 * 10**9
 #: Rate of .npz logs, which are without velocities [Hz].

@@ -13,7 +13,7 @@ from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.fit import judge_of
 from dynid.diagnose.mistakes import Edit, with_edits
 from dynid.errors import DynidError
-from dynid.workflows import diagnosis
+from dynid.workflows import logs
 from dynid.workflows.identify import identify
 from dynid.workflows.logs import checked_log
 
@@ -41,7 +41,7 @@ def main():
     parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
     parser.add_argument("--only", default="", help="part of a robot's or recording's name")
     given = parser.parse_args()
-    diagnosis.poor = lambda *_: False  # so that a fit is made of every mistake
+    logs.poor = lambda *_: False  # so that a fit is made of every mistake
     rows = []
     for k, (name, shown, source) in enumerate(mapping.recordings(given.seed)):
         if given.only not in name + shown:

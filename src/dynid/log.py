@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
-from dynid.longarrays import floats, median_step
 from dynid.npz import write_npz
+from dynid.scratch import floats, median_step
 from dynid.text import html, visible
 from dynid.units import FACTORS
 from dynid.version import __version__

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import CannotWrite
-from dynid.longarrays import empty, release
-from dynid.scratch import prefix, sweep
+from dynid.scratch import empty, prefix, release, sweep
 
 #: Name of the array that holds the header.
 HEADER = "header"

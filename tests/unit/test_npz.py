@@ -80,8 +80,8 @@ LONG = {
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_long_arrays_are_read_in_pieces_as_numpy_reads_them_whole(save, tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid.longarrays.IN_MEMORY", 1000)
-    monkeypatch.setattr("dynid.longarrays.PAGES", 0)
+    monkeypatch.setattr("dynid.scratch.IN_MEMORY", 1000)
+    monkeypatch.setattr("dynid.scratch.PAGES", 0)
     monkeypatch.setattr("dynid.npz.PIECE_BYTES", 4096)
     save(tmp_path / "long.npz", **LONG)
     found = read_npz(tmp_path / "long.npz")

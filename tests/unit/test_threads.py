@@ -11,7 +11,8 @@ import dynid
 from dynid import limits
 from dynid.errors import LogNotFound
 from dynid.progress import Silent
-from dynid.threads import Ahead, one_thread
+from dynid.workflows.arguments import one_thread
+from dynid.workflows.logs import Ahead
 
 
 def threads() -> set[int]:

@@ -16,8 +16,8 @@ from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
 from dynid.text import yaml_text
-from dynid.threads import Ahead
 from dynid.workflows.identify import IdentifyOptions
+from dynid.workflows.logs import Ahead
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
@@ -142,7 +142,7 @@ def run_identify(
     read = reading(arm, logs, options)
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import answer_of, find_payload, signals_as
-    from dynid.workflows.prior import with_prior
+    from dynid.workflows.model import with_prior
     from dynid.workflows.results import load_run
 
     unloaded, earlier = (load_run(path) if path else None for path in (payload_from, update))

@@ -21,8 +21,8 @@ from dynid.diagnose.gravity import check_gravity
 from dynid.diagnose.mistakes import Edit, edits_of, pasted, said, unlikeliness, with_edits, with_one_more
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
-from dynid.longarrays import median
 from dynid.robot import Robot
+from dynid.scratch import median
 
 Floats = NDArray[np.float64]
 

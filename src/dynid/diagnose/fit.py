@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from dynid.diagnose import tuning
 from dynid.estimation.least_squares import nonnegative_least_squares
 from dynid.log import Log
-from dynid.longarrays import median
 from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.parameters import prior_bodies, second_moments
 from dynid.robot import Body, Joint, Robot
+from dynid.scratch import median
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.checks import beyond
 from dynid.signals.motion import bandwidth, per_joint

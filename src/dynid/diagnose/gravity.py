@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
-from dynid.drivers.registry import driver_of
+from dynid.drivers.interface import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
 from dynid.model.parameters import carried, expected_torque

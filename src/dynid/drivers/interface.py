@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
@@ -17,8 +16,12 @@ if TYPE_CHECKING:
 JOINT_STATE = "sensor_msgs/JointState"
 
 
-class Driver(ABC):
-    """Facts about one robot driver; the generic driver knows none.
+#: The drivers that robot files name.
+KINDS = ("kinova_gen2", "lwr4plus", "generic")
+
+
+class Driver:
+    """Any node that publishes sensor_msgs/JointState; what is special of a known robot driver is a class of its own.
 
     Attributes:
         kind: its name in the robot file.
@@ -29,7 +32,7 @@ class Driver(ABC):
         gravity_fix: how to make it publish the whole torque.
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str] = "generic"
     default_topics: ClassVar[tuple[str, ...]] = ("joint_states", "joint_state")
     velocity_trusted: ClassVar[bool] = True
     velocity_note: ClassVar[str] = ""
@@ -38,11 +41,10 @@ class Driver(ABC):
         "make the driver publish the measured torque, or say `torque: {source: gravity_free}` in the robot file"
     )
 
-    @abstractmethod
     def open_port(
         self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
     ) -> CommandPort:
-        """Return the port through which the arm is commanded.
+        """Return the port through which the arm is commanded: of the controller that listens, points or an action.
 
         Args:
             node: this process in the ROS graph.
@@ -54,6 +56,16 @@ class Driver(ABC):
         Raises:
             TopicMissing: several topics could be meant.
         """
+        from dynid.drivers.follow_joint_trajectory import FollowJointTrajectoryPort, choose_commands
+        from dynid.drivers.joint_trajectory import JointTrajectoryPort
+
+        streamed = JointTrajectoryPort(node, robot, state_topic)
+        if not moving:
+            return streamed
+        _, subscribed, _ = node.master().getSystemState()
+        types, heard = dict(node.master().getTopicTypes()), {name for name, _ in subscribed}
+        topic, goals = choose_commands(types, heard, command_topic, streamed.command_topic)
+        return (FollowJointTrajectoryPort if goals else JointTrajectoryPort)(node, robot, state_topic, topic)
 
     def ignores(self, name: str) -> bool:
         """Return whether a column is known not to be a joint of the arm."""
@@ -118,3 +130,17 @@ def _listed(topics: Mapping[str, str]) -> str:
     shown.sort(key=lambda text: "JointState)" not in text)
     more = f" and {len(shown) - 8} more" if len(shown) > 8 else ""
     return (", ".join(shown[:8]) + more) if shown else "no messages"
+
+
+def driver_of(robot: Robot) -> Driver:
+    """Return the driver that the robot file names, the generic one when it names none."""
+    kind = robot.driver.kind if robot.driver else "generic"
+    if kind == "kinova_gen2":
+        from dynid.drivers.kinova_gen2 import KinovaGen2
+
+        return KinovaGen2()
+    if kind == "lwr4plus":
+        from dynid.drivers.lwr4plus import Lwr4Plus
+
+        return Lwr4Plus()
+    return Driver()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.rows import ObservationRows, joined, runs
-from dynid.longarrays import Growing, median, release
+from dynid.scratch import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]

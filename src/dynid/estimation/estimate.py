@@ -26,11 +26,11 @@ from dynid.estimation.posterior import (
 from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.estimation.stack import Earlier, Stack
-from dynid.longarrays import joined
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.regressor import Observer, indefinite_share, random_poses
 from dynid.robot import Controller
+from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 from dynid.signals.motion import motion_numbers, sampled

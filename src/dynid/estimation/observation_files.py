@@ -20,7 +20,7 @@ from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, reading, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.limits import LIMITS
-from dynid.longarrays import joined
+from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, pulse_width
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import longarrays
+from dynid import scratch
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import Artifact, read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact
-from dynid.longarrays import Growing, release
 from dynid.model.regressor import Observer
+from dynid.scratch import Growing, release
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
 
@@ -133,7 +133,7 @@ def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
     arrays: dict[str, NDArray[Any]] = {
-        field.name: longarrays.joined(getattr(m, field.name) for m in motions) for field in fields(EstimatedMotion)
+        field.name: scratch.joined(getattr(m, field.name) for m in motions) for field in fields(EstimatedMotion)
     }
     arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])
     write_artifact(path, Artifact(SCHEMA, header, arrays))

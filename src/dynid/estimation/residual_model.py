@@ -25,10 +25,10 @@ from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root, triangle, with_columns
 from dynid.estimation.rows import ObservationRows, fold, joined
 from dynid.estimation.stack import Stack
-from dynid.longarrays import spans
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
+from dynid.scratch import spans
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import accumulate, triangle, weighted
-from dynid.longarrays import Growing, median, release, spans
 from dynid.model.regressor import Observer
+from dynid.scratch import Growing, median, release, spans
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import decimate, pulse, pulse_slope, pulse_width
 

@@ -24,10 +24,10 @@ from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.least_squares import Fit, block_diagonal, merge, triangle, weighted, with_columns
 from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, reversal_effects, rows_of
-from dynid.longarrays import Growing, empty, release, spans
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, model_torques
 from dynid.progress import SILENT, Progress
+from dynid.scratch import Growing, empty, release, spans
 from dynid.signals.conditioned_log import ConditionedLog, torques_moved_back, with_effects, without_command
 
 Floats = NDArray[np.float64]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.longarrays import spans
+from dynid.scratch import spans
 
 #: Numbers beyond this are not measured, counted or computed by anybody: those of a header, and those of arrays, of
 #: which five may be multiplied.

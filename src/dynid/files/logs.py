@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from dynid import limits
-from dynid.drivers.interface import JOINT_STATE
-from dynid.drivers.registry import driver_of
+from dynid.drivers.interface import JOINT_STATE, driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, NewerSchema, WrongMessageType
 from dynid.files import tuning
 from dynid.files.artifact import sha256

@@ -22,7 +22,7 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, Finding, TooLarge, WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
-from dynid.longarrays import Growing, taken
+from dynid.scratch import Growing, taken
 
 Times = NDArray[np.int64]
 #: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,

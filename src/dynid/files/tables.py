@@ -22,8 +22,8 @@ from dynid.files import tuning
 from dynid.files.columnwords import TIME_NAMES, stamps_of, suggested, time_unit, unit_of, usual_joints
 from dynid.files.dialect import Dialect, dialect_of, seconds_of
 from dynid.log import Log
-from dynid.longarrays import USUAL as NUMBERS
-from dynid.longarrays import Growing, filled, spread, taken
+from dynid.scratch import USUAL as NUMBERS
+from dynid.scratch import Growing, filled, spread, taken
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]

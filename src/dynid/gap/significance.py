@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
-from dynid.longarrays import release
 from dynid.model.effects.interface import Effect, Floats, Joints, Shape
+from dynid.scratch import release
 
 #: Identifier and joints of a candidate.
 Key = tuple[str, Joints]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
-from dynid.longarrays import Store
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import ArmMotion, Floats
+from dynid.scratch import Store
 
 Ints = NDArray[np.int64]
 #: Whitened columns of one effect by joint, {joint: (k, M_j)}.

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.command_port import CommandPort
+from dynid.drivers.interface import driver_of
 from dynid.drivers.joint_state import Columns, Sample
-from dynid.drivers.registry import driver_of
 from dynid.drivers.ros import Node
 from dynid.errors import (
     Finding,

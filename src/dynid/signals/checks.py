@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.registry import driver_of
+from dynid.drivers.interface import driver_of
 from dynid.errors import (
     Finding,
     JointNamesDiffer,
@@ -24,9 +24,9 @@ from dynid.errors import (
     WrongMessageType,
 )
 from dynid.log import Log
-from dynid.longarrays import empty, extremes, spans
 from dynid.model.parameters import expected_torque
 from dynid.robot import Joint, Robot
+from dynid.scratch import empty, extremes, spans
 from dynid.signals import tuning
 from dynid.signals.columns import (
     changed,

@@ -1,6 +1,6 @@
 """A driver's columns -> DH quantities of one robot: by name, in SI units, with sign, offset and coupling.
 
-Also what keeps or changes some of a log's samples; a long log is changed part by part (``dynid.longarrays``).
+Also what keeps or changes some of a log's samples; a long log is changed part by part (``dynid.scratch``).
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.registry import driver_of
+from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import Log
-from dynid.longarrays import empty, spans, taken
 from dynid.robot import Robot
+from dynid.scratch import empty, spans, taken
 from dynid.signals import tuning
 from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY

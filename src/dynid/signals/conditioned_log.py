@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError, Finding
 from dynid.log import Log
-from dynid.longarrays import empty, filled, release, samples_where, spans, taken
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.parameters import prior_vector
 from dynid.model.regressor import Model, prior_torques
 from dynid.progress import SILENT, Progress
 from dynid.robot import Coulomb
+from dynid.scratch import empty, filled, release, samples_where, spans, taken
 from dynid.signals import tuning
 from dynid.signals.filters import (
     Filter,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.log import Log
-from dynid.longarrays import USUAL, extremes, spans, spread
 from dynid.robot import Robot
+from dynid.scratch import USUAL, extremes, spans, spread
 from dynid.signals import tuning
 from dynid.signals.checks import measurable, slopes, unwrapped
 from dynid.signals.columns import changed, in_si, matching_columns, robot_columns, take_samples, to_dh

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import empty, extremes, median, median_step, samples_where, spans, spread
 from dynid.model.effects.friction import coulomb_sign
 from dynid.robot import Coulomb, Robot
+from dynid.scratch import empty, extremes, median, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
 from dynid.signals.stamps import steps

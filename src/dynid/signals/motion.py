@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
-from dynid.longarrays import by_column, empty, extremes, release, samples_where, spans
 from dynid.robot import Robot
+from dynid.scratch import by_column, empty, extremes, release, samples_where, spans
 from dynid.signals import tuning
 
 Floats = NDArray[np.float64]

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.drivers.registry import driver_of
+from dynid.drivers.interface import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
-from dynid.longarrays import PIECE, USUAL, empty, filled, median, median_step, samples_where, spans, spread
 from dynid.robot import Robot
+from dynid.scratch import PIECE, USUAL, empty, filled, median, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
 from dynid.signals.motion import any_moves, bandwidth, moving, runs

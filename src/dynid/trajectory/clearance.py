@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.longarrays import filled
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
+from dynid.scratch import filled
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.scene import Box, Scene, nearest_of_segments, segment_to_box

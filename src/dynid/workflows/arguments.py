@@ -25,7 +25,6 @@ from dynid.motion import Motion
 from dynid.options import Options
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
-from dynid.threads import one_thread
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -58,6 +57,25 @@ _MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of
 LONGEST_NAME = 255
 #: The public function that runs.
 _running: ContextVar[Callable[..., Any] | None] = ContextVar("running", default=None)
+
+
+def one_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function during which linear algebra has one thread; after it, as many as before.
+
+    Why: matrices are of the size that arms have, and with more threads these wait for each other in a loop. From Python
+    NumPy is loaded before dynid, so that setting a variable of the environment is too late; benchmarks/speed.md has
+    what that costs.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> T:
+        from threadpoolctl import threadpool_limits
+
+        # Why anew every time: what was imported in between has threads of its own.
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
 
 
 def public(function: Callable[P, T]) -> Callable[P, T]:

@@ -12,10 +12,9 @@ from dynid.errors import Finding
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.text import visible
-from dynid.threads import one_thread
 from dynid.units import joint_unit
-from dynid.workflows.diagnosis import diagnose_logs
-from dynid.workflows.logs import LogOptions, checked_log, read_log
+from dynid.workflows.arguments import one_thread
+from dynid.workflows.logs import LogOptions, checked_log, diagnose_logs, read_log
 from dynid.workflows.robots import load_robot
 
 if TYPE_CHECKING:

@@ -11,10 +11,9 @@ from dynid.log import Log
 from dynid.progress import Progress
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
-from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.gap_options import GapOptions, selection_options
 from dynid.workflows.gap_result import Gap, with_methods
-from dynid.workflows.logs import checked_log, condition_logs, load_log
+from dynid.workflows.logs import check_weight, checked_log, condition_logs, load_log
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:

@@ -13,10 +13,9 @@ from dynid.options import option, share
 from dynid.progress import SILENT, Progress
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
-from dynid.workflows.diagnosis import identified
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs, identified
+from dynid.workflows.model import PriorOptions, with_prior
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
-from dynid.workflows.prior import PriorOptions, with_prior
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:

@@ -12,9 +12,8 @@ from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals.stamps import without_copies
-from dynid.threads import one_thread
 from dynid.workflows import arguments
-from dynid.workflows.arguments import public
+from dynid.workflows.arguments import one_thread, public
 from dynid.workflows.cluster import mapped
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
 from dynid.workflows.model import base_model

@@ -205,7 +205,7 @@ def record(
 
 def _recorded(run: _Session) -> Recording:
     """Check, ask, move or listen, write."""
-    from dynid.drivers.registry import driver_of
+    from dynid.drivers.interface import driver_of
     from dynid.record import preflight
 
     options = run.options

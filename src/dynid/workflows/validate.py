@@ -12,9 +12,8 @@ from dynid.progress import Progress
 from dynid.table import Table
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
-from dynid.workflows.diagnosis import check_weight
 from dynid.workflows.drive_gains import in_amperes
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs
+from dynid.workflows.logs import LogOptions, check_weight, checked_log, condition_logs
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dynid.drivers.registry import DRIVERS, driver_of
+from dynid.drivers.interface import Driver, driver_of
+from dynid.drivers.kinova_gen2 import KinovaGen2
 from dynid.errors import TopicMissing, WrongMessageType
 from makelogs import gen2, lwr
 
@@ -35,22 +36,22 @@ def test_kinova_is_told_how_to_publish_faster():
 def test_a_default_topic_is_found_in_any_namespace():
     robot = replace(gen2(), driver=None)
     topics = {"/a/out/joint_state": STATE, "/gripper/js": STATE, "/tf": "tf2_msgs/TFMessage"}
-    assert DRIVERS["kinova_gen2"].choose_topic(topics, None, robot, "log.bag") == "/a/out/joint_state"
+    assert KinovaGen2().choose_topic(topics, None, robot, "log.bag") == "/a/out/joint_state"
 
 
 def test_the_only_joint_state_topic_needs_no_name():
     robot = replace(lwr(), driver=None)
-    assert DRIVERS["generic"].choose_topic({"/odd": STATE}, None, robot, "log.bag") == "/odd"
+    assert Driver().choose_topic({"/odd": STATE}, None, robot, "log.bag") == "/odd"
 
 
 def test_a_bag_without_joint_states_lists_what_it_has():
     robot = replace(lwr(), driver=None)
     with pytest.raises(TopicMissing, match=r"it has /tf \(TFMessage\)"):
-        DRIVERS["generic"].choose_topic({"/tf": "tf2_msgs/TFMessage"}, None, robot, "log.bag")
+        Driver().choose_topic({"/tf": "tf2_msgs/TFMessage"}, None, robot, "log.bag")
 
 
 def test_a_topic_of_another_type_is_refused_with_the_one_to_use():
     topics = {"/tf": "tf2_msgs/TFMessage", "/joint_states": STATE}
     with pytest.raises(WrongMessageType, match="/tf is tf2_msgs/TFMessage; use /joint_states") as caught:
-        DRIVERS["generic"].choose_topic(topics, "/tf", lwr(), "log.bag")
+        Driver().choose_topic(topics, "/tf", lwr(), "log.bag")
     assert caught.value.fix == "--topic /joint_states"

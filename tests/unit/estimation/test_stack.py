@@ -167,7 +167,7 @@ def test_some_blocks_of_a_stack_are_a_stack_of_their_rows(base):
 def test_long_logs_give_the_same_rows_from_a_file_or_evaluated_anew(base, monkeypatch):
     kept = stacked(base, simulated(base))
     for in_memory, limit in ((1000, 1 << 30), (1 << 20, 0)):
-        monkeypatch.setattr("dynid.longarrays.IN_MEMORY", in_memory)
+        monkeypatch.setattr("dynid.scratch.IN_MEMORY", in_memory)
         monkeypatch.setattr("dynid.estimation.tuning.KEPT_BYTES", limit)
         other = stacked(base, simulated(base))
         list(other)

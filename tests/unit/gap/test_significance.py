@@ -47,7 +47,7 @@ def test_the_gain_is_the_drop_of_the_sum_of_squares(regression, name, joints):
 
 
 def test_columns_that_are_kept_in_a_file_are_judged_alike(regression, monkeypatch):
-    monkeypatch.setattr("dynid.longarrays.IN_MEMORY", 1000)
+    monkeypatch.setattr("dynid.scratch.IN_MEMORY", 1000)
     for name in ("torque_offset", "stribeck"):
         for many in (True, False):
             monkeypatch.setattr("dynid.gap.whitened_regression.FEW_ROWS", 0 if many else 1 << 13)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid import longarrays
+from dynid import scratch
 from dynid.errors import DynidError
 from dynid.log import Log
 from dynid.model import build_model
@@ -74,8 +74,8 @@ def models():
 def test_a_log_in_parts_gives_what_the_whole_one_gives(monkeypatch, models, robot, log, kind):
     model, given = models[robot().name], spoilt(log(), kind)
     findings, arrays, summary = answer(given, robot(), model)
-    monkeypatch.setattr(longarrays, "PIECE", 700)
-    monkeypatch.setattr(longarrays, "IN_MEMORY", 1000)
+    monkeypatch.setattr(scratch, "PIECE", 700)
+    monkeypatch.setattr(scratch, "IN_MEMORY", 1000)
     again, pieced, said = answer(given, robot(), model)
     assert again == findings
     assert len(pieced) == len(arrays)
@@ -97,7 +97,7 @@ def test_the_rate_of_a_long_log_is_that_of_samples_spread_over_it(monkeypatch):
     t = np.cumsum(np.random.default_rng(3).uniform(0.9, 1.1, 9000)) / 100
     zeros = np.zeros((9000, 1))
     whole = Log(t, zeros, zeros).rate
-    monkeypatch.setattr(longarrays, "USUAL", 3200)
+    monkeypatch.setattr(scratch, "USUAL", 3200)
     assert Log(t, zeros, zeros).rate == pytest.approx(whole, rel=5e-3)
 
 
@@ -112,7 +112,7 @@ def test_positions_are_looked_up_in_parts_as_they_are_whole(monkeypatch):
 @pytest.mark.parametrize("shape", [(1, 7), (63, 7), (64, 7), (1000, 3), (200,)])
 def test_columns_are_reduced_as_one_by_one(shape):
     x = np.random.default_rng(0).standard_normal(shape)
-    low, high = longarrays.extremes(x)
+    low, high = scratch.extremes(x)
     assert np.array_equal(low, x.min(axis=0))
     assert np.array_equal(high, x.max(axis=0))
-    np.testing.assert_allclose(longarrays.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(scratch.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)
