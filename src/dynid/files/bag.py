@@ -57,14 +57,14 @@ def list_topics(path: Path) -> dict[str, Topic]:
     """
     _check_magic(path)
     try:
-        index = read_index(path)
+        connections, chunks = read_index(path)
     except Broken as error:
         if found := counted(scan(path)):
             return found
         raise nothing_readable(path, str(error)) from None
-    none = [(connection, 0) for connection in index.connections.values()]
-    some = [(n, count) for counts in index.chunks.values() for n, count in counts.items() if n in index.connections]
-    return topics_of([*none, *((index.connections[number], count) for number, count in some)])
+    none = [(connection, 0) for connection in connections.values()]
+    some = [(n, count) for counts in chunks.values() for n, count in counts.items() if n in connections]
+    return topics_of([*none, *((connections[number], count) for number, count in some)])
 
 
 def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
@@ -98,28 +98,12 @@ def _check_magic(path: Path) -> None:
 
 
 # ---------------------------------------------------------------- the index
-@dataclass(frozen=True)
-class Index:
-    """What the index at the end of a closed bag says.
+def read_index(path: Path) -> tuple[dict[int, Connection], dict[int, dict[int, int]]]:
+    """Return what the index at the end of a closed bag says.
 
-    Attributes:
-        connections: by their number.
-        chunks: for each chunk, by its place in the file, how many messages it has of which connection.
-    """
-
-    connections: dict[int, Connection]
-    chunks: dict[int, dict[int, int]]
-
-    def lacks(self, place: int, topics: Collection[str]) -> bool:
-        """Return whether the chunk at a place is known to have no message of some topics."""
-        numbers = self.chunks.get(place)
-        return numbers is not None and not any(
-            number in self.connections and self.connections[number].topic in topics for number in numbers
-        )
-
-
-def read_index(path: Path) -> Index:
-    """Return the index of a bag.
+    Returns:
+        the connections by their number; for each chunk, by its place in the file, how many messages of which
+        connection it has.
 
     Raises:
         Broken: there is none, or it is damaged.
@@ -138,19 +122,20 @@ def read_index(path: Path) -> Index:
         if start > end:
             raise Broken("it ends before its index")
         stream.seek(start)
-        found = Index({}, {})
+        connections: dict[int, Connection] = {}
+        chunks: dict[int, dict[int, int]] = {}
         while stream.tell() < end:
             header, size = _read_head(stream, end)
             data = _read_exactly(stream, size, end)
             if header.get(b"op") == _CONNECTION:
-                _remember(header, data, found.connections, path)
+                _remember(header, data, connections, path)
             elif header.get(b"op") == _CHUNK_INFO:
                 chunk = int.from_bytes(header.get(b"chunk_pos", b""), "little")
-                found.chunks[chunk] = dict(struct.iter_unpack("<II", data[: len(data) // 8 * 8]))
+                chunks[chunk] = dict(struct.iter_unpack("<II", data[: len(data) // 8 * 8]))
         counts = [_number(opening, key) for key in (b"conn_count", b"chunk_count")]
-        if len(found.connections) < counts[0] or len(found.chunks) < counts[1]:
+        if len(connections) < counts[0] or len(chunks) < counts[1]:
             raise Broken("its index is not whole")
-        return found
+        return connections, chunks
 
 
 # ---------------------------------------------------------------- the walk
@@ -177,12 +162,20 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
         Broken: after the last readable message, where there were others: a record or a chunk is damaged.
         TooLarge: a chunk unpacks to more than the limit.
     """
-    walk, index = _Walk(path), None
+    walk = _Walk(path)
+    known: dict[int, Connection] = {}
+    chunks: dict[int, dict[int, int]] = {}
     try:
-        index = read_index(path)
-        walk.connections.update(index.connections)
+        known, chunks = read_index(path)
+        walk.connections.update(known)
     except Broken as error:
         walk.broken = str(error)
+    # Why: a chunk without any wanted message is not unpacked.
+    unwanted = {
+        place
+        for place, numbers in chunks.items()
+        if topics is not None and not any(number in known and known[number].topic in topics for number in numbers)
+    }
     with HashedFile(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(len(MAGIC))
@@ -192,7 +185,7 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
                 header, size = _read_head(stream, end)
                 if header.get(b"op") != _CHUNK:
                     messages = _one(header, _read_exactly(stream, size, end), walk)
-                elif index is not None and topics is not None and index.lacks(place, topics):
+                elif place in unwanted:
                     stream.seek(size, os.SEEK_CUR)
                     continue
                 else:
@@ -276,36 +269,26 @@ def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
         after = position + count * (head + size)
         places.setdefault(last, []).extend(range(position, after, head + size))
         position = after
-    groups = [each for (head, size), where in places.items() for each in _by_header(chunk, head, size, np.array(where))]
+    # Records of one header but for the time: bytes of header and data, and where they begin.
+    groups = [
+        (head, size, where)
+        for (head, size), found in places.items()
+        for where in _by_header(chunk, head, head + size, np.array(found))
+    ]
+    # The header of each, by where its first record begins.
+    headers: dict[int, dict[bytes, bytes]] = {}
     try:
-        for group in sorted(groups, key=lambda group: int(group.where[0])):
-            end = int(group.where[0])
-            group.header = _fields(chunk[end + 4 : end + group.head - 4])
-            if group.header.get(b"op") == _CONNECTION:
-                for place in group.where.tolist():
-                    _remember(group.header, chunk[place + group.head :][: group.size], walk.connections, walk.path)
+        for head, size, where in sorted(groups, key=lambda group: int(group[2][0])):
+            end = int(where[0])
+            headers[end] = _fields(chunk[end + 4 : end + head - 4])
+            if headers[end].get(b"op") == _CONNECTION:
+                for place in where.tolist():
+                    _remember(headers[end], chunk[place + head :][:size], walk.connections, walk.path)
         end = len(chunk)
     except Broken as error:
         walk.broken = walk.broken or str(error)
-    for group in groups:
-        yield from _of_group(chunk, group, end, walk)
-
-
-@dataclass
-class _Group:
-    """Records of a chunk with one header but for the time.
-
-    Attributes:
-        head: bytes of the header, lengths included.
-        size: bytes of the data.
-        where: where they begin, (N,).
-        header: fields of the first.
-    """
-
-    head: int
-    size: int
-    where: NDArray[np.int64]
-    header: dict[bytes, bytes] = field(default_factory=dict)
+    for head, size, where in groups:
+        yield from _of_group(chunk, headers.get(int(where[0]), {}), head, size, where[where < end], walk)
 
 
 def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
@@ -317,35 +300,36 @@ def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
     return len(equal) if equal.all() else int(np.argmin(equal))
 
 
-def _by_header(chunk: bytes, head: int, size: int, where: NDArray[np.int64]) -> Iterator[_Group]:
+def _by_header(chunk: bytes, head: int, step: int, where: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
     """Yield records with headers and data of one length each by what their headers say besides the time."""
     time = chunk.find(_TIME, where[0], where[0] + head) - where[0] + len(_TIME)
-    headers = _rows(chunk, where, head, head + size).copy()
+    headers = _rows(chunk, where, head, step).copy()
     if len(_TIME) <= time <= head - 8:
         headers[
             np.all(headers[:, time - len(_TIME) : time] == np.frombuffer(_TIME, np.uint8), axis=1), time : time + 8
         ] = 0
     if np.all(headers == headers[0]):
-        yield _Group(head, size, where)
+        yield where
         return
     _, kind = np.unique(headers.view(f"V{head}").ravel(), return_inverse=True)
     order = np.argsort(kind, kind="stable")
     for part in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
-        yield _Group(head, size, where[part])
+        yield where[part]
 
 
-def _of_group(chunk: bytes, group: _Group, end: int, walk: _Walk) -> Iterator[Messages]:
-    """Yield the messages of a group that begin before the end of what is whole."""
-    where = group.where[group.where < end]
-    if group.header.get(b"op") != _MESSAGE or not len(where) or len(group.header.get(b"time", b"")) != 8:
+def _of_group(
+    chunk: bytes, header: dict[bytes, bytes], head: int, size: int, where: NDArray[np.int64], walk: _Walk
+) -> Iterator[Messages]:
+    """Yield the messages of records with one header but for the time."""
+    if header.get(b"op") != _MESSAGE or not len(where) or len(header.get(b"time", b"")) != 8:
         return
-    connection = walk.connections.get(_number(group.header, b"conn"))
+    connection = walk.connections.get(_number(header, b"conn"))
     if connection is None:
         return
-    records = _rows(chunk, where, group.head + group.size, group.head + group.size)
+    records = _rows(chunk, where, head + size, head + size)
     time = chunk.find(_TIME, where[0]) - where[0] + len(_TIME)
     words = np.ascontiguousarray(records[:, time : time + 8]).view("<u4").astype(np.int64)
-    yield Messages(connection, words[:, 0] * 10**9 + words[:, 1], records[:, group.head :])
+    yield Messages(connection, words[:, 0] * 10**9 + words[:, 1], records[:, head:])
 
 
 def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDArray[np.uint8]:
