@@ -81,7 +81,7 @@ def read(way: str, path: Path) -> int:
     import numpy as np
 
     from dynid.files import logs
-    from dynid.files.messages import CHECKSUMS, Collector, Connection, Messages
+    from dynid.files.messages import CHECKSUMS, Collector, Connection
 
     if way == "dynid":
         found, _ = logs.container_of(logs.format_of(path)).read_topics(path, [TOPIC])
@@ -91,7 +91,7 @@ def read(way: str, path: Path) -> int:
         connection = Connection(TOPIC, STATE, "", CHECKSUMS[STATE], block[0][0])
         collector = collector or Collector(connection)
         table = np.frombuffer(b"".join(raw for _, _, raw in block), np.uint8).reshape(len(block), -1)
-        collector.add(Messages(connection, np.array([arrival for _, arrival, _ in block]), table))
+        collector.add(np.array([arrival for _, arrival, _ in block]), table)
     return sum(map(len, collector.logs())) if collector else 0
 
 

@@ -191,7 +191,7 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
                 else:
                     messages = _chunk(stream, header, size, end, walk)
                 for item in messages:
-                    if topics is None or item.connection.topic in topics:
+                    if topics is None or item[0].topic in topics:
                         yield item
         except Broken as error:
             walk.broken = walk.broken or str(error)
@@ -329,7 +329,7 @@ def _of_group(
     records = _rows(chunk, where, head + size, head + size)
     time = chunk.find(_TIME, where[0]) - where[0] + len(_TIME)
     words = np.ascontiguousarray(records[:, time : time + 8]).view("<u4").astype(np.int64)
-    yield Messages(connection, words[:, 0] * 10**9 + words[:, 1], records[:, head:])
+    yield connection, words[:, 0] * 10**9 + words[:, 1], records[:, head:]
 
 
 def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDArray[np.uint8]:
@@ -349,7 +349,7 @@ def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[Messa
         if connection is not None and len(stamp) == 8:
             seconds, nanoseconds = struct.unpack("<II", stamp)
             arrival = np.array([seconds * 10**9 + nanoseconds], dtype=np.int64)
-            yield Messages(connection, arrival, np.frombuffer(data, np.uint8)[None])
+            yield connection, arrival, np.frombuffer(data, np.uint8)[None]
     elif op == _CONNECTION:
         _remember(header, data, walk.connections, walk.path)
 

@@ -84,23 +84,9 @@ class Connection:
     encoding: str = "ros1"
 
 
-@dataclass(frozen=True)
-class Messages:
-    """Messages of one connection and one length.
-
-    Attributes:
-        connection: their publisher.
-        arrival: when they were recorded, (N,) [ns].
-        raw: their bytes, (N, length).
-    """
-
-    connection: Connection
-    arrival: Times
-    raw: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        """Return the number of messages."""
-        return len(self.arrival)
+#: Messages of one connection and one length: their publisher, when they were recorded, (N,) [ns], and their bytes,
+#: (N, length).
+Messages = tuple[Connection, Times, NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -135,8 +121,8 @@ def counted(messages: Iterable[Messages]) -> dict[str, Topic]:
     """Return the topics of a damaged recording by name: of the messages that can be read."""
     counts: list[tuple[Connection, int]] = []
     try:
-        for some in messages:
-            counts.append((some.connection, len(some)))
+        for connection, arrival, _ in messages:
+            counts.append((connection, len(arrival)))
     except Broken:
         pass
     return topics_of(counts)
@@ -165,11 +151,10 @@ def collected(
         collectors: dict[str, Collector] = {}
         for part in parts:
             try:
-                for messages in scan(part):
-                    topic = messages.connection.topic
-                    if topic not in collectors:
-                        collectors[topic] = Collector(messages.connection, lenient=lenient)
-                    collectors[topic].add(messages)
+                for connection, arrival, raw in scan(part):
+                    if connection.topic not in collectors:
+                        collectors[connection.topic] = Collector(connection, lenient=lenient)
+                    collectors[connection.topic].add(arrival, raw)
             except Broken as error:
                 reasons.append(f"{part.name}: {error}" if part != path else str(error))
         return {topic: logs for topic, collector in collectors.items() if (logs := collector.logs())}
@@ -272,20 +257,25 @@ class Collector:
         self._count = 0
         self._groups: dict[frozenset[str], _Group] = {}
 
-    def add(self, messages: Messages) -> None:
-        """Take messages; few of them are put together with others before they are decoded."""
-        limits.check("message_bytes", messages.raw.shape[1], self.connection.topic)
-        self._count += len(messages)
+    def add(self, arrival: Times, raw: NDArray[np.uint8]) -> None:
+        """Take messages of one length; few of them are put together with others before they are decoded.
+
+        Args:
+            arrival: when they were recorded, (N,) [ns].
+            raw: their bytes, (N, length).
+        """
+        limits.check("message_bytes", raw.shape[1], self.connection.topic)
+        self._count += len(arrival)
         limits.check("samples", self._count, self.connection.topic)
-        if len(messages) < FEW:
-            for time, one in zip(messages.arrival.tolist(), messages.raw, strict=True):
+        if len(arrival) < FEW:
+            for time, one in zip(arrival.tolist(), raw, strict=True):
                 self._pending.append((time, one.tobytes()))
-            self._bytes += messages.raw.size
+            self._bytes += raw.size
             if len(self._pending) >= tuning.MESSAGES or self._bytes > tuning.MESSAGE_BYTES:
                 self._flush()
             return
         self._flush()
-        self._decode(messages.arrival, messages.raw)
+        self._decode(arrival, raw)
 
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""

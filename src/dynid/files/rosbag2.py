@@ -158,7 +158,7 @@ def _alike(waiting: dict[tuple[int, int], tuple[Connection, list[int], list[byte
     """Yield what waits, and forget it."""
     for connection, arrival, raws in waiting.values():
         table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1 if raws[0] else 0)
-        yield Messages(connection, np.array(arrival, dtype=np.int64), table)
+        yield connection, np.array(arrival, dtype=np.int64), table
     waiting.clear()
 
 

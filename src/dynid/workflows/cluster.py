@@ -19,7 +19,6 @@ from contextlib import contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from dynid.children import command, environment
 from dynid.errors import PackageMissing, SchedulerSilent, WorkersDied, WrongUsage
 from dynid.progress import SILENT, Progress
 from dynid.scratch import scratch_folder
@@ -162,6 +161,8 @@ def opened(
 @contextmanager
 def _local(workers: int, memory: int, dashboard: bool, security: Any) -> Iterator[str]:  # noqa: ANN401
     """Give the address of a scheduler on this machine, which ends with the block."""
+    from dynid.children import command, environment
+
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
     with (
         scratch_folder() as folder,

@@ -34,7 +34,7 @@ def test_a_whole_bag_scanned_without_index_gives_every_message(tmp_path, bags):
     for compression, content in bags.items():
         path = tmp_path / f"{compression}.bag"
         path.write_bytes(content)
-        assert sum(len(messages) for messages in scan(path)) == 10_000
+        assert sum(len(arrival) for _, arrival, _ in scan(path)) == 10_000
 
 
 def test_a_bag_cut_at_99_percent_gives_all_messages_before_the_cut(tmp_path, bags):
