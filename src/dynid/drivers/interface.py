@@ -1,4 +1,4 @@
-"""The port to a robot driver: its topic of joint states, which columns can be trusted, and how it is commanded."""
+"""What is known of robot drivers: topics of joint states, which columns can be trusted, which port commands the arm."""
 
 from __future__ import annotations
 
@@ -14,10 +14,6 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 JOINT_STATE = "sensor_msgs/JointState"
-
-
-#: The drivers that robot files name.
-KINDS = ("kinova_gen2", "lwr4plus", "generic")
 
 
 class Driver:
@@ -132,15 +128,78 @@ def _listed(topics: Mapping[str, str]) -> str:
     return (", ".join(shown[:8]) + more) if shown else "no messages"
 
 
+class Lwr4Plus(Driver):
+    """LWR4+ through any of its ROS drivers.
+
+    FRI sends no velocity: every driver differentiates, two of them with a lag of four cycles. Two drivers put the
+    estimated *external* torque into ``effort``, which is near zero in free motion. ros_control publishes the joints in
+    alphabetical order, so the elbow e1 comes last although it is the third joint.
+    """
+
+    kind: ClassVar[str] = "lwr4plus"
+    default_topics: ClassVar[tuple[str, ...]] = ("lwr/joint_states", "joint_states")
+    velocity_trusted: ClassVar[bool] = False
+    velocity_note: ClassVar[str] = "FRI sends none; the driver differentiates with a lag"
+    gravity_fix: ClassVar[str] = (
+        "log the measured torque (FRI msrJntTrq; port JointTorqueAct of rtt_lwr), not the estimated external one, "
+        "or say `torque: {source: gravity_free}` in the robot file"
+    )
+
+    def open_port(
+        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+    ) -> CommandPort:
+        """Return the port of the position controller."""
+        from dynid.drivers.lwr4plus import Lwr4PlusPort
+
+        return Lwr4PlusPort(node, robot, state_topic, command_topic)
+
+
+class KinovaGen2(Driver):
+    """Jaco2, Mico2 and j2s7s300 through kinova-ros.
+
+    The velocity is the firmware's value doubled by the driver and wrapped after doubling; it is not used unless asked
+    for. Finger joints share the message with the arm. Topics of type kinova_msgs carry degrees and no time stamp.
+    """
+
+    kind: ClassVar[str] = "kinova_gen2"
+    default_topics: ClassVar[tuple[str, ...]] = ("out/joint_state", "out/joint_states")
+    velocity_trusted: ClassVar[bool] = False
+    velocity_note: ClassVar[str] = "the Kinova driver doubles and wraps it"
+    rate_fix: ClassVar[str] = (
+        "relaunch: roslaunch kinova_bringup kinova_robot.launch feedback_publish_rate:=0.01 "
+        "(an interval in s; USB reaches about 40-60 Hz, Ethernet 100 Hz)"
+    )
+    gravity_fix: ClassVar[str] = (
+        "set the driver parameter publish_torque_with_gravity_compensation to false, "
+        "or say `torque: {source: gravity_free}` in the robot file"
+    )
+
+    def ignores(self, name: str) -> bool:
+        """Return whether the column is a finger."""
+        return "finger" in name
+
+    def type_note(self, kind: str) -> str:
+        """Return what is wrong with the driver's own messages."""
+        return (
+            " (degrees, no time stamp)"
+            if kind == "kinova_msgs/JointAngles"
+            else " (no positions, no time stamp)"
+            if kind.startswith("kinova_msgs/")
+            else ""
+        )
+
+    def open_port(
+        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+    ) -> CommandPort:
+        """Return the port of the velocity topic."""
+        from dynid.drivers.kinova_gen2 import KinovaGen2Port
+
+        return KinovaGen2Port(node, robot, state_topic, command_topic)
+
+
+DRIVERS: dict[str, Driver] = {driver.kind: driver for driver in (KinovaGen2(), Lwr4Plus(), Driver())}
+
+
 def driver_of(robot: Robot) -> Driver:
     """Return the driver that the robot file names, the generic one when it names none."""
-    kind = robot.driver.kind if robot.driver else "generic"
-    if kind == "kinova_gen2":
-        from dynid.drivers.kinova_gen2 import KinovaGen2
-
-        return KinovaGen2()
-    if kind == "lwr4plus":
-        from dynid.drivers.lwr4plus import Lwr4Plus
-
-        return Lwr4Plus()
-    return Driver()
+    return DRIVERS[robot.driver.kind if robot.driver else "generic"]

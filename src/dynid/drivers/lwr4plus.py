@@ -6,40 +6,11 @@ Source: CentroEPiaggio/kuka-lwr, epfl-lasa/kuka-lwr-ros, kuka-isir/rtt_lwr, RCPR
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from dynid.drivers.command_port import CommandPort
-from dynid.drivers.interface import Driver
 from dynid.drivers.joint_trajectory import JointTrajectoryPort
-from dynid.drivers.ros import Node, import_ros
+from dynid.drivers.ros import import_ros
 from dynid.errors import ServiceMissing, TopicSilent
-
-if TYPE_CHECKING:
-    from dynid.robot import Robot
-
-
-class Lwr4Plus(Driver):
-    """LWR4+ through any of its ROS drivers.
-
-    FRI sends no velocity: every driver differentiates, two of them with a lag of four cycles. Two drivers put the
-    estimated *external* torque into ``effort``, which is near zero in free motion. ros_control publishes the joints in
-    alphabetical order, so the elbow e1 comes last although it is the third joint.
-    """
-
-    kind: ClassVar[str] = "lwr4plus"
-    default_topics: ClassVar[tuple[str, ...]] = ("lwr/joint_states", "joint_states")
-    velocity_trusted: ClassVar[bool] = False
-    velocity_note: ClassVar[str] = "FRI sends none; the driver differentiates with a lag"
-    gravity_fix: ClassVar[str] = (
-        "log the measured torque (FRI msrJntTrq; port JointTorqueAct of rtt_lwr), not the estimated external one, "
-        "or say `torque: {source: gravity_free}` in the robot file"
-    )
-
-    def open_port(
-        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
-    ) -> CommandPort:
-        """Return the port of the position controller."""
-        return Lwr4PlusPort(node, robot, state_topic, command_topic)
 
 
 class Lwr4PlusPort(JointTrajectoryPort):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dynid import limits
-from dynid.drivers.interface import KINDS
+from dynid.drivers.interface import DRIVERS
 from dynid.errors import AngleTooLarge, Finding, WrongRobotFile
 from dynid.files import tuning
 from dynid.files.yamlfile import Value
@@ -470,7 +470,7 @@ COLUMNS = (
 )
 
 DRIVER = (
-    Key("kind", choice(*KINDS), REQUIRED, "The driver that made the log."),
+    Key("kind", choice(*DRIVERS), REQUIRED, "The driver that made the log."),
     Key("topic", TEXT, "that of the driver", "ROS topic of the joint states.", nullable=True),
     Key("joint_names", per_joint(TEXT), "names of the joints", "Names of the log's columns in chain order."),
     Key("sign", SIMULATOR[0].kind, "1", "Direction of each joint: q_dh = sign * q_log + offset, "

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dynid.drivers.interface import Driver, driver_of
-from dynid.drivers.kinova_gen2 import KinovaGen2
+from dynid.drivers.interface import Driver, KinovaGen2, driver_of
 from dynid.errors import TopicMissing, WrongMessageType
 from makelogs import gen2, lwr
 
