@@ -158,7 +158,7 @@ CASES = {
     "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
     "a prior of no possible body": ("arm.yaml", ROBOT.replace("izz: 0.015", "izz: 50"), "trajectory arm.yaml plan.yaml --preview none --out out", 1, "the prior of link 2 is no possible body"),
     "one effect twice": ("arm.yaml", effects("effect: viscous", "effect: viscous"), "check arm.yaml", 3, "viscous is there twice on elbow"),
-    "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "parameters known"),
+    "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "with mass, centre and inertia"),
     "an arm with effects": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: backlash, parameters: {b: 0.01}"), "trajectory arm.yaml --seconds 1 --preview none --out out", 0, "planned without"),
     "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
     "a formula on no joint": ("arm.yaml", ROBOT + "effects:\n  - {effect: formula, formula: a q, joints: []}\n", "model arm.yaml --out out", 3, "acts on no joint"),

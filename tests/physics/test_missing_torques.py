@@ -8,7 +8,7 @@ import pytest
 from arms import pinocchio_model, pinocchio_torques
 
 from dynid import IdentifyOptions, Log, identify, load_robot
-from dynid.estimation import estimate
+from dynid.estimation import tuning
 from dynid.sim.plant import read_plant
 from dynid.workflows.validate import validate
 
@@ -70,8 +70,8 @@ def test_where_a_possible_arm_is_contradicted_the_set_in_force_hangs_on_what_is_
     options = IdentifyOptions(holdout=None, residual_model=False)
     found = identify(ROBOT, sprung, options)
     assert found.in_force == "plain"
-    assert "contradict every possible arm" in found.choice
-    monkeypatch.setattr(estimate, "CLEARLY", 100.0)
+    assert "no physically possible arm explains the torques" in found.choice
+    monkeypatch.setattr(tuning, "CLEARLY_BETTER", 100.0)
     found = identify(ROBOT, sprung, options)
     assert found.in_force == "physical"
     assert "expected to be better" in found.choice

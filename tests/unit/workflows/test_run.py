@@ -184,12 +184,13 @@ def test_no_process_outlives_a_batch_that_is_interrupted_or_killed(batch, number
 
     words = [sys.executable, "-m", "dynid", "run", "batch.yaml", "--jobs", "2"]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    every, started = psutil.Process(process.pid), []
-    while process.poll() is None and sum("spawn_main" in " ".join(each.cmdline()) for each in started) < 2:
+    every, started, spawned = psutil.Process(process.pid), [], 0
+    while process.poll() is None and spawned < 2:
         time.sleep(0.05)
+        # A process may end between being listed and being asked.
         with suppress(psutil.Error):
             started = every.children(recursive=True)
-            [each.cmdline() for each in started]
+            spawned = sum("spawn_main" in " ".join(each.cmdline()) for each in started)
     process.send_signal(number)
     assert process.wait(20) in (130, -signal.SIGKILL)
     _, alive = psutil.wait_procs(started, timeout=5)
