@@ -74,4 +74,4 @@ def test_where_a_possible_arm_is_contradicted_the_set_in_force_hangs_on_what_is_
     monkeypatch.setattr(tuning, "CLEARLY_BETTER", 100.0)
     found = identify(ROBOT, sprung, options)
     assert found.in_force == "physical"
-    assert "expected to be better" in found.choice
+    assert "should still be better" in found.choice
