@@ -336,7 +336,9 @@ class WrongMapping(DynidError):
 
     code, status = "E324", ExitStatus.INPUT
     why = "the model explains little more than a constant and friction"
-    fix = "correct the DH convention, signs, offsets or order of the columns in the robot file, or go on with --anyway"
+    fix = (
+        "correct the DH convention, signs, offsets or order of the columns in the robot file, or continue with --anyway"
+    )
 
 
 # ---------------------------------------------------------------- 4: what the data can answer

@@ -314,9 +314,9 @@ def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0)
     best = found.best[0]
     what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
     if found.same:
-        what += f" (or, which makes the same torques, with {' or '.join(said(e.edits, robot) for e in found.same)})"
+        what += f" (the same torques result with {' or '.join(said(e.edits, robot) for e in found.same)})"
     if found.tied:
-        what += f" (or, which this log shows as well, with {' or '.join(said(e.edits, robot) for e in found.tied)})"
+        what += f" (this log fits as well with {' or '.join(said(e.edits, robot) for e in found.tied)})"
     evidence = {
         "unexplained": found.given.unexplained,
         "hypotheses": [_evidence(each, robot) for each in found.best],
@@ -330,9 +330,9 @@ def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0)
     edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same, *found.tied)]
     raise WrongMapping(
         what,
-        why="no bodies that can exist make these torques with the robot file as it is"
+        why="with this robot file, no physically possible arm makes these torques"
         + (f"; next likely: {'; '.join(others)}" if others else ""),
-        fix=f"in {robot.editable}: {', or '.join(edits)}; or go on with --anyway",
+        fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",
     )
 
 
@@ -344,7 +344,7 @@ def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:
         j = int(np.argmax(shares[0] / np.maximum(shares[1], 1e-3)))
         before, after, whose = float(shares[0][j]), float(shares[1][j]), f"the torque of {robot.joint_names[j]}"
     return (
-        f"the robot file leaves {100 * before:.0f} % unexplained of {whose} that is more than friction; "
+        f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is unexplained; "
         f"it would be {100 * after:.0f} %"
     )
 

@@ -147,7 +147,7 @@ def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
             for log in stack.logs
         ]
     except np.linalg.LinAlgError as error:
-        raise NotSimulated("these parameters make a joint without inertia") from error
+        raise NotSimulated("with these parameters a joint has no inertia") from error
     return stack.with_logs(logs)
 
 

@@ -97,7 +97,7 @@ def find_gains(stack: Stack, known: Floats, load: Load | None = None, scale_erro
         scale_error: standard deviation of the known gains as a share, common to all: the others follow their size.
 
     Raises:
-        RankDeficient: the logs do not tell the gains.
+        RankDeficient: the logs do not determine the gains.
     """
     unknown = np.flatnonzero(np.isnan(known))
     relative = load is None and len(unknown) == len(known)
@@ -228,7 +228,7 @@ def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relat
     if lost.any() and not relative:
         joints = ", ".join(problem.stacks[0].joints[k] for k in problem.unknown[lost])
         raise RankDeficient(
-            f"these logs do not tell the gain of {joints}",
+            f"these logs do not determine the gain of {joints}",
             fix="move more joints at once and faster, or use a heavier load",
         )
     columns = axes[:, kept] / length[:, None]

@@ -109,7 +109,7 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
     """
     if earlier.names != base.names or earlier.robot.joint_names != base.robot.joint_names:
         raise WrongUsage(
-            f"{earlier.label} has other base parameters than this log's model",
+            f"{earlier.label} has different base parameters from this log's model",
             fix="identify both with the same robot file",
         )
     if not earlier.factors.size:
@@ -149,7 +149,7 @@ def estimate(
         drop_weak: go on when the logs do not determine all base parameters.
         feasible: put the physically possible set in force, or the plain estimate; None takes the physical one unless
             the data contradict every possible arm.
-        residual_model: describe what the model lacks by random columns; None where the evidence wants it.
+        residual_model: fit a residual model to what the parameters leave unexplained; None where the data support it.
         size: sizes of the groups of these columns where they are known already.
 
     Raises:
@@ -312,7 +312,7 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
 
     if known.any() and same(physical).all() and not same(plain).all():
         count = int(known.sum())
-        raise NothingChanged(f"nothing changed: the physical set equals the prior in {count} of {count} parameters")
+        raise NothingChanged(f"nothing changed: the physical parameters equal the prior in {count} of {count}")
 
 
 def _in_force(
@@ -330,9 +330,7 @@ def _in_force(
     if post.error is not None and post.error.free.size:
         misfit = judged("physical")[1]
         names = ", ".join(stack.joints[j] for j in post.error.free)
-        explains = (
-            f"a physically possible arm explains all but a large torque of the position of {names}: try dynid gap"
-        )
+        explains = f"a physically possible arm explains all but a large torque that depends on {names}: try dynid gap"
     figures = f"torque error {misfit:.2f} %, plain estimate {best:.2f} %"
     if not contradicts(misfit, best):
         return "physical", f"{explains} ({figures})"
@@ -413,9 +411,9 @@ def _reason(base: BaseModel, stack: Stack, k: int) -> str:
         return f"{joint.name} never moves faster than {largest:.2g} {unit}/s"
     if kind in ("fc", "fo", "fcc"):
         reversals = sum(int(np.sum(np.diff(np.sign(s.qd[:, j])) != 0)) for s in segments)
-        return f"{joint.name} reverses {reversals} times only"
+        return f"{joint.name} reverses only {reversals} times"
     spans = [float(np.ptp(s.q[:, j])) for s in segments]
-    return f"{joint.name} covers {max(spans):.2g} {unit} only, so gravity and speed change little"
+    return f"{joint.name} covers only {max(spans):.2g} {unit}: gravity and speed change little"
 
 
 def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: bool) -> tuple[Finding, ...]:
@@ -443,11 +441,11 @@ def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: boo
     condition = plain.solution.condition_number_scaled
     if cost > tuning.POORLY_EXCITED_PERCENT:
         text = (
-            f"what this log hardly tells of the parameters costs the plain estimate {cost:.3g} % of the torque of an "
+            f"this log determines some parameters badly: the plain estimate would miss {cost:.3g} % of the torque of an "
             f"exciting motion; condition number {condition:.0f} (good: below 100)"
         )
         if not drop_weak:
-            fix = "plan a motion that tells more: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
+            fix = "plan a better motion: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
             raise PoorlyExcited(text, fix=fix)
         evidence = {"expected_percent": cost, "condition_number_scaled": condition}
         return (Finding("W402", "warning", text, evidence),)
@@ -461,8 +459,8 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
     if base.robot.torque.source != "joint_sensor" or not rotors:
         return []
     text = (
-        f"torques come from joint sensors after the gears: {', '.join(rotors)} and the friction here are what lies "
-        "behind the sensor; rotor inertia and motor friction before it are largely invisible"
+        f"torques come from joint sensors after the gears: {', '.join(rotors)} and friction describe the link side of "
+        "the sensor only; rotor inertia and motor friction are largely invisible"
     )
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
@@ -493,12 +491,12 @@ def physics_findings(
     share = indefinite_share(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), poses)
     if share:
         cause = (
-            "too little motion to tell, or a wrong sign or offset under `driver:`"
+            "too little motion, or a wrong sign or offset under `driver:`"
             if open_ > tuning.MANY_OPEN
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
         level = "info" if in_force == "physical" or open_ > tuning.MANY_OPEN else "warning"
-        text = f"the plain fit has no positive mass matrix in {100 * share:.0f} % of random poses: {cause}"
+        text = f"the mass matrix of the plain fit is not positive definite in {100 * share:.0f} % of poses: {cause}"
         found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
@@ -506,14 +504,14 @@ def physics_findings(
     for j in large:
         joint = base.robot.joint_names[j]
         text = (
-            f"{joint} has a large torque of its position that no possible arm has (a spring, a counterbalance?): it is "
-            "in the residual model, with which predictions hold, and not in the parameters; dynid gap may name it"
+            f"{joint} has a large torque that depends on its position and that links cannot make (a spring, a "
+            "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it"
         )
         found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[j])}))
     if not len(large) and growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
         joint = base.robot.joint_names[worst]
         text = (
-            f"the physical set explains {joint} worse than the plain fit: its torque error grows from "
+            f"the physical parameters explain {joint} worse than the plain fit: its torque error grows from "
             f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
         )
         found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])}))

@@ -264,9 +264,9 @@ def choose(stack: Stack) -> tuple[str, str]:
         Its name, and why.
     """
     if stack.earlier is not None:
-        return "wls", "an earlier result is updated, which keeps triangular factors and no single rows"
+        return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
     if stack.commanded:
-        return "iv", "the log holds the commanded motion, whose instruments are free of encoder noise"
+        return "iv", "the log holds the commanded motion, which has no encoder noise"
     shares, spiky = look_for_spikes(stack, stack.first_fit.theta)
     if spiky:
         share = 100 * float(np.max(shares))

@@ -42,9 +42,9 @@ def solvable() -> Iterator[None]:
         yield
     except np.linalg.LinAlgError as error:
         raise RankDeficient(
-            f"the numbers of these logs make systems that cannot be solved ({error})",
-            why="sensors do not give numbers that are so far apart, or torques of nothing",
-            fix="look at what was recorded: dynid check LOG --robot ROBOT",
+            f"the equations from these logs cannot be solved ({error})",
+            why="the values differ by too many orders of magnitude, or all torques are zero",
+            fix="look at the log: dynid check LOG --robot ROBOT",
         ) from error
 
 

@@ -86,10 +86,10 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
         edges = np.cumsum([0, *map(int, h["lengths"])]).tolist()
         owners = list(map(int, h["source_of_segment"]))
         if edges[-1] != len(a["t"]) or set(owners) != set(range(len(h["sources"]))) or not owners:
-            raise ValueError("its segments are not those of its logs")
+            raise ValueError("its segments do not match its logs")
         segments = [Segment(**{name: a[name][i:j] for name in _ARRAYS}) for i, j in pairwise(edges)]
         if not all(np.all(np.diff(segment.t) > 0) for segment in segments):
-            raise ValueError("its times do not rise")
+            raise ValueError("its times do not increase")
         return [_log(k, s, segments, owners) for k, s in enumerate(h["sources"])], h
 
 
@@ -100,7 +100,7 @@ def _log(number: int, source: Mapping[str, Any], segments: Sequence[Segment], ow
     own = [segment for segment, owner in zip(segments, owners, strict=True) if owner == number]
     taps = pulse_width(chosen.cutoff) * chosen.rate / chosen.first_step
     if not chosen.cutoff < chosen.rate or taps > sum(map(len, own)):
-        raise ValueError("its filter is none, or longer than its log")
+        raise ValueError("its filter is invalid or longer than its log")
     return ConditionedLog(own, chosen, source["name"], source["path"], source["sha256"], float(source["delay"]))
 
 

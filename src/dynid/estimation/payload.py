@@ -106,7 +106,7 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     """
     if not same_parameters(loaded, unloaded):
         raise WrongUsage(
-            f"{unloaded.label} has other base parameters than this log's model",
+            f"{unloaded.label} has different base parameters from this log's model",
             fix="identify both with the same robot file",
         )
     K = unloaded.reduction.K[:, last_link(unloaded.base)]

@@ -122,7 +122,7 @@ class Identification:
         physical: the physically possible parameters of the whole model nearest to data and prior.
         in_force: whether predictions use the ``"physical"`` set or the ``"plain"`` estimate.
         choice: why.
-        model_error: what the model lacks, as random columns; None where there is none, or no evidence for it.
+        model_error: residual model of what the parameters leave unexplained; None where the data support none.
         findings: what is worth a warning.
         header: where it comes from: logs with their hashes, filter, delay, command, inputs.
         path: its file; empty when it was not read from one.

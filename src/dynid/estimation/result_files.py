@@ -231,10 +231,10 @@ def _require_one_arm(found: Identification) -> None:
     """Raise when the parts of a result are not those of one arm."""
     robot = found.robot
     if len(found.joints) != robot.n:
-        raise ValueError("its joints are not those of its robot")
+        raise ValueError("its joints do not match its robot")
     names = parameter_names(robot)
     if found.reduction.names != names or found.physical.names != names:
-        raise ValueError("its parameters are not those of its robot")
+        raise ValueError("its parameters do not match its robot")
     _require_covariance(covariance=found.covariance, plain_covariance=found.plain_covariance)
     _require_covariance(full_covariance=found.physical.covariance)
     if found.model_error is not None:

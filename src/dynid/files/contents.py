@@ -176,7 +176,7 @@ def _require_array(array: NDArray[Any], declared: Array, name: str, number: str,
     if declared.rising and not all(
         np.all(np.diff(array[max(0, some.start - 1) : some.stop]) > 0) for some in spans(len(array))
     ):
-        raise ValueError(f"the numbers of '{name}' do not rise")
+        raise ValueError(f"the values of '{name}' do not increase")
 
 
 def require_numbers(

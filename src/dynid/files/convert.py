@@ -144,8 +144,8 @@ def _stamps(log: Log, start: int) -> list[int]:
     whole = bool(np.isfinite(log.t).all()) and abs(start) < LAST_STAMP * 10**9
     if not whole or log.t.min() + start * 1e-9 < 0 or log.t.max() + start * 1e-9 >= LAST_STAMP:
         raise LogLayout(
-            f"{log.name} has times before 1970 or after 2038, or that are no numbers", where=log.name,
-            why="messages of ROS have no such stamps", fix="write .npz, .csv or .parquet",
+            f"{log.name} has times that are not numbers, or lie before 1970 or after 2038", where=log.name,
+            why="time stamps of ROS cannot hold them", fix="write .npz, .csv or .parquet",
         )  # fmt: skip
     return [int(stamp) for stamp in start + np.round(log.t * 1e9).astype(np.int64)]
 

@@ -130,7 +130,9 @@ def _table(path: Path, rate: float | None) -> Inspected:
     except LogLayout:
         if usual_joints(columns) or patterns:
             raise
-        text = f"{path.name}: which of {len(columns)} columns are positions and torques cannot be told from their names"
+        text = (
+            f"{path.name}: which of {len(columns)} columns are positions and torques does not follow from their names"
+        )
         unknown = Finding("W330", "warning", text, {"columns": list(columns)})
         return Inspected(path, {}, columns, (), tables.template(columns), (unknown,))
     return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)

@@ -193,7 +193,7 @@ def _head(content: bytes, known: Summary) -> tuple[Connection, int]:
     if number not in known.channels:
         raise Broken("a message belongs to no channel")
     if arrival > LATEST:
-        raise Broken("a message is stamped later than any clock can count")
+        raise Broken("the time stamp of a message is out of range")
     return known.channels[number], arrival
 
 

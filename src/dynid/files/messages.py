@@ -213,9 +213,9 @@ def check_layout(connection: Connection) -> None:
     if not known:
         md5 = f" (md5 {connection.md5[:40]})" if connection.md5 else ""
         raise WrongMessageType(
-            f"the {kind} of {connection.topic} has another layout than the known one{md5}",
+            f"the {kind} of {connection.topic} differs from the standard definition{md5}",
             where=connection.topic,
-            why="only the known layout is decoded: another one would have to be trusted to say what its bytes mean",
+            why="dynid decodes the standard layout only",
             fix="record with the standard definition of this message",
         )
 
@@ -325,7 +325,7 @@ class Collector:
                     continue
                 # Why: sizes that no message before it had are damage, sizes of the first one are what was recorded.
                 if isinstance(error, TooLarge) and (rows or self._groups):
-                    raise BrokenMessage("a message has sizes that cannot be") from None
+                    raise BrokenMessage("a message has impossible sizes") from None
                 raise
             key = (names, len(position), len(velocity), len(effort))
             rows.setdefault(key, []).append((int(time), stamp, position, velocity, effort))

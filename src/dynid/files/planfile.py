@@ -107,7 +107,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         LogNotFound: no such file.
         LogLayout: a row is not numbers, or a column is missing.
         JointCountDiffers: another number of columns than joints.
-        TimeNotIncreasing: the times do not rise.
+        TimeNotIncreasing: the times do not increase.
         PositionInDegrees: angles beyond two turns.
     """
     try:
@@ -154,9 +154,7 @@ def _checked(waypoints: Waypoints, where: str) -> Waypoints:
         falling = np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S)
         if len(falling):
             row = int(falling[0]) + 1
-            what = (
-                f"the time of waypoint {row + 1} is not {tuning.LEAST_WAYPOINT_STEP_S:g} s after that of waypoint {row}"
-            )
+            what = f"waypoint {row + 1} must be at least {tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {row}"
             raise TimeNotIncreasing(what, where=where)
     return waypoints
 

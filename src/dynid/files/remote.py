@@ -44,7 +44,7 @@ def fetch(url: str, folder: Path) -> Path:
     """
     kind = url.partition("://")[0].lower()
     if kind not in STORES or "::" in url or not url.isprintable():
-        raise LogNotFound(f"{url} is no URL of a recording", where=url, fix=f"one of {', '.join(sorted(STORES))}")
+        raise LogNotFound(f"{url} is not the URL of a recording", where=url, fix=f"one of {', '.join(sorted(STORES))}")
     if find_spec("fsspec") is None:
         raise PackageMissing(f"{url} needs fsspec", fix="pip install 'dynid[cluster]'")
     import fsspec

@@ -164,7 +164,7 @@ def _usual_keys(value: Value, findings: list[Finding]) -> Value:
         usual = USUAL_KEYS.get(str(key.value))
         if usual is not None:
             where = f"{value.file}:{key.start_mark.line + 1}"
-            text = f"{where}: `{key.value}:` is taken for `{usual}:`, as dynid calls it"
+            text = f"{where}: `{key.value}:` is read as `{usual}:`, its name in dynid"
             findings.append(Finding("W203", "info", text, {"given": str(key.value), "used": usual}))
             key = yaml.ScalarNode(key.tag, usual, key.start_mark, key.end_mark)
         pairs.append((key, item))

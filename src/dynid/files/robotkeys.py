@@ -251,7 +251,7 @@ def _range(value: Value, context: Context) -> tuple[float, float]:
 def _masses(value: Value, context: Context) -> tuple[float, float]:
     low, high = (item.number() for item in value.items(2))
     if not 0 <= low < high:
-        raise _wrong(value, f": {low:g}, {high:g} is no range of masses")
+        raise _wrong(value, f": {low:g}, {high:g} is not a range of masses")
     return low, high
 
 
@@ -301,7 +301,7 @@ def _torque(value: Value, context: Context) -> TorqueSource:
 def _noise(value: Value, context: Context) -> tuple[float, ...]:
     found: tuple[float | None, ...] = _NOISE.read(value, context)
     if None in found:
-        raise WrongRobotFile(f"{value.where}: {value.path}: a joint has none", where=value.where)
+        raise WrongRobotFile(f"{value.where}: {value.path}: it is missing for a joint", where=value.where)
     return tuple(each for each in found if each is not None)
 
 

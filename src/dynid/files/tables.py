@@ -102,7 +102,7 @@ def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[
     empty = filled(len(values), lambda part: np.asarray(np.isnan(values[part, first:]).all(axis=1)))
     if not empty.any() or empty.all():
         return values, ()
-    text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no number of any joint and are left out"
+    text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no value of any joint and are left out"
     return taken(values, np.flatnonzero(~empty)), (Finding("W331", "info", text, {"rows": int(empty.sum())}),)
 
 
@@ -357,7 +357,7 @@ def _open_parquet(path: Path) -> Any:  # noqa: ANN401
         most = {"thrift_string_size_limit": limits.MIB, "thrift_container_size_limit": limits.MIB}
         return parquet.ParquetFile(path, **stream, **most)
     except (pyarrow.ArrowException, OSError, ValueError) as error:
-        raise LogNotFound(f"{path.name} is no Parquet file, or is damaged: {error}", where=str(path)) from error
+        raise LogNotFound(f"{path.name} is not a Parquet file, or is damaged: {error}", where=str(path)) from error
 
 
 def _parquet(path: Path, chosen: Sequence[str]) -> Iterator[Floats]:
@@ -382,10 +382,10 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
     elif pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
         stamps = [seconds_of(word or "") for word in column.to_pylist()]
         if None in stamps:
-            raise LogLayout(f"{path.name}: column '{name}' holds words, no numbers", where=str(path))
+            raise LogLayout(f"{path.name}: column '{name}' holds words, not numbers", where=str(path))
         return np.array([whole + part for whole, part in filter(None, stamps)])
     elif not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
-        raise LogLayout(f"{path.name}: column '{name}' holds {kind}, no numbers", where=str(path))
+        raise LogLayout(f"{path.name}: column '{name}' holds {kind}, not numbers", where=str(path))
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
 
 

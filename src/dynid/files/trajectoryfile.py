@@ -162,7 +162,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         source=path,
     )
     if len(motion.t) < 2:
-        raise NotAnArtifact(f"{path}: {len(motion.t)} samples are no motion", where=str(path))
+        raise NotAnArtifact(f"{path}: {len(motion.t)} samples are too few for a motion", where=str(path))
     if header["motion_sha256"] != motion_hash(motion):
         raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
     if robot is not None:

@@ -99,7 +99,7 @@ class Urdf:
         link = tip
         while link != base:
             if link not in carrier:
-                raise WrongUrdf(f"{self.path}: link '{tip}' does not hang on '{base}'", where=str(self.path))
+                raise WrongUrdf(f"{self.path}: link '{tip}' is not connected to '{base}'", where=str(self.path))
             joints.append(carrier[link])
             link = carrier[link].parent
         return tuple(reversed(joints))
@@ -151,7 +151,7 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     except (LookupError, ValueError) as error:
         raise WrongUrdf(f"{path} is not XML in a known encoding: {error}", where=where) from error
     if top.tag != "robot":
-        raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is no URDF", where=where)
+        raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is not a URDF", where=where)
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
         raise WrongUrdf(f"{path} is a xacro", where=where, fix=f"{shell('xacro', path)} > arm.urdf")
     limits.check("links", len(top.findall("link")), path)
@@ -184,7 +184,7 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
         while before[-1] not in reached:
             before.append(parents[before[-1]])
             if len(before) > len(bodies):
-                raise WrongUrdf(f"{path} is not one tree: link '{link}' hangs on itself", where=str(path))
+                raise WrongUrdf(f"{path} is not one tree: link '{link}' is its own parent", where=str(path))
         reached.update(before)
 
 

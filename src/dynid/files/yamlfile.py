@@ -123,7 +123,7 @@ class Value:
         found = str(self.node.value)
         # Why: no name of a file holds them, and what writes or opens one raises what nobody expects.
         if _NOT_TEXT.search(found):
-            raise WrongRobotFile(f"{self.where}: {self.path} has a zero byte or half a character", where=self.where)
+            raise WrongRobotFile(f"{self.where}: {self.path} contains an invalid character", where=self.where)
         return found
 
     def choice(self, known: Sequence[str]) -> str:
@@ -183,9 +183,9 @@ class Value:
             raise NotANumber(f"{self.where}: {self.path} = '{raw}' is not finite", where=self.where)
         if value and not SMALLEST <= abs(value) <= LARGEST:
             raise NotANumber(
-                f"{self.where}: {self.path} = '{raw[:40]}' is nothing that can be measured",
+                f"{self.where}: {self.path} = '{raw[:40]}' is beyond what can be measured",
                 where=self.where,
-                why=f"numbers other than 0 lie between {SMALLEST:g} and {LARGEST:g}",
+                why=f"numbers other than 0 must lie between {SMALLEST:g} and {LARGEST:g}",
                 fix="write 0, or correct the number",
             )
         return value

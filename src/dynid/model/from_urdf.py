@@ -271,7 +271,7 @@ def _bodies(
         parts += [(pose, other.child) for other, pose in behind]
         loose = [other.name for other, _ in behind if other.moves]
         if loose:
-            text = f"link {i + 1} carries joints of its own ({', '.join(loose)}): its prior takes them at zero"
+            text = f"link {i + 1} carries joints of its own ({', '.join(loose)}): its prior holds with them at zero"
             findings.append(Finding("W210", "info", text, {"link": i + 1, "joints": loose}))
         total = np.zeros(10)
         for pose, link in parts:
@@ -282,8 +282,8 @@ def _bodies(
     near = [possible_body(body) if body.mass else body for body in bodies]
     if moved_to := [str(i) for i, (a, b) in enumerate(zip(bodies, near, strict=True), start=1) if a != b]:
         text = (
-            f"no body has the inertia that the URDF gives link {', '.join(moved_to)} (a principal moment exceeds "
-            "the sum of the other two): the prior takes the nearest that one has"
+            f"the URDF's inertia of link {', '.join(moved_to)} is physically impossible (a principal moment exceeds "
+            "the sum of the other two): the prior takes the nearest possible one"
         )
         findings.append(Finding("W210", "warning", text, {"links": moved_to}))
     bodies = near

@@ -105,7 +105,7 @@ def forecast(
         Collision: links, floor or obstacles come too near (E502).
     """
     joint, speed = check_limits(robot, played)
-    progress.stage("limits", "position, velocity and acceleration of every sample are inside")
+    progress.stage("limits", "position, velocity and acceleration of every sample are inside the limits")
     near = check_clearance(robot, played, scene, urdf)
     tool = fastest_tool(robot, played.motion)
     closest = f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; " if near else ""

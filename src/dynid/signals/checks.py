@@ -180,7 +180,7 @@ def check_finite(log: Log, robot: Robot) -> None:
     if first is None:
         return
     row, text = first
-    fix = "record again; no sample is whole" if bad.all() else f"leave it out: {_exclude_options(log.t[bad])}"
+    fix = "record again: no sample is complete" if bad.all() else f"leave it out: {_exclude_options(log.t[bad])}"
     raise NotFinite(f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix)
 
 

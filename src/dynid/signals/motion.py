@@ -173,7 +173,9 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     text = f"{seconds:.1f} s of motion; about {wanted} parameters need {about}"
     if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:
         raise LogTooShort(text, where=logs[0].topic)
-    return (Finding("W313", "warning", f"{text}; what it leaves open comes from the prior", {"seconds": seconds}),)
+    return (
+        Finding("W313", "warning", f"{text}; what it does not determine comes from the prior", {"seconds": seconds}),
+    )
 
 
 def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:

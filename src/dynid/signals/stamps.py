@@ -37,7 +37,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     """
     bad = samples_where(len(log), lambda part: ~(np.abs(log.t[part]) < tuning.LATEST_S))
     if len(bad):
-        text = f"the time is not a number, or none that a clock shows, in {len(bad)} samples, first in row {bad[0] + 1}"
+        text = f"the time is not a valid number in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
     _check_length(log)
     if sort_time:
@@ -68,7 +68,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
 def _check_length(log: Log) -> None:
     if len(log) < tuning.LEAST_SAMPLES:
         raise LogTooShort(
-            f"{len(log)} samples are no recording; at least {tuning.LEAST_SAMPLES} are needed", where=log.topic
+            f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed", where=log.topic
         )
 
 
@@ -138,7 +138,7 @@ def with_even_clock(log: Log) -> Log:
     late = float(np.sqrt(square))
     if late < tuning.STRAY_WORTH_SAYING * slope:
         return replace(log, t=t)
-    text = f"stamps stray by {1e3 * late:.2g} ms, the samples do not: an even clock of {1 / slope:.4g} Hz is used"
+    text = f"stamps stray by {1e3 * late:.2g} ms, the samples are evenly spaced: a clock of {1 / slope:.4g} Hz is used"
     return with_findings(
         replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)})
     )
@@ -270,7 +270,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
-            f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be",
+            f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing",
             where=log.topic,
         )
     if not len(gaps):
@@ -383,7 +383,7 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
         share = float(np.mean(copied))
         text = (
             f"{100 * share:.0f} % of the samples of {log.name} (log {number}) are in an earlier recording too: "
-            "a copy tells nothing new, they are left out"
+            "copies are left out"
         )
         findings.append(Finding("W326", "warning", text, {"log": number, "share": share}))
         rest = np.flatnonzero(~copied)

@@ -54,7 +54,7 @@ def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> 
         if lowest_point(robot, q[::coarse]) > spec.floor:
             return Motion(t, q, qd, qdd)
     raise LimitBroken(
-        f"{tuning.RANDOM_MOTIONS} random motions came lower than {spec.floor:g} m", fix="lower the floor or the reach"
+        f"{tuning.RANDOM_MOTIONS} random motions all went below {spec.floor:g} m", fix="lower the floor or the reach"
     )
 
 

@@ -257,7 +257,7 @@ def basis_from(facts: dict[str, Any]) -> Basis:
     knots = np.array([float(t) for t in facts["knots"]])
     apart, short = np.diff(knots) > tuning.NEAREST_KNOTS_S, np.abs(knots) < tuning.LONGEST_MOTION_S
     if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(apart) and np.all(short)):
-        raise ValueError("its knots do not rise, stand too near to each other, or are none of a motion")
+        raise ValueError("its knots do not increase, or are too close together")
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
 
 

@@ -143,7 +143,7 @@ def _require_met(replay: tuple[int, int], best: dict[int, BestMotion]) -> None:
     start, evaluation = replay
     if start not in best or best[start].evaluation != evaluation:
         raise WrongUsage(
-            f"--replay {start}:{evaluation}: start {start} met no best at evaluation {evaluation}",
+            f"--replay {start}:{evaluation}: start {start} found no new best motion at evaluation {evaluation}",
             why="seed, options, robot file or the machine's arithmetic differ from those of the search",
             fix="give the numbers that the search printed, with the same seed and options",
         )
@@ -153,7 +153,7 @@ def describe(problem: PlanProblem, value: float) -> str:
     """Return a cost in words."""
     cost = problem.cost
     if value > tuning.PENALISED_COST:
-        return "none that keeps clear yet"
+        return "none without collision yet"
     if cost.kind == "condition":
         return f"condition number {np.exp(value):.1f}"
     if cost.kind == "i":

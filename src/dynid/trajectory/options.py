@@ -79,7 +79,7 @@ def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
     except (TypeError, ValueError):
         found = ()
     if not found or not all(LEAST <= sigma <= MOST for sigma in found):
-        what = f"{name} '{value}' is neither one positive number nor one per joint"
+        what = f"{name} '{value}' must be one positive number, or one per joint"
         raise WrongUsage(what, fix=f"such as {name} 0.1")
     return found
 

@@ -388,7 +388,7 @@ def _drawn(drawing: Drawing, work: Callable[[], None], progress: Progress) -> tu
     try:
         work()
     except KeyboardInterrupt:
-        progress.stage("interrupt", "the motion stands, and nothing was drawn of it")
+        progress.stage("interrupt", "the motion is kept, but no picture was drawn")
         return ()
     return tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
 

@@ -111,7 +111,7 @@ def _wrong(what: str) -> WrongUsage:
         return WrongUsage(what)
     lines = (function.__doc__ or "").partition("Example:\n")[2].strip().splitlines()
     fix = f"such as {lines[0].strip()}" if lines else f"help(dynid.{function.__name__})"
-    return WrongUsage(what, where=f"dynid.{function.__name__}", why="the function needs another value there", fix=fix)
+    return WrongUsage(what, where=f"dynid.{function.__name__}", why="the function cannot use this value", fix=fix)
 
 
 def refused(name: str, wanted: str, value: object) -> WrongUsage:

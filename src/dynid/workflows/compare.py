@@ -58,13 +58,13 @@ class ComparedRun:
         return f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
 
     def summary(self) -> str:
-        """Return how many numbers changed, in one sentence; empty where nothing was compared."""
+        """Return how many values changed, in one sentence; empty where nothing was compared."""
         if self.comparison is None:
             return ""
         measure = "more than noise explains" if self.tolerance is None else f"by more than {100 * self.tolerance:g} %"
         return (
-            f"{self.name} against {self.reference}: {len(self.changed)} numbers changed {measure}; "
-            f"chance of the largest change by noise: {self.comparison.p_value:.2g}"
+            f"{self.name} against {self.reference}: {len(self.changed)} values changed {measure}; "
+            f"probability that noise alone makes the largest change: {self.comparison.p_value:.2g}"
         )
 
     def table(self) -> Table:
@@ -246,7 +246,7 @@ def compare(
         same = same_parameters(first, result)
         if baseline is not None and not same:
             raise WrongUsage(
-                f"{result.path} has other base parameters than {first.path}: {result.robot.name}, {first.robot.name}",
+                f"base parameters differ: {result.path} ({result.robot.name}), {first.path} ({first.robot.name})",
                 fix="identify both with the same robot file",
             )
         comparison = compared(first, result) if same else None

@@ -74,6 +74,8 @@ def convert(
         logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
         if not logs:
             have = ", ".join(map(str, found.topics.values())) or ", ".join(found.columns) or "nothing"
-            raise WrongMessageType(f"{path} has no joint states that can be told; it has {have}", fix="give --robot")
+            raise WrongMessageType(
+                f"{path} has no topic that dynid can read as joint states; it has {have}", fix="give --robot"
+            )
     log = max(logs, key=len)
     return Converted(write_log(log, Path(target)), log, found.findings)

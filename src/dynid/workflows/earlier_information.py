@@ -79,7 +79,7 @@ def torque_noise(
         if len(given) not in (1, robot.n):
             shown = ",".join(f"{sigma:g}" for sigma in given)
             raise WrongUsage(
-                f"--noise '{shown}' is neither one positive number nor {robot.n}", fix="such as --noise 0.1"
+                f"--noise '{shown}' must be one positive number, or {robot.n} of them", fix="such as --noise 0.1"
             )
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
@@ -146,7 +146,7 @@ def _of_result(base: BaseModel, found: Identification) -> Floats:
     names = {name: k for k, name in enumerate(found.names)}
     if not set(base.reduction.base_names) <= set(names):
         raise WrongUsage(
-            f"{found.path} has other base parameters than the robot file", fix="identify again with this robot file"
+            f"{found.path} has different base parameters from the robot file", fix="identify again with this robot file"
         )
     # Why some: a motion is planned without the effects of the robot file, whatever they are.
     some = [names[name] for name in base.reduction.base_names]

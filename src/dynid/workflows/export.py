@@ -41,13 +41,13 @@ class ExportOptions(Options):
 
     parameters: str = option(
         "auto",
-        "Physical parameters, the plain estimate, or auto: physical where bodies are written, else what is in force.",
+        "Parameters to write; auto takes the physical ones for formats with bodies, else those used for predictions.",
         choices=("auto", "physical", "plain"), flag="--set", shown="",
     )  # fmt: skip
-    urdf: Path | None = option(None, "Your URDF, of which everything but the inertial blocks is kept.", kind="input")
-    allow_infeasible: bool = option(False, "Write also bodies that cannot exist; simulators may refuse them.")
+    urdf: Path | None = option(None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input")
+    allow_infeasible: bool = option(False, "Also write bodies that cannot exist; simulators may refuse them.")
     residual_model: bool = option(
-        True, "Code predicts with the result's residual model, or by the parameters alone.", pair=True
+        True, "Let exported code use the result's residual model, or the parameters alone.", pair=True
     )
 
 

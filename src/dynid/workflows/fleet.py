@@ -191,7 +191,7 @@ class Fleet:
     def verdict(self) -> str:
         """Return how many arms changed, in a sentence."""
         if not self.tested:
-            return "no arm has the three runs that a change takes to be seen"
+            return "no arm has three runs, which are needed to see a change"
         among = f"{len(self.changed)} of {self.tested} arms changed"
         return f"{among}; at most {100 * self.false_alarms:g} % of the named ones are expected to be false alarms"
 
@@ -316,7 +316,9 @@ def runs_of(path: Path) -> list[Run]:
     folder = file.parent if file.name == "parameters.npz" else file.with_suffix("")
     words = [word for word in folder.absolute().parts if word != folder.anchor]
     if len(words) < 2:
-        raise WrongUsage(f"{path} does not say of which arm it is, and when", fix="ARM/TIME folders, or a CSV list")
+        raise WrongUsage(
+            f"{path} does not say which arm it belongs to and when it was made", fix="ARM/TIME folders, or a CSV list"
+        )
     arm, time = words[-2:]
     if _DATE.match(arm) and not _DATE.match(time):
         arm, time = time, arm
@@ -331,7 +333,7 @@ def _listed(path: Path) -> list[Run]:
     except OSError as error:
         raise WrongUsage(f"cannot read {path}: {error.strerror}", where=str(path)) from error
     except csv.Error as error:
-        raise WrongUsage(f"{path} is no list of results: {error}", where=str(path)) from error
+        raise WrongUsage(f"{path} is not a list of results: {error}", where=str(path)) from error
     found = []
     for number, row in enumerate(rows, start=2):
         if any(not row.get(key) for key in COLUMNS):

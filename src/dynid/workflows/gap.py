@@ -263,7 +263,11 @@ def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     reasons = [one.message for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
     links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
     sure = all(one.sure for one in suspected)
-    what = "Only implausible links fit as well" if sure else "Torques alone cannot tell it from heavier links"
+    what = (
+        "Without it, the logs fit as well only with implausible links"
+        if sure
+        else "Torques alone cannot tell it from heavier links"
+    )
     return (
         f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass "
         "in the robot file) and identify again."
@@ -276,7 +280,7 @@ def _kept_error(now: float, then: float, unchanged: bool) -> str:
         return f" (error of the model on these logs {now:.3g} %)"
     text = f" (error of the model {now:.3g} % on these logs, {then:.3g} % on the logs it was identified from"
     if unchanged and now > EXTRAPOLATES * then:
-        return f"{text}; this motion differs from the identified one)"
+        return f"{text}; this motion differs from the one used to identify)"
     return f"{text})"
 
 
@@ -307,7 +311,7 @@ def earlier_logs(
         result: the result, its folder or its file.
         logs: the new recordings, or their paths.
         options: how recordings are read.
-        progress: told what is not at hand.
+        progress: is told which logs are missing.
         changes: single options by name; see ``dynid.GapOptions``.
 
     Raises:
@@ -331,6 +335,6 @@ def earlier_logs(
     there = [path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha]
     missing = [str(path) for path, sha in before if sha not in own and path not in there]
     if missing:
-        text = f"not at hand, or not what they were: {', '.join(missing)}"
+        text = f"missing, or changed since then: {', '.join(missing)}"
         progress.stage("earlier", f"logs that the model was identified from are {text}")
     return [load_log(path, result.robot, options, identify=False) for path in there]

@@ -40,16 +40,16 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
 
     if record.joint_names != base.robot.joint_names:
         raise WrongUsage(
-            f"--for-gap: the search was of {record.robot}, with other joints than {base.robot.name}",
+            f"--for-gap: the search was made for {record.robot}, whose joints differ from those of {base.robot.name}",
             fix="give the robot file that was searched",
         )
     rivalries = tuple(_rivalry(one, key, text) for one in record.named for key, text in _rivals(one))
     unexplained = () if record.verdict != "unexplained" or record.formulas else _loud(record)
     if not rivalries and not unexplained:
         raise WrongUsage(
-            "--for-gap: the search left nothing open",
+            "--for-gap: the search left no question that a motion could answer",
             why=f"its verdict is {record.verdict.replace('_', ' ')}, and no two explanations fitted equally well",
-            fix="plan without --for-gap; dynid validate proves a name on a new log",
+            fix="plan without --for-gap; to test the model on a new log: dynid validate",
         )
     return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), _theta(record, base, theta))
 
@@ -142,7 +142,7 @@ class GapExperiment:
         after, before, found = separation(self.base, self.question, run_of(trajectory)), self.before, []
         for k, pair in enumerate(self.question.rivalries):
             then = "" if before is None else f", {before.leads[k]:.2g} in the logs that were searched"
-            sure = "will be told apart" if after.leads[k] > SAFETY * CLEAR else "may stay alike"
+            sure = "will be told apart" if after.leads[k] > SAFETY * CLEAR else "may still fit equally well"
             found.append(f"{pair.text} {sure}: expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear")
         if after.spread is not None:
             then = ""
@@ -150,7 +150,7 @@ class GapExperiment:
                 then = f", {100 * np.exp(-before.spread / 2):.2g} % in the logs that were searched"
             where = ", ".join(self.base.robot.joint_names[j] for j in self.question.unexplained)
             size = f"will be known to {100 * np.exp(-after.spread / 2):.2g} % of the noise"
-            found.append(f"what is unexplained on {where} {size}{then}")
+            found.append(f"the unexplained torque on {where} {size}{then}")
         return tuple(found)
 
 

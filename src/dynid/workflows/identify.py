@@ -72,23 +72,23 @@ class IdentifyOptions(PriorOptions, LogOptions):
     )
     feasible: bool | None = option(
         None,
-        "Put the physically possible parameters in force, or the plain estimate (default: the physically possible "
+        "Predict with the physically possible parameters, or with the plain estimate (default: the physically possible "
         "ones, unless the torques contradict every possible arm).",
         pair=True,
     )
     residual_model: bool | None = option(
         None,
-        "Describe what rigid body and friction lack by random columns, which predictions then use (default: where the "
-        "evidence wants it).",
+        "Fit a residual model to what rigid bodies and friction leave unexplained, and use it in predictions (default: "
+        "when the data support it).",
         pair=True,
     )
     holdout: float | str | Path | Log | None = option(
         "auto",
-        "What is kept back to judge the fit: the last share of each log, another log, or nothing; auto keeps back the "
-        "last motion where the logs hold several, else the last 20 % of the one.",
+        "Data kept back to judge the fit: a share at the end of each log, another log, or nothing; auto keeps back the "
+        "last motion if the logs hold several, else the last 20 % of each log.",
         metavar="auto|SHARE|LOG|none", shown="auto", read=_holdout,
     )  # fmt: skip
-    drop_weak: bool = option(False, "Go on when the log does not determine all parameters, or only just.")
+    drop_weak: bool = option(False, "Continue when the log does not determine all parameters, or only badly.")
 
 
 @public

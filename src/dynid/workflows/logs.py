@@ -65,7 +65,8 @@ class LogOptions(Options):
         None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
     )
     anyway: bool = option(
-        False, "Go on although another mapping of the columns explains the log far better (E324); the result says so."
+        False,
+        "Continue although another mapping of the columns explains the log far better (E324); the result says so.",
     )
     sort_time: bool = option(False, "Put samples whose time stamps are only shuffled in order.")
 

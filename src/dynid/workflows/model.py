@@ -39,7 +39,7 @@ def _vector(value: Any, name: str) -> tuple[float, float, float] | None:  # noqa
     try:
         x, y, z = (float(part) for part in (value.split(",") if isinstance(value, str) else value))
     except (TypeError, ValueError):
-        raise WrongUsage(f"{name} '{value}' is not three numbers", fix=f"{name} 0,0,-9.81") from None
+        raise WrongUsage(f"{name} '{value}' must be three numbers", fix=f"{name} 0,0,-9.81") from None
     return x, y, z
 
 
@@ -60,12 +60,12 @@ def _tolerance(value: Any, name: str) -> float | None:  # noqa: ANN401
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise WrongUsage(f"{name} '{value}' is neither auto nor a number", fix=f"{name} auto") from None
+        raise WrongUsage(f"{name} '{value}' must be auto or a number", fix=f"{name} auto") from None
 
 
 def _samples(value: Any, name: str) -> int:  # noqa: ANN401
     if not 10 <= int(value) <= 100_000:
-        raise WrongUsage(f"{name} {value} is not between 10 and 100000", fix=f"such as {name} 200")
+        raise WrongUsage(f"{name} {value} must lie between 10 and 100000", fix=f"such as {name} 200")
     return int(value)
 
 
@@ -74,7 +74,7 @@ def _links(value: Any, name: str) -> str | tuple[int, ...] | None:  # noqa: ANN4
         return value
     found = tuple(value)
     if not all(isinstance(link, Integral) for link in found):
-        raise WrongUsage(f"{name} {value!r:.60} is no list of links", fix=f"such as {name} 1-7")
+        raise WrongUsage(f"{name} {value!r:.60} is not a list of links", fix=f"such as {name} 1-7")
     return tuple(int(link) for link in found)
 
 
@@ -95,11 +95,15 @@ class ModelOptions(Options):
         read=_links,
     )
     samples: int = option(
-        200, "Number of random states that singular values are taken of.", bounds=(10, 100_000), read=_samples, shown=""
+        200,
+        "Number of random states at which singular values are computed.",
+        bounds=(10, 100_000),
+        read=_samples,
+        shown="",
     )
     tolerance: float | None = option(
         None,
-        "Relative size below which a column depends on others.",
+        "Relative singular value below which columns count as dependent.",
         metavar="auto|X",
         read=_tolerance,
         shown="auto",

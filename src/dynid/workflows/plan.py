@@ -38,7 +38,7 @@ CLOSEST = 5
 ENDINGS = {
     "no search": "a random motion",
     "all starts": "all {done}",
-    "time": "the time was over, {done}",
+    "time": "the time limit was reached, {done}",
     "interrupt": "interrupted, {done}",
     "replay": "an earlier search's best, made again",
 }
@@ -70,7 +70,7 @@ class SearchRecord:
     def text(self) -> str:
         """How the search ended and what makes the same plan again, in words."""
         done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
-        drawn = f", drawn in to {100 * self.share:.0f} % to keep clear" if self.share < 1 else ""
+        drawn = f", reduced to {100 * self.share:.0f} % of its size to avoid collisions" if self.share < 1 else ""
         return f"{ENDINGS[self.ended].format(done=done)}{drawn}; the same plan again: {self.again}"
 
 
@@ -131,8 +131,8 @@ class Plan:
         noise = float(np.sqrt(np.mean(self.noise**2)))
         if full.torque_error > noise:
             text = (
-                f"{full.torque_error:.2g} {self.units[3]} to expect on other motions after a log of it even at full "
-                f"speed, more than the {noise:.2g} of noise in one sample; weakest is {self.weakest}"
+                f"expected torque error on other motions {full.torque_error:.2g} {self.units[3]} even at full speed, "
+                f"more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
             )
             more += (Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),)
         return (*self.clearance.findings, *more)
@@ -306,7 +306,7 @@ class Plan:
             "torque": np.max(np.array([p.torque or 0.0 for p in peaks]) / limits.torque),
         }
         words = "   ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
-        return f"{words}   of what the margin leaves: all inside; tool up to {self.check.tool_speed:.2f} m/s"
+        return f"{words}   of the limits less margin: all inside; tool up to {self.check.tool_speed:.2f} m/s"
 
     def _nearest(self) -> Iterator[tuple[str, str]]:
         for near in self.clearance.distances[:1]:
@@ -317,7 +317,7 @@ class Plan:
             from dynid.trajectory.planning import thickness
 
             pairs = ", ".join(self.clearance.left_out)
-            yield "left out", f"near in usual poses whatever the motion: {pairs}; {thickness(self.robot)}"
+            yield "left out", f"always close to each other, so not checked: {pairs}; {thickness(self.robot)}"
         if assumed := assumed_limits(self.robot):
             yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
 

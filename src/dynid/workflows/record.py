@@ -267,7 +267,7 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
     facts = planned.facts.get("scene")
     shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
     if shapes is not None and not shapes.is_file():
-        progress.stage("note", f"{shapes} is gone: distances are those of cylinders along the links")
+        progress.stage("note", f"{shapes} was not found: distances are those of cylinders along the links")
         shapes = None
     scene = scene_from(facts) if facts else Scene()
     forecast = motion_checks.forecast(run.robot, played, scene, _torque_forecaster(run), shapes, progress)

@@ -61,7 +61,7 @@ class Report:
 
 @public
 def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
-    """Make the report of a result and of what lies beside its file: validations, stack, search for missing effects.
+    """Make the report of a result and of the files in its folder: validations, stack, search for missing effects.
 
     Args:
         result: identified parameters, their folder or their file; a new result that was not saved has a report without

@@ -205,11 +205,11 @@ def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
     except ValueError:
         plan = str(given).endswith(".npz")
         raise WrongUsage(
-            f"--pose {given} is neither a file nor numbers",
+            f"--pose {given} is neither a file nor a list of positions",
             fix=f"plan it first: dynid trajectory {robot.word}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
         ) from None
     if not np.all(np.abs(pose) <= MOST):
-        raise WrongUsage(f"--pose {given} is nothing that can be measured", fix="give one per joint [rad]")
+        raise WrongUsage(f"--pose {given} is beyond what can be measured", fix="give one per joint [rad]")
     if len(pose) != robot.n:
         what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"
         raise WrongUsage(what, fix="give one per joint [rad]")

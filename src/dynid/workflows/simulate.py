@@ -45,7 +45,7 @@ def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
         except ValueError:
             raise WrongUsage(f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5") from None
         if not all(abs(number) <= MOST for number in parameters.values()):
-            raise WrongUsage(f"{name} '{item}' has a number that is nothing that can be measured")
+            raise WrongUsage(f"{name} '{item}' has a number beyond what can be measured")
         found.append(EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters))
     return tuple(found)
 

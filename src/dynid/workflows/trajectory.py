@@ -222,13 +222,13 @@ def require_teaching(plan: Plan) -> None:
         return
     reasons = [f"weakest is {plan.weakest}"]
     if plan.search is not None and plan.search.share < 1:
-        reasons.insert(0, f"to keep clear it was drawn in to {100 * plan.search.share:.0f} %")
+        reasons.insert(0, f"to avoid collisions it was reduced to {100 * plan.search.share:.0f} %")
     if plan.search is not None and plan.search.ended in ("time", "interrupt") and plan.search.finished_starts == 0:
-        reasons.insert(0, "the search ended before its first start was through")
+        reasons.insert(0, "the search ended before its first start was finished")
     if plan.options.duration < SHORT:
         reasons.insert(0, f"it has {plan.options.duration:g} s")
-    error = f"{full.torque_error:.2g} N m to expect on other motions after a log of it at full speed"
-    raise PlanTeachesLittle(f"{error}, more than the {noise:.2g} N m of noise in one sample: {', '.join(reasons)}")
+    error = f"expected torque error on other motions {full.torque_error:.2g} N m even at full speed"
+    raise PlanTeachesLittle(f"{error}, more than the noise of one sample ({noise:.2g} N m): {', '.join(reasons)}")
 
 
 def _plain(base: BaseModel, progress: Progress) -> BaseModel:

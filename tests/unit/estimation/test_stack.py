@@ -281,6 +281,6 @@ def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     post = physical_posterior(base, wls(found, prior), found, residual_model=False)
     unmoved = replace(post, theta=np.nan_to_num(prior))
     monkeypatch.setattr("dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved)
-    with pytest.raises(NothingChanged, match="nothing changed: the physical set equals the prior in"):
+    with pytest.raises(NothingChanged, match="nothing changed: the physical parameters equal the prior in"):
         estimate(found, base, method="wls", holdout=None, feasible=True)
     assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"

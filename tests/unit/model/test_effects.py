@@ -242,7 +242,7 @@ def test_two_waves_on_one_joint_have_names_of_their_own_and_one_effect_twice_is_
         return replace(model, robot=replace(model.robot, effects=effects)).parameter_names[-4:]
 
     assert with_waves(7.0, 14.0) == ("torque_ripple3_a", "torque_ripple3_b", "torque_ripple3_a_2", "torque_ripple3_b_2")
-    with pytest.raises(WrongRobotFile, match="torque_ripple is there twice on"):
+    with pytest.raises(WrongRobotFile, match="torque_ripple is given twice on"):
         with_waves(7.0, 7.0)
 
 

@@ -91,7 +91,7 @@ def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(l
 
 
 def test_replay_of_numbers_that_no_such_search_ended_with_is_refused():
-    with pytest.raises(WrongUsage, match="start 3 met no best at evaluation 100000"):
+    with pytest.raises(WrongUsage, match="start 3 found no new best motion at evaluation 100000"):
         optimise(planar(), PlanOptions(replay=(3, 100_000)))
 
 

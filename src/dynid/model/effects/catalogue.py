@@ -109,7 +109,7 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
         for joints in joints_of(spec, effect, robot):
             alike = [one for one in found if (one.effect.name, one.joints) == (effect.name, joints)]
             if any(one.shape == shape for one in alike):
-                raise WrongRobotFile(f"effects: {effect.name} is there twice {_place(joints, robot)}", where=where)
+                raise WrongRobotFile(f"effects: {effect.name} is given twice {_place(joints, robot)}", where=where)
             rows = effect.rows(joints, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             # Why: two waves on one joint are two effects, and every column needs a name of its own.
@@ -154,7 +154,8 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     if effect.scope == "joint" and not spec.joints:
         raise WrongRobotFile(f"effects: {spec.effect} acts on no joint", where=where, fix="joints: [NAME]")
     if abs(spec.parameters.get("delay", 0.0)) > LONGEST_DELAY and effect.name == "torque_delay":
-        raise WrongRobotFile(f"effects: torques are not {spec.parameters['delay']:g} s late", where=where)
+        what = f"effects: a delay of {spec.parameters['delay']:g} s is longer than {LONGEST_DELAY:g} s"
+        raise WrongRobotFile(what, where=where)
     if effect.scope == "pair" and len(set(spec.joints)) != 2:
         raise WrongRobotFile(f"effects: {spec.effect} needs two joints: the one it acts on and the other", where=where)
     return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
