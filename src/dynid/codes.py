@@ -36,7 +36,7 @@ WARNINGS: dict[str, str] = {
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",
     "W405": "The mass matrix of the plain fit is not positive: too little motion, a missing effect, or a wrong sign.",
-    "W406": "The log leaves many base parameters undetermined: the prior gives them, or they hold for such motions only.",
+    "W406": "Many base parameters are not determined: they come from the prior, or hold for such motions only.",
     "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
     "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",
     "W410": "A torque sensor after the gear hardly sees rotor inertia and motor friction.",

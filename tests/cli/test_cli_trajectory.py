@@ -197,7 +197,7 @@ def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_th
     run, answer, _ = planned
     earlier = ("--earlier", "out/kuka_lwr4plus/trajectory.npz") * 2
     done = run("trajectory", "kuka_lwr4plus", *QUICK, *earlier, "--json", "-o", "third")
-    assert "the new motion completes what it tells" in done.err
+    assert "the new motion is planned to complete it" in done.err
     alone = np.array(list(answer["predicted_std_error"].values()))
     assert_between(np.sqrt(3), errors_of(done), alone)
 

@@ -73,7 +73,7 @@ class View:
     "--for-gap",
     type=_FILE,
     metavar="GAP.npz",
-    help="Plan the motion that answers what a dynid gap search left open.",
+    help="Plan the motion that decides between the explanations of a dynid gap search.",
 )
 @click.option(
     "--preview",

@@ -147,7 +147,7 @@ def estimate(
         method: a name in ``METHODS``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
-        feasible: put the physically possible set in force, or the plain estimate; None takes the physical one unless
+        feasible: predict with the possible parameters, or with the plain estimate; None takes the physical one unless
             the data contradict every possible arm.
         residual_model: fit a residual model to what the parameters leave unexplained; None where the data support it.
         size: sizes of the groups of these columns where they are known already.

@@ -236,7 +236,7 @@ class Identification:
     # ---------------------------------------------------------------- parameters
     @property
     def params(self) -> dict[str, float]:
-        """Values of the base parameters by name, those of the set in force, in their units."""
+        """Values of the base parameters by name, those used for predictions, in their units."""
         return dict(zip(self.names, self.theta.tolist(), strict=True))
 
     def conf_int(self, level: float = 0.95) -> Floats:

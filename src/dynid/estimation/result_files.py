@@ -257,7 +257,7 @@ def _require_covariance(**arrays: Floats) -> None:
         variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
         most = np.sqrt(np.maximum(variance, 0.0))
         if np.any(variance < 0.0) or np.any(np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]):
-            raise ValueError(f"'{name}' is no covariance")
+            raise ValueError(f"'{name}' is not a covariance")
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:

@@ -450,7 +450,7 @@ def _decoded(raw: bytes, connection: Connection) -> tuple[tuple[str, ...], int, 
         seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
         names, starts, counts = _parts(raw)
     except (struct.error, UnicodeDecodeError):
-        raise BrokenMessage("a message is too short for its type, or its names are no text") from None
+        raise BrokenMessage("a message is too short for its type, or its names are not text") from None
     if starts[2] + 8 * counts[2] > len(raw):
         raise BrokenMessage("a message is too short for its type")
     values = [np.frombuffer(raw, "<f8", count, start) for start, count in zip(starts, counts, strict=True)]

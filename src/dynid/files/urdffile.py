@@ -161,7 +161,7 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
     except (KeyError, ValueError, AttributeError) as error:
         raise WrongUrdf(
-            f"{path}: a link or joint lacks something or has a value that is no number: {error}", where=where
+            f"{path}: a link or joint lacks something or has a value that is not a number: {error}", where=where
         ) from error
     _check_tree(path, bodies, joints)
     return Urdf(top.get("name", path.stem), bodies, joints, path)

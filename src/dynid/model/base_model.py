@@ -291,7 +291,7 @@ def load_model(path: Path, robot: Robot) -> Model:
             (int(h["shape"][0]), int(h["shape"][1])),
         )  # fmt: skip
     if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
-        raise NotAnArtifact(f"{path} is damaged: it belongs to an arm with other joints", where=str(path))
+        raise NotAnArtifact(f"{path} is damaged: its joints do not match its robot", where=str(path))
     return Model(robot, program)
 
 
@@ -355,5 +355,5 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     if not np.array_equal(found.K[:, found.base], np.eye(p)):
         raise ValueError("'K' is not the matrix of a reduction")
     if found.formulas and len(found.formulas) != p:
-        raise ValueError("it has another number of formulas than of base parameters")
+        raise ValueError("its numbers of formulas and base parameters differ")
     return found

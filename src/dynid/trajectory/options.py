@@ -35,7 +35,7 @@ def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN4
         return None
     first, second = numbers(value, 2, name)
     if first < 0 or second < 0 or first + second < LEAST:
-        raise WrongUsage(f"{name} '{value}' are no weights", fix=f"such as {name} 1,100: none below 0, not both 0")
+        raise WrongUsage(f"{name} '{value}' are not weights", fix=f"such as {name} 1,100: none below 0, not both 0")
     return first, second
 
 

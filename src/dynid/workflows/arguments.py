@@ -231,7 +231,7 @@ def options(kind: type[O], given: Options | None, changes: Mapping[str, Any]) ->
 
 
 def progress(value: Progress | None) -> Progress:
-    """Return what is told about long work; None tells nobody."""
+    """Return what reports the progress of long work; None reports nothing."""
     if value is None:
         return SILENT
     if not all(callable(getattr(value, word, None)) for word in ("stage", "advance", "findings")):

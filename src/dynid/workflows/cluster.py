@@ -40,7 +40,7 @@ def mapped(
         client: of the scheduler whose workers do it; None to do one call after another in this process.
         function: of a module, so that other processes find it.
         arguments: lists of equal length, one for each argument.
-        progress: told when the scheduler was lost.
+        progress: reports when the scheduler was lost.
 
     Yields:
         The number of the call, what it returned, and what it raised; None where it returned.
@@ -85,7 +85,7 @@ def mapped(
 
 
 def current_client() -> Client | None:
-    """Return the client that is in force for this thread (``with client.as_current()``), None without one."""
+    """Return the client that this thread uses (``with client.as_current()``), None without one."""
     distributed = sys.modules.get("distributed")
     try:
         return None if distributed is None else distributed.Client.current(allow_global=False)
@@ -109,7 +109,7 @@ def opened(
         scheduler: address of a Dask scheduler, whose workers are used instead.
         memory: what a worker of this machine may take [bytes]; an equal share of the machine's when None.
         dashboard: whether Dask shows what the workers of this machine do.
-        progress: told where the work is done.
+        progress: reports where the work is done.
 
     Raises:
         PackageMissing: a scheduler is given, and Dask is not installed.

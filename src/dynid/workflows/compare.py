@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One run beside the reference.
+    """One run compared with the reference.
 
     Attributes:
         name: short name.

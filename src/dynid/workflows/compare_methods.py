@@ -148,7 +148,7 @@ def compare_methods(
         logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
-        progress: told which estimators are not possible.
+        progress: reports which estimators are not possible.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:

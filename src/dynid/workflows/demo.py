@@ -85,7 +85,7 @@ def simulate_hidden(
         folder: where to.
         hidden: what is hidden.
         seed: of motions and noise.
-        progress: told that the arm is simulated.
+        progress: reports that the arm is simulated.
     """
     import numpy as np
 
@@ -151,7 +151,7 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
         robot: the arm; without a prior its links are cylinders.
         folder: where to.
         seed: of bodies, motions and noise.
-        progress: told that the arm is simulated.
+        progress: reports that the arm is simulated.
     """
     import math
     from dataclasses import replace
@@ -221,7 +221,7 @@ def self_test_gap(seed: int, folder: Path, progress: Progress = SILENT) -> Itera
     Args:
         seed: of motions and noise.
         folder: where the arm's model is kept.
-        progress: told how far the work is.
+        progress: reports how far the work is.
     """
     import numpy as np
 

@@ -50,7 +50,7 @@ def find_drive_gains(
         loaded: a further log with a body of known mass on the last link.
         load_mass: the mass of that body [kg]; None for the tool of the robot file.
         folder: where the model is kept.
-        progress: told how far the work is.
+        progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:

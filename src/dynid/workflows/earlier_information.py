@@ -99,14 +99,14 @@ def earlier_information(
         base: model and base parameters.
         earlier: logs, results and motions.
         noise: standard deviation of each joint's torque, for motions that were not recorded, (n,) [N m or N].
-        progress: told of each.
+        progress: reports each.
     """
     total = None
     for known in earlier:
         information = _information(base, known, noise, progress)
         total = information if total is None else total + information
         name = known.path if isinstance(known, Identification) else known.source
-        progress.stage("earlier", f"{name}: the new motion completes what it tells")
+        progress.stage("earlier", f"{name}: the new motion is planned to complete it")
     return total
 
 

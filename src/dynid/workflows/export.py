@@ -179,7 +179,7 @@ def export(
         base: the result's base model, where it is there already.
         seed: seed of the random states that torques are compared on.
         write: writes a text to a file; None overwrites what is there.
-        progress: told what is compared.
+        progress: reports what is compared.
         changes: single options by name, such as ``urdf="arm.urdf"``; see ``dynid.ExportOptions``.
 
     Raises:

@@ -278,7 +278,7 @@ def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, pr
         results: results as ``ARM/TIME`` or ``DATE/ARM`` folders or their parameters.npz, or CSV lists with
             ``result,arm,time``.
         options: what counts as a change, and where results are read.
-        progress: told how far the work is.
+        progress: reports how far the work is.
 
     Raises:
         WrongUsage: a path does not say arm and time, or a list lacks a column.

@@ -60,7 +60,7 @@ def find_gap(
         options: what is searched and how.
         earlier: logs that the model was identified from (``earlier_logs``), to find what has changed since.
         base: the result's base model, where it is there already.
-        progress: told how far the work is.
+        progress: reports how far the work is.
         changes: single options by name, such as ``joints="2-4"``; see ``dynid.GapOptions``.
 
     Raises:
@@ -104,7 +104,7 @@ class _Search:
         base: its base model.
         wanted: what is searched.
         options: how recordings are read.
-        progress: told how far the work is.
+        progress: reports how far the work is.
     """
 
     result: Identification
@@ -218,7 +218,7 @@ class _Search:
         return found
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
-        """Ask what the model has always lacked: what no numbers absorb, and what only implausible links would."""
+        """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
         from dynid.gap.counterbalance import LOOKALIKES, suspicions, with_rivals
         from dynid.gap.possible_arm import COUNTERBALANCE
 
@@ -248,7 +248,7 @@ class _Search:
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
-    """Return why it is asked what only implausible links would absorb."""
+    """Return why effects are searched that only implausible links could imitate."""
     said = []
     for one in suspected:
         without, with_it = one.masses
@@ -311,7 +311,7 @@ def earlier_logs(
         result: the result, its folder or its file.
         logs: the new recordings, or their paths.
         options: how recordings are read.
-        progress: is told which logs are missing.
+        progress: reports which logs are missing.
         changes: single options by name; see ``dynid.GapOptions``.
 
     Raises:

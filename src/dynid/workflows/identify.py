@@ -114,7 +114,7 @@ def identify(
         update: an earlier result whose logs are added to these, without reading them again.
         like: a result of the same arm whose residual model is as large.
         client: a Dask client whose workers read rows from the logs, one each; the result is the same without one.
-        progress: told how far the work is.
+        progress: reports how far the work is.
         changes: single options by name, such as ``method="wls"``; see ``dynid.IdentifyOptions``.
 
     Raises:
@@ -333,7 +333,7 @@ def sensitivity(
         logs: the logs it was made from, or their paths.
         options: those of the result.
         base: its base model, where it is there already.
-        progress: told which variants are not possible.
+        progress: reports which variants are not possible.
         changes: single options by name, such as ``exclude="3.2-3.4"``.
 
     Raises:

@@ -158,7 +158,7 @@ def condition_logs(
         logs: checked logs.
         model: the model whose columns are wanted.
         options: filter, delay and velocity; a delay of None counts as zero.
-        progress: told what was read and how it is filtered.
+        progress: reports what was read and how it is filtered.
     """
     from dynid.signals import conditioned_log
 

@@ -227,7 +227,7 @@ def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False, progress:
         robot: the arm.
         folder: where regressor.npz is kept.
         rebuild: whether to derive it again in any case.
-        progress: told when the work begins.
+        progress: reports when the work begins.
     """
     from dynid.model.base_model import key_of, load_model, paths, save_model, stored_key
     from dynid.model.regressor import build_model
@@ -269,7 +269,7 @@ def reduce_model(
         derived: the regressor.
         options: random states and tolerance; the stored base parameters serve only where both are the defaults.
         seed: seed of the random states.
-        progress: told when the work begins.
+        progress: reports when the work begins.
 
     Raises:
         ReductionsDisagree: singular values and exact arithmetic give different answers.
@@ -284,7 +284,7 @@ def reduce_model(
     if stored:
         reduction = load_reduction(path)
         if reduction.names != model.parameter_names:
-            raise NotAnArtifact(f"{path} is damaged: it has other parameters than its robot", where=str(path))
+            raise NotAnArtifact(f"{path} is damaged: its parameters do not match its robot", where=str(path))
     else:
         progress.stage("reduce", "")
         tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
@@ -307,7 +307,7 @@ def base_model(
     Args:
         robot: the arm, its name, or the path of its file.
         folder: where regressor.npz and fullregressor.npz are kept; None keeps the model in memory only.
-        progress: told when it was derived.
+        progress: reports when it was derived.
         options: what differs from the robot file, and how the base parameters are found.
         changes: single options by name, such as ``links="4-7"``; see ``dynid.ModelOptions``.
 

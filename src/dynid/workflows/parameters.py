@@ -152,7 +152,7 @@ def observe(
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
         client: a Dask client whose workers stack the logs, one each; None stacks them here, to the same bytes.
-        progress: told how far the work is.
+        progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:
@@ -256,7 +256,7 @@ def observed(
         stack: the sum of the logs' stacks.
         options: those that they were made with.
         findings: what was noticed in all logs together.
-        progress: told what is noticed.
+        progress: reports what is noticed.
     """
     from dynid.estimation.stack import on_time, scale_with_model, settled
     from dynid.estimation.stack import stack_logs as folded
@@ -297,7 +297,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
     base.robot.require_joints(header["joints"], path)
     entries = sum(len(column.rows) for effect in base.model.added for column in effect.columns)
     if any(segment.effects.shape[1] != entries for log in conditioned for segment in log.segments):
-        raise NotAnArtifact(f"{path} is damaged: it has other effects than its robot", where=str(path))
+        raise NotAnArtifact(f"{path} is damaged: its effects do not match its robot", where=str(path))
     with reading(path):
         logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])

@@ -183,7 +183,7 @@ def record(
         folder: where log.bag, the text files and manifest.yaml go.
         parameters: identified model that predicts the torques; the robot file's prior when None.
         command: what started it, for the manifest.
-        progress: told what was found.
+        progress: reports what was found.
 
     Returns:
         What was recorded. A motion that was stopped is returned with its ``failure``; its log is kept.

@@ -66,7 +66,7 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     Args:
         result: identified parameters, their folder or their file; a new result that was not saved has a report without
             validations.
-        progress: told that the report is made.
+        progress: reports that the report is made.
 
     Raises:
         WrongUsage: an argument is something else than what is wanted (E101).

@@ -87,7 +87,7 @@ def base_model_of(result: Identification, folder: Path | None = None, progress: 
     Args:
         result: the result.
         folder: where the model is kept; None keeps it in memory.
-        progress: told that the model is made.
+        progress: reports that the model is made.
     """
     from dynid.model.base_model import BaseModel
     from dynid.workflows.model import base_model, derive_model

@@ -46,7 +46,7 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     path = Path(file if mark and file.lower().endswith(URDF) else source)
     if path.suffix.lower() != URDF:
         if tip is not None or base is not None:
-            raise WrongUsage(f"{source} is no URDF: its chain has one tip", fix="leave out --tip")
+            raise WrongUsage(f"{source} is not a URDF: its chain has one tip", fix="leave out --tip")
         return robotfile.load_robot(source)
     from dynid.workflows.import_urdf import ImportOptions, import_urdf
 

@@ -146,7 +146,7 @@ def run(
         seed: seed of every random choice.
         force: run also what was done before from the same inputs.
         known_options: options of ``dynid identify`` that a job may set; None lets that command refuse others.
-        progress: told where the jobs run, and as each ends.
+        progress: reports where the jobs run, and as each ends.
         told: called with each job as it ends.
 
     Raises:

@@ -32,7 +32,7 @@ def _fault(value: Any, name: str) -> tuple[str, float]:  # noqa: ANN401
     try:
         return kind, float(seconds or 0)
     except ValueError:
-        raise WrongUsage(f"'{seconds}' is no time", fix=f"{name} {kind}@3") from None
+        raise WrongUsage(f"'{seconds}' is not a time", fix=f"{name} {kind}@3") from None
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def simulate(
         motion: what it does, evenly sampled; or a plan, a log, or the path of either.
         options: friction, effects and sensors.
         base: the arm's base model, where it is there already; needed for effects and without a simulator.
-        progress: told what is computed.
+        progress: reports what is computed.
         changes: single options by name, such as ``payload=2.0``; see ``dynid.SimulateOptions``.
 
     Raises:

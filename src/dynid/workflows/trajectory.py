@@ -135,7 +135,7 @@ def plan_trajectory(
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw; without it PyBullet is used where it is installed.
         for_gap: a gap search; the motion answers what it left open.
-        progress: told how far the search is.
+        progress: reports how far the search is.
         changes: single options by name, such as ``duration=10.0``; see ``dynid.PlanOptions``.
 
     Raises:
@@ -382,7 +382,7 @@ def review_trajectory(
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw.
-        progress: told how far the work is.
+        progress: reports how far the work is.
 
     Raises:
         LimitBroken: it breaks a limit (E501).

@@ -51,7 +51,7 @@ class ValidateOptions(LogOptions):
 
 @dataclass(frozen=True, repr=False)
 class Validation:
-    """Predicted beside measured torques of a log that was not used to identify.
+    """Predicted and measured torques of a log that was not used to identify.
 
     Attributes:
         robot: the arm.
@@ -261,7 +261,7 @@ def validate(
         log: the recording, or its path.
         options: how it is checked and filtered.
         base: the result's base model, where it is there already.
-        progress: told how far the work is.
+        progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=5``; see ``dynid.ValidateOptions``.
 
     Raises:

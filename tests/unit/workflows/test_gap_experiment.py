@@ -71,7 +71,7 @@ def test_a_search_that_left_nothing_open_asks_for_nothing(base):
 
 def test_a_search_of_another_arm_is_refused(base):
     other = replace(record_of(base), joint_names=("x", "y"))
-    with pytest.raises(WrongUsage, match="other joints"):
+    with pytest.raises(WrongUsage, match="joints differ"):
         question_of(other, base, np.ones(base.reduction.rank))
 
 

@@ -82,7 +82,7 @@ def test_options_are_read_alike_from_words_and_from_values():
         ({"workspace": (1, 2, 3)}, "is not 6 numbers"),
         ({"noise": (0.1, -0.1)}, "must be one positive number, or one per joint"),
         ({"noise": 1e-308}, "must be one positive number, or one per joint"),
-        ({"weights": (0, 0)}, "are no weights"),
+        ({"weights": (0, 0)}, "are not weights"),
         ({"tool_speed": 1e-308}, "--tool-speed 1e-308 is not possible"),
         ({"tool_speed": -1.0}, "--tool-speed -1 is not possible"),
         ({"seconds": np.inf}, "--seconds inf is not possible"),
