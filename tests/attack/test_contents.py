@@ -268,7 +268,7 @@ def test_a_load_is_not_found_against_an_arm_with_other_joints(originals):
     """Names of parameters are numbers of joints: two arms may have the same, and other joints."""
     one = dynid.load(originals / "out" / "parameters.npz")
     joints = tuple(replace(joint, joint=f"{joint.joint}_2") for joint in one.joints)
-    with pytest.raises(WrongUsage, match="other base parameters"):
+    with pytest.raises(WrongUsage, match="different base parameters"):
         find_payload(one, replace(one, quality=replace(one.quality, joints=joints)))
 
 

@@ -74,7 +74,7 @@ def robot_argument(function: Callable[..., Any]) -> Callable[..., Any]:
         from dynid.workflows.robots import URDF
 
         if tip is not None and not robot.lower().endswith(URDF):
-            raise WrongUsage(f"{robot} is no URDF: its chain has one tip", fix="leave out --tip")
+            raise WrongUsage(f"{robot} is not a URDF: its chain has one tip", fix="leave out --tip")
         return function(*args, robot=robot if tip is None else f"{robot}#{tip}", **values)
 
     update_wrapper(joined, function)

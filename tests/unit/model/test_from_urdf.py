@@ -259,7 +259,7 @@ def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(t
         (lambda t: t[:200], "not XML"),
         (lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'), "names link 'nowhere'"),
         (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
-        (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "no number"),
+        (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "not a number"),
         (lambda t: t.replace("</robot>", RING + "</robot>"), "link 'ring_[ab]' is its own parent"),
         (lambda t: t.replace("</robot>", "<link name='x'/>" * 1001 + "</robot>"), "1 009 links"),
     ],

@@ -65,7 +65,7 @@ def test_what_is_unexplained_is_asked_by_its_joint(base):
 
 
 def test_a_search_that_left_nothing_open_asks_for_nothing(base):
-    with pytest.raises(WrongUsage, match="nothing open"):
+    with pytest.raises(WrongUsage, match="left no question"):
         question_of(record_of(base, [spring(base, [])], "named"), base, np.ones(base.reduction.rank))
 
 

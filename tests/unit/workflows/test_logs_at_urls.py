@@ -57,7 +57,7 @@ def test_what_is_not_there_or_no_url_of_a_recording_is_named(tmp_path):
     with pytest.raises(PackageMissing, match="gs://"):
         remote.fetch("gs://lab/log.npz", tmp_path)
     for url in ("nosuch://lab/log.npz", "reference://::memory://lab", "zip://log0.npz::memory://lab/x.zip"):
-        with pytest.raises(LogNotFound, match="no URL of a recording"):
+        with pytest.raises(LogNotFound, match="not the URL of a recording"):
             remote.fetch(url, tmp_path)
 
 

@@ -62,7 +62,7 @@ def test_a_urdf_without_a_fork_needs_no_tip(tmp_path):
 
 
 def test_a_tip_belongs_to_a_urdf_only():
-    with pytest.raises(WrongUsage, match="is no URDF"):
+    with pytest.raises(WrongUsage, match="is not a URDF"):
         load_robot("ur5e", tip="link_6")
 
 
