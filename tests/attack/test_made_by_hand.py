@@ -164,7 +164,7 @@ CASES = {
     "a formula on no joint": ("arm.yaml", ROBOT + "effects:\n  - {effect: formula, formula: a q, joints: []}\n", "model arm.yaml --out out", 3, "acts on no joint"),
     "a speed to the power of 1000": ("arm.yaml", effects("effect: nonlinear_viscous, parameters: {p: 1000}"), "identify arm.yaml log.npz --out out", 3, "no finite torque"),
     "a simulated time constant of zero": ("x", b"", "simulate arm.yaml out/trajectory.npz --effect torque_drift@elbow:tc=0,a=1 --out out/x", 2, "--effect"),
-    "torques that are an hour late": ("arm.yaml", effects("effect: torque_delay, parameters: {delay: 3600}"), "identify arm.yaml log.npz --out out", 3, "3600 s late"),
+    "torques that are an hour late": ("arm.yaml", effects("effect: torque_delay, parameters: {delay: 3600}"), "identify arm.yaml log.npz --out out", 3, "3600 s is longer"),
     "100 000 columns without names": ("log.npz", wide, "check log.npz", 3, "columns of a log"),
     "2000 effects": ("arm.yaml", effects(*(f"effect: torque_ripple, parameters: {{k: {k}}}" for k in range(1, 2000))), "model arm.yaml --out out", 3, "columns for the torque effects"),
     "a cell of 200 000 characters": ("runs.csv", 'result,arm,time\n"' + "x" * 200_000, "fleet runs.csv --out out/f", 2, "no list of results"),
