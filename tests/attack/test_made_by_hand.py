@@ -130,7 +130,7 @@ CASES = {
     "a length of 1e-300 m": ("arm.yaml", ROBOT.replace("a: 0.4", "a: 1.0e-300"), "model arm.yaml --out out", 3, "nothing that can be measured"),
     "UTF-16": ("arm.yaml", ROBOT.encode("utf-16"), "check arm.yaml", 3, "not a text file"),
     "90 000 waypoints": ("way.csv", poses(90_000), "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "90 000 waypoints"),
-    "waypoints 1e-12 s apart": ("plan.yaml", PLAN.replace("[0, 2, 4]", "[0, 1.0e-12, 4]"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "0.001 s after"),
+    "waypoints 1e-12 s apart": ("plan.yaml", PLAN.replace("[0, 2, 4]", "[0, 1.0e-12, 4]"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "0.001 s later"),
     "a motion of 1e302 s": ("plan.yaml", PLAN.replace("alpha: 0.3", "alpha: 1.0e-29"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "a planned motion"),
     "5000 jobs": ("batch.yaml", "defaults: {robot: arm.yaml}\njobs:\n" + "".join(f"- {{name: j{k}, logs: [x]}}\n" for k in range(5000)), "run batch.yaml --out out", 3, "5 000 jobs"),
     "a log called --force": ("batch.yaml", BATCH.replace("log.csv", "--force"), "run batch.yaml --out out", 3, "no such file"),

@@ -441,8 +441,8 @@ def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: boo
     condition = plain.solution.condition_number_scaled
     if cost > tuning.POORLY_EXCITED_PERCENT:
         text = (
-            f"this log determines some parameters badly: the plain estimate would miss {cost:.3g} % of the torque of an "
-            f"exciting motion; condition number {condition:.0f} (good: below 100)"
+            f"this log determines some parameters badly: the plain estimate would miss {cost:.3g} % of the torque of "
+            f"an exciting motion; condition number {condition:.0f} (good: below 100)"
         )
         if not drop_weak:
             fix = "plan a better motion: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
