@@ -60,5 +60,5 @@ def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
 def test_a_range_upside_down_is_refused(shop):
     assert shop("identify", "kuka_lwr4plus", "log.npz", "--total-mass", "17:15").status == 2
     text = load_robot("kuka_lwr4plus").path.read_text() + "known: {total_mass: [17, 15]}\n"
-    with pytest.raises(WrongRobotFile, match="no range"):
+    with pytest.raises(WrongRobotFile, match="not a range"):
         parse_robot(text, Path("arm.yaml"))
