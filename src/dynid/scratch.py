@@ -242,7 +242,7 @@ def spans(count: int) -> Iterator[slice]:
 
 
 def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]:
-    """Return one number or flag per sample, (N,), computed piece by piece; in a file where they are many.
+    """Return numbers or flags of each sample, (N, ...), computed piece by piece; in a file where they are many.
 
     Args:
         count: number of samples N.
@@ -251,7 +251,7 @@ def filled(count: int, compute: Callable[[slice], NDArray[Any]]) -> NDArray[Any]
     found: NDArray[Any] | None = None
     for part in spans(count):
         some = compute(part)
-        found = empty((count,), some.dtype) if found is None else found
+        found = empty((count, *some.shape[1:]), some.dtype) if found is None else found
         found[part] = some
     return np.zeros(0) if found is None else found
 

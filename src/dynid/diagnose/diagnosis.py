@@ -22,7 +22,7 @@ from dynid.diagnose.mistakes import Edit, edits_of, pasted, said, unlikeliness, 
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import median
+from dynid.scratch import filled, median
 
 Floats = NDArray[np.float64]
 
@@ -272,10 +272,14 @@ def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     names = tuple(np.asarray(log.extra.get("driver_columns", []), dtype=str).tolist())
     if robot.driver is None or "driver_columns" not in log.extra:
         return log, names
-    map_, matrix = robot.driver.map, None if robot.coupling is None else np.array(robot.coupling.matrix)
-    q, tau = (log.q - np.array(map_.offset)) * np.array(map_.sign), log.tau * map_.sign * map_.torque_signs
-    if matrix is not None:
-        q, tau = q @ matrix.T, tau @ np.linalg.inv(matrix)
+    map_ = robot.driver.map
+    to_q, to_tau = np.diag(np.asarray(map_.sign, dtype=float)), np.diag(np.multiply(map_.sign, map_.torque_signs) * 1.0)
+    if robot.coupling is not None:
+        matrix = np.array(robot.coupling.matrix)
+        to_q, to_tau = to_q @ matrix.T, to_tau @ np.linalg.inv(matrix)
+    # Why piece by piece: a log of hours lives in a file.
+    q = filled(len(log), lambda part: (log.q[part] - np.array(map_.offset)) @ to_q)
+    tau = filled(len(log), lambda part: log.tau[part] @ to_tau)
     return replace(log, q=q, tau=tau, qd=None), names
 
 
