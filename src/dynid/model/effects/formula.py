@@ -24,7 +24,6 @@ from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Sha
 
 #: Longest text, and deepest nesting: a formula that people read is shorter.
 LONGEST, DEEPEST = 1000, 20
-SIGNALS = ("q", "qd", "qdd", "tau")
 FUNCTIONS: dict[str, Callable[[Floats], Floats]] = {
     "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "exp": np.exp, "sqrt": np.sqrt, "abs": np.abs, "sign": np.sign,
 }  # fmt: skip
