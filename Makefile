@@ -1,4 +1,4 @@
-# make demo    the whole workflow on a shipped log, nothing else installed than python3 and make
+# make demo    all four loops on shipped data, ends at out/demo/index.html; nothing else installed than python3 and make
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time and mostly wait, so the others give way to them meanwhile; of them the exact ones run one by one;
 #              each up to three times, because a busy machine may not let them

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dynid.trajectory.options import PlanOptions
     from dynid.workflows.compare import compare
     from dynid.workflows.compare_methods import compare_methods
+    from dynid.workflows.contacts import ContactOptions, FoundContacts, contacts
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.gap import earlier_logs, find_gap
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from dynid.workflows.results import load
     from dynid.workflows.robots import load_robot
     from dynid.workflows.simulate import SimulateOptions, Simulation, simulate
+    from dynid.workflows.simulator_gap import compare_in_simulator
     from dynid.workflows.trajectory import plan_trajectory
     from dynid.workflows.validate import ValidateOptions, Validation, validate
 
@@ -49,8 +51,10 @@ if TYPE_CHECKING:
 #: Where each public name lives.
 _HOMES = {
     "BaseModel": "dynid.model.base_model",
+    "ContactOptions": "dynid.workflows.contacts",
     "ExportOptions": "dynid.workflows.export",
     "ExportedModel": "dynid.workflows.export",
+    "FoundContacts": "dynid.workflows.contacts",
     "Gap": "dynid.workflows.gap_result",
     "GapOptions": "dynid.workflows.gap_options",
     "Identification": "dynid.estimation.result",
@@ -70,7 +74,9 @@ _HOMES = {
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
     "compare": "dynid.workflows.compare",
+    "compare_in_simulator": "dynid.workflows.simulator_gap",
     "compare_methods": "dynid.workflows.compare_methods",
+    "contacts": "dynid.workflows.contacts",
     "earlier_logs": "dynid.workflows.gap",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
@@ -90,8 +96,10 @@ _HOMES = {
 
 __all__ = [
     "BaseModel",
+    "ContactOptions",
     "ExportOptions",
     "ExportedModel",
+    "FoundContacts",
     "Gap",
     "GapOptions",
     "Identification",
@@ -112,7 +120,9 @@ __all__ = [
     "__version__",
     "base_model",
     "compare",
+    "compare_in_simulator",
     "compare_methods",
+    "contacts",
     "earlier_logs",
     "export",
     "find_drive_gains",

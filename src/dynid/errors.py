@@ -398,6 +398,14 @@ class NotSimulated(DynidError):
     fix = "check `controller:` in the robot file, or use --method iv"
 
 
+class WeakInstruments(DynidError):
+    """Estimates from the commanded or simulated motion explain the log far worse than least squares."""
+
+    code, status = "E408", ExitStatus.DATA
+    why = "the commanded or simulated motion says too little about the measured one, or gains are wrong"
+    fix = "use --method wls, or let --method auto choose"
+
+
 # ---------------------------------------------------------------- 5: safety
 class LimitBroken(DynidError):
     """A motion breaks a joint limit."""
@@ -573,7 +581,7 @@ class OutOfMemory(DynidError):
     """The machine has no memory left for what was asked."""
 
     code, status = "E611", ExitStatus.MACHINE
-    why = "nothing was written, because part of a log would give other numbers"
+    why = "nothing more is written, because part of a log would give other numbers"
     fix = "give a shorter log or fewer effects, end other programs, or use another machine"
 
 

@@ -7,7 +7,7 @@ A ``Log`` straight from a file or from arrays is raw: the columns, their order a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,19 @@ Floats = NDArray[np.float64]
 
 #: Name and number of the format of a saved log.
 SCHEMA = "dynid/log/1"
+#: What has one column per joint, (N, n), in the order of tables, and the quantity whose unit, sign and offset it takes;
+#: none of them, and never saved, where that is "". What only some logs have stands in ``extra``.
+COLUMNS = {
+    "q": "position", "qd": "velocity", "tau": "effort", "q_ref": "position", "qd_reported": "velocity", "clipped": "",
+}  # fmt: skip
+
+#: Other names of arrays in a file of a log, which mean something else there.
+ARRAYS = ("t", "q_motor", "tau_motor")
+
+
+def has_rows(value: object, samples: int) -> bool:
+    """Return whether a value of ``extra`` has one row per sample."""
+    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +68,8 @@ class Log:
         checked: whether it has passed the checks of ``prepare`` for one robot: in DH quantities, every number finite,
             time increasing.
         findings: what was noticed while reading and checking.
-        extra: further arrays and facts, such as the commanded positions ``q_ref`` (N, n) in the unit of q.
+        extra: further arrays and facts, such as the commanded positions ``q_ref`` (N, n) in the unit of q. Order, unit
+            and sign of what ``COLUMNS`` names are changed like those of q; other arrays with a row per sample stay.
 
     Raises:
         LogLayout: an array has another shape than (N, n), holds no numbers, or a unit is not known.
@@ -89,8 +103,9 @@ class Log:
         self._set("tau", self._columns("tau", self.tau))
         if self.qd is not None:
             self._set("qd", self._columns("qd", self.qd))
-        if "q_ref" in self.extra:
-            self._set("extra", {**self.extra, "q_ref": self._columns("q_ref", self.extra["q_ref"])})
+        further = {key: self._columns(key, self.extra[key], COLUMNS[key]) for key in COLUMNS if key in self.extra}
+        if further:
+            self._set("extra", self.extra | further)
         self._set("names", tuple(str(name) for name in self.names))
         if self.names and len(self.names) != self.n:
             raise self._wrong(f"names {len(self.names)} joints but has {self.n} columns")
@@ -116,8 +131,8 @@ class Log:
             raise self._wrong(f"array '{key}' holds no numbers")
         return floats(array)
 
-    def _columns(self, key: str, values: ArrayLike) -> Floats:
-        array = self._floats(key, values)
+    def _columns(self, key: str, values: ArrayLike, quantity: str = "any") -> NDArray[Any]:
+        array: NDArray[Any] = self._floats(key, values) if quantity else np.asarray(values)
         if array.ndim == 1 and self.n == 1:
             array = array[:, None]
         if array.shape != self.q.shape:
@@ -137,6 +152,18 @@ class Log:
     def n(self) -> int:
         """Number of columns."""
         return int(self.q.shape[1])
+
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What has one column per joint, (N, n), by its name in ``COLUMNS``."""
+        given = {"q": self.q, "qd": self.qd, "tau": self.tau} | self.extra
+        return {key: given[key] for key in COLUMNS if given.get(key) is not None}
+
+    def with_columns(self, columns: Mapping[str, NDArray[Any]], **facts: Any) -> Log:  # noqa: ANN401
+        """Return the log with other columns by their names in ``COLUMNS``, and other attributes."""
+        own: dict[str, Any] = {key: columns[key] for key in ("q", "qd", "tau") if key in columns}
+        extra = self.extra | {key: values for key, values in columns.items() if key not in own}
+        return replace(self, **own, extra=extra, **facts)
 
     @property
     def duration(self) -> float:
@@ -183,6 +210,14 @@ class Log:
         columns = [f"{kind}_{name}" for kind in kinds for name in names]
         return pd.DataFrame(np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns)
 
+    def further(self) -> dict[str, NDArray[Any]]:
+        """Return what stands in ``extra`` beside ``COLUMNS`` and has a row of numbers per sample, (N, ...)."""
+        return {
+            key: value
+            for key, value in self.extra.items()
+            if key not in (*COLUMNS, *ARRAYS) and has_rows(value, len(self)) and np.issubdtype(value.dtype, np.number)
+        }
+
     def save(self, path: str | Path, run: Mapping[str, Any] | None = None) -> Path:
         """Write the log as .npz, whole, with names and units in its header; ``dynid.load_log`` reads and checks it.
 
@@ -190,11 +225,8 @@ class Log:
             path: the file.
             run: facts about the run that made it, for the header: command line, seed, hashes of inputs.
         """
-        arrays: dict[str, Any] = {"t": self.t, "q": self.q, "tau": self.tau}
-        if self.qd is not None:
-            arrays["qd"] = self.qd
-        if "q_ref" in self.extra:
-            arrays["q_ref"] = self.extra["q_ref"]
+        columns = {key: x for key, x in self.columns.items() if COLUMNS[key]}
+        arrays = {"t": self.t, "q": self.q, "tau": self.tau} | columns | self.further()
         header = {
             "schema": SCHEMA,
             "dynid": __version__,

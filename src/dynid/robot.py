@@ -208,14 +208,15 @@ class TorqueSource:
     """What the effort column is.
 
     Attributes:
-        source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"`` or ``"gravity_free"``.
+        source: ``"joint_sensor"``, ``"motor_torque"``, ``"motor_current"``, ``"gravity_free"`` or ``"unknown"``,
+            where the robot file does not say: worked with as torques of the joints.
         gain: N m per A of each joint; None where unknown.
         relative: whether only the ratios of the gains are known; torques are then counted as amperes.
         noise: standard deviation of each joint's torque [N m or N]; None where it is not known.
         gain_error: standard deviation of the torque's scale, as a share; None for the default of the source.
     """
 
-    source: str = "joint_sensor"
+    source: str = "unknown"
     gain: tuple[float | None, ...] | None = None
     relative: bool = False
     noise: tuple[float, ...] | None = None

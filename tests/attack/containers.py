@@ -125,3 +125,60 @@ def with_journal(log: Log, kind: str) -> Callable[[Path], None]:
             journal.write_bytes(bytes(range(256)) * 400)
 
     return made
+
+
+def shared_pages(column: str, *, text: bool = False, pages: int = 8) -> Callable[[Path], None]:
+    """Return what makes a store of 0.9 MB of 650 rows a page, whose one column of 0.9 MB lies in the same pages for all of them."""
+
+    def made(path: Path) -> None:
+        path.unlink(missing_ok=True)
+        base = sqlite3.connect(path)
+        behind = ("topic_id", "timestamp", "data")
+        names = behind if column in behind else (column, *behind)
+        base.executescript(
+            f"PRAGMA page_size = {PAGE}; CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format);"
+            f"CREATE TABLE messages(id INTEGER PRIMARY KEY, {', '.join(names)});"
+            "INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr')"
+        )
+        # Why this size: 449 of its bytes stay in the page of the row, so that there is room for the other rows.
+        size = 449 + 220 * (PAGE - 4)
+        values = {"topic_id": 1, "timestamp": 1, "data": b"\0\1\0\0" + bytes(40)} | {
+            column: "x" * size if text else bytes(size)
+        }
+        base.execute(
+            f"INSERT INTO messages VALUES (1, {', '.join('?' * len(names))})", [values[name] for name in names]
+        )
+        base.commit()
+        ((root,),) = base.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
+        base.close()
+        raw = bytearray(path.read_bytes())
+        at, count = PAGE * (root - 1), len(raw) // PAGE
+        (row,) = struct.unpack_from(">H", raw, at + 8)
+        struct.pack_into(">H", raw, at + 3, 650)
+        struct.pack_into(">650H", raw, at + 8, *[row] * 650)
+        raw += raw[at : at + PAGE]
+        raw[at : at + PAGE] = _inner_page(count + 1, pages)
+        struct.pack_into(">I", raw, 28, len(raw) // PAGE)
+        path.write_bytes(raw)
+
+    return made
+
+
+def short_map(log: Log, op: int, said: int) -> Callable[[Path], None]:
+    """Return what writes an MCAP file whose statistics (op 11) or indices of chunks (op 8) hold a map of another length than they say."""
+    from dynid.files.convert import write_log
+
+    def made(path: Path) -> None:
+        write_log(log, path)
+        raw, at = path.read_bytes(), len(MAGIC)
+        out = bytearray(MAGIC)
+        while at < len(raw) - len(MAGIC):
+            kind, size = struct.unpack_from("<BQ", raw, at)
+            content = bytearray(raw[at + 9 : at + 9 + size])
+            if kind == op:
+                struct.pack_into("<I", content, 42 if op == 11 else 32, said)
+            out += _record(kind, bytes(content))
+            at += 9 + size
+        path.write_bytes(out + MAGIC)
+
+    return made

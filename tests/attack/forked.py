@@ -53,8 +53,13 @@ def mapped() -> int:
     return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def run(words, folder: Path, seconds: float = SECONDS, prepare: Callable[[], object] = lambda: None) -> Ended:
-    """Run ``dynid WORDS`` in a fork of this process, after ``prepare``; a hang ends as SIGALRM, a memory hog as MemoryError."""
+def run(
+    words, folder: Path, seconds: float = SECONDS, prepare: Callable[[], object] = lambda: None, command=None
+) -> Ended:
+    """Run ``dynid WORDS`` in a fork of this process, after ``prepare``; a hang ends as SIGALRM, a memory hog as MemoryError.
+
+    ``command`` is run in its place, and reads its words from the environment.
+    """
     out, err = folder.parent / f"{folder.name}.out", folder.parent / f"{folder.name}.err"
     begin = time.monotonic()
     sys.stdout.flush()
@@ -78,11 +83,11 @@ def run(words, folder: Path, seconds: float = SECONDS, prepare: Callable[[], obj
             resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
             signal.alarm(3 * int(seconds))
             from dynid.cli import failure
-            from dynid.cli.main import run as command
+            from dynid.cli.main import run as whole
 
             failure.prepare_streams()
             prepare()
-            status = command([str(word) for word in words])
+            status = whole([str(word) for word in words]) if command is None else command()
             failure.silence_streams()
         finally:
             os._exit(status)

@@ -53,8 +53,13 @@ def start(command: str, folder: Path, mark: str) -> subprocess.Popen[bytes]:
         "OPENBLAS_NUM_THREADS": "1",
     }
     words = [sys.executable, "-m", "dynid", *command.split(), "--no-input", "--force", "--quiet"]
+
+    def listening() -> None:
+        # Why: whoever runs this in the background ignores interrupts, and so would what is started here.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
     return subprocess.Popen(words, cwd=folder / "work", env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                            stderr=(folder / "stderr").open("wb"), start_new_session=True)  # fmt: skip
+                            stderr=(folder / "stderr").open("wb"), start_new_session=True, preexec_fn=listening)  # fmt: skip
 
 
 def alive(mark: str) -> list[str]:

@@ -320,6 +320,8 @@ STATEMENTS = (
     "DROP TABLE topics; CREATE VIRTUAL TABLE topics USING fts5(id, name, type, serialization_format)",
     "CREATE TRIGGER t AFTER INSERT ON messages BEGIN SELECT load_extension('/tmp/x'); END",
     "INSERT INTO topics(id, name, type, serialization_format) SELECT 10 + value, 'n' || value, 'sensor_msgs/msg/JointState', 'cdr' FROM (WITH RECURSIVE c(value) AS (SELECT 1 UNION ALL SELECT value + 1 FROM c WHERE value < 20000) SELECT value FROM c)",
+    "UPDATE topics SET id = printf('%.5000d', 9)", "UPDATE topics SET id = 9e999", "UPDATE messages SET topic_id = zeroblob(900000) WHERE rowid < 9",
+    "UPDATE messages SET timestamp = printf('%.900000d', 1) WHERE rowid < 9", "UPDATE messages SET topic_id = NULL WHERE rowid % 2", "ALTER TABLE messages ADD COLUMN pad",
     "PRAGMA user_version = 5", "PRAGMA encoding = 'UTF-16'", "UPDATE topics SET name = '/a', type = 'sensor_msgs/msg/JointState'",
 )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from inputs import ROBOT, motion
@@ -51,6 +53,41 @@ def test_a_log_that_no_arm_gives_is_an_error_of_the_catalogue(case, arm):
 def test_what_is_no_log_is_told_what_would_be_one(logs, arm):
     with pytest.raises(WrongUsage, match=r"logs .*must be a log"):
         dynid.identify(arm, logs)
+
+
+def asked_with(name: str, arm) -> list[str]:
+    """Call a public function with each argument in turn as something else; return what is no error of the catalogue."""
+    function = getattr(dynid, name)
+    given = [each for each in inspect.signature(function).parameters.values() if each.kind not in (2, 4)]
+    usual = {each.name: LOG if each.name in ("log", "logs") else arm for each in given if each.default is each.empty}
+    wrong = []
+    for each in given:
+        for value in VALUES if each.name not in ("progress", "write") else ():
+            # Why not None: where it is the default, the call is right and takes its time.
+            if value is None and each.default is None:
+                continue
+            try:
+                function(**{**usual, each.name: value})
+            except DynidError:
+                continue
+            except Exception as error:  # noqa: BLE001
+                wrong.append(f"{each.name}={value!r:.20}: {type(error).__name__}: {error}")
+    return wrong
+
+
+@pytest.mark.parametrize(
+    "name", ["base_model", "compare", "export", "find_drive_gains", "find_gap", "identify", "load", "load_log", "load_robot", "observe", "report", "simulate", "validate"]
+)  # fmt: skip
+def test_an_argument_of_any_kind_is_an_error_of_the_catalogue(name, arm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with np.errstate(all="ignore"):
+        assert asked_with(name, arm) == []
+
+
+@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2, 2)), np.zeros((0, 2)), [[0, 0], [10**400, 0]], [[0], [1]], "x", [[0, np.nan], [1, 1]]], ids=repr)  # fmt: skip
+def test_waypoints_of_any_kind_are_taken_or_refused_in_a_sentence(points, arm):
+    with pytest.raises(DynidError):
+        dynid.plan_trajectory(arm, waypoints=points)
 
 
 @pytest.mark.parametrize("name", ["cutoff", "method", "holdout", "delay", "exclude"])

@@ -30,7 +30,7 @@ from dynid.gap.record import read_record
 from dynid.model import base_model as store
 from dynid.model.base_model import BaseModel
 from dynid.npz import read_npz
-from dynid.reports.evidence import _spectrum, gather, relative_percent
+from dynid.reports.gathered import _spectrum, gather, relative_percent
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
 from dynid.workflows.identify import identify

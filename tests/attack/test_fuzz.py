@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import warnings
 from pathlib import Path
 
+import lent
 import mutate
 import numpy as np
 import odd
@@ -14,6 +16,8 @@ import richer
 import structured
 from forked import Ended, contents, faults, run
 from inputs import first_seed, inputs_wanted
+
+from dynid.cli import main
 
 #: Kind of input: file, how it is broken, share of 5000 inputs, commands that read it.
 KINDS = {
@@ -67,7 +71,9 @@ TEXT = (mutate.text, structured.document, structured.urdf, structured.table, ric
 
 
 #: Command lines that are odd themselves: how they are made, share of 5000 inputs.
-LINES = {"options": (lambda rng, folder: odd.options(rng), 500), "places": (odd.places, 500)}
+LINES = {
+    "options": (lambda rng, folder: odd.options(rng), 500), "places": (odd.places, 500), "folders": (lent.folders, 600),
+}  # fmt: skip
 
 
 def attempt(kind: str, seed: int, originals: Path, folder: Path) -> tuple[Ended, list[str]]:
@@ -107,3 +113,25 @@ def test_a_broken_input_is_answered_as_documented(kind, originals, tmp_path):
         else:
             shutil.rmtree(tmp_path / str(seed))
     assert not bad, f"{len(bad)} of {count}\n" + "\n".join(bad)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_line_that_is_not_finished_is_completed_or_not_in_silence(shell, originals, tmp_path):
+    for seed in range(first_seed(), first_seed() + inputs_wanted(150)):
+        folder = tmp_path / str(seed) / "work"
+        shutil.copytree(originals, folder)
+        rng = np.random.default_rng([seed, 200])
+        words = lent.completions(rng, folder)
+        given = {
+            "_DYNID_COMPLETE": f"{shell}_complete",
+            "COMP_WORDS": " ".join(["dynid", *words]),
+            "COMP_CWORD": str(len(words)),
+        }
+        if rng.random() < 0.2:
+            given[str(rng.choice(sorted(given)))] = str(rng.choice(["", "x", "-1", "99", "bash_source"]))
+        before = contents(folder)
+        ended = run([], folder, command=main.main, prepare=lambda given=given: os.environ.update(given))
+        found = [each for each in faults(ended, folder, before) if each not in ("status 99", "no message")]
+        assert not found, (seed, words, found, ended)
+        assert not ended.err, (seed, words, ended)
+        shutil.rmtree(tmp_path / str(seed))

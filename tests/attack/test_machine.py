@@ -240,3 +240,26 @@ def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(p
             line for line in said if not (ros and ("'127.0.0.1', 19" in line or line.startswith("socket.bind")))
         ] == [], command
         seen.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("size", [60, 90, 120, 180, 250, 320, 399])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "identify arm.yaml log.npz --out out",
+        "check log.npz",
+        "explain E201",
+        "trajectory arm.yaml --seconds 1 --preview none --out out",
+    ],
+)
+def test_a_machine_of_few_addresses_says_so(command, size, folder):
+    environment = {**os.environ, "HOME": str(folder.parent / "home"), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        ["bash", "-c", f'ulimit -v {size << 10}; exec "$0" -m dynid {command} --no-input --force', sys.executable],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    # Why: below 60 MB Python itself does not start, and NumPy has no memory for its libraries below 120 MB.
+    assert done.returncode in ((0, 6) if command.split()[0] in ("check", "explain") else (6,)), done.stderr
+    assert "Traceback" not in done.stderr
+    assert "internal error" not in done.stderr
+    assert ("error[E611]" in done.stderr) == (done.returncode == 6)

@@ -7,8 +7,10 @@ import os
 import re
 import resource
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +57,42 @@ def hardly_silent(path: Path) -> None:
 def with_command(path: Path) -> None:
     """A log with what was commanded."""
     replace(LOG, extra={"q_ref": LOG.q}).save(path)
+
+
+def numbered(value: str) -> Callable[[Path], None]:
+    """Return what makes a store whose only topic has such a number."""
+
+    def write(path: Path) -> None:
+        path.unlink(missing_ok=True)
+        with closing(sqlite3.connect(path)) as base:
+            base.executescript(
+                "CREATE TABLE topics(id, name, type, serialization_format); CREATE TABLE messages(id, topic_id, timestamp, data);"
+                f"INSERT INTO topics VALUES ({value}, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr');"
+                f"INSERT INTO messages VALUES (1, {value}, 1, x'00010000')"
+            )
+
+    return write
+
+
+def meshes(made: Callable[[Path], object]) -> Callable[[Path], None]:
+    """Return what makes a mesh and a URDF that shows it."""
+
+    def write(path: Path) -> None:
+        shape = f'<collision><geometry><mesh filename="{path.name}"/></geometry></collision>'
+        path.with_name("meshes.urdf").write_text(URDF.replace("</inertial></link>", f"</inertial>{shape}</link>"))
+        made(path)
+
+    return write
+
+
+def executable(text: str) -> Callable[[Path], None]:
+    """Return what writes a program."""
+
+    def write(path: Path) -> None:
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+
+    return write
 
 
 def a_pause(seconds: float) -> Callable[[Path], None]:
@@ -130,6 +168,7 @@ CASES = {
     "a length of 1e-300 m": ("arm.yaml", ROBOT.replace("a: 0.4", "a: 1.0e-300"), "model arm.yaml --out out", 3, "beyond what can be measured"),
     "UTF-16": ("arm.yaml", ROBOT.encode("utf-16"), "check arm.yaml", 3, "not a text file"),
     "90 000 waypoints": ("way.csv", poses(90_000), "trajectory arm.yaml --from-waypoints way.csv --preview none --out out", 3, "90 000 waypoints"),
+    "waypoints in degrees": ("plan.yaml", "alpha: 0.3\nduration: 4\nwaypoints: [[0,0],[40,-30],[90,20],[-60,50],[0,0]]\n", "trajectory arm.yaml plan.yaml --preview none --out out", 3, "angle_unit: deg"),
     "waypoints 1e-12 s apart": ("plan.yaml", PLAN.replace("[0, 2, 4]", "[0, 1.0e-12, 4]"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "0.001 s later"),
     "a motion of 1e302 s": ("plan.yaml", PLAN.replace("alpha: 0.3", "alpha: 1.0e-29"), "trajectory arm.yaml plan.yaml --preview none --out out", 3, "a planned motion"),
     "5000 jobs": ("batch.yaml", "defaults: {robot: arm.yaml}\njobs:\n" + "".join(f"- {{name: j{k}, logs: [x]}}\n" for k in range(5000)), "run batch.yaml --out out", 3, "5 000 jobs"),
@@ -146,6 +185,14 @@ CASES = {
     "messages after the year 2262": ("log.mcap", containers.stamped_late(LOG), "check log.mcap --robot arm.yaml", 0, "W305"),
     "10^15 rows in 300 kB": ("log.db3", containers.pages_without_end, "identify arm.yaml log.db3 --out out", 3, "E3"),
     "10^15 rows in 300 kB, looked at": ("log.db3", containers.pages_without_end, "check log.db3", 0, ""),
+    **{f"5200 rows that share their {what}": ("log.db3", containers.shared_pages(what, text=text), "check log.db3", status, said) for what, text, status, said in (
+        ("topic_id", False, 0, "0 messages"), ("topic_id", True, 0, "0 messages"), ("timestamp", False, 0, "0 messages"), ("pad", False, 3, "no tables of rosbag2"))},
+    "5200 rows that share their data": ("log.db3", containers.shared_pages("data"), "check log.db3", 0, "pages are used twice"),
+    "statistics of a third of a pair": ("log.mcap", containers.short_map(LOG, 11, 3), "check log.mcap --robot arm.yaml", 0, "usable"),
+    "statistics of a billion pairs": ("log.mcap", containers.short_map(LOG, 11, 10**9), "check log.mcap --robot arm.yaml", 0, "usable"),
+    "an index of chunks of a billion pairs": ("log.mcap", containers.short_map(LOG, 8, 10**9), "check log.mcap --robot arm.yaml", 0, "usable"),
+    **{f"a topic whose number is {what}": ("log.db3", numbered(value), "check log.db3", 3, "names no topic") for what, value in
+       (("text", "'text'"), ("none", "NULL"), ("endless", "9e999"), ("of 5000 digits", f"'{'9' * 5000}'"), ("a blob", "x'00'"))},
     "a journal that is a pipe": ("log.db3", containers.with_journal(LOG, "pipe"), "check log.db3", 0, ""),
     "a journal that is a device": ("log.db3", containers.with_journal(LOG, "device"), "check log.db3", 0, ""),
     "a journal of debris": ("log.db3", containers.with_journal(LOG, "debris"), "check log.db3 --robot arm.yaml", 0, ""),
@@ -158,7 +205,7 @@ CASES = {
     "merged mappings that double 24 times": ("out/run.yaml", "a: &a {x: 1, y: 2}\n" + "".join(f"{b}: &{b} {{<<: [*{a}, *{a}]}}\n" for a, b in zip("abcdefghijklmnopqrstuvwx", "bcdefghijklmnopqrstuvwxy", strict=True)), "model arm.yaml --out out", 0, ""),
     "a prior of no possible body": ("arm.yaml", ROBOT.replace("izz: 0.015", "izz: 50"), "trajectory arm.yaml plan.yaml --preview none --out out", 1, "the prior of link 2 is not a physically possible body"),
     "one effect twice": ("arm.yaml", effects("effect: viscous", "effect: viscous"), "check arm.yaml", 3, "viscous is given twice on elbow"),
-    "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "with mass, centre and inertia"),
+    "two waves of one joint": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: torque_ripple, parameters: {k: 14}"), "identify arm.yaml log.npz --out out", 0, "parameters.npz"),
     "an arm with effects": ("arm.yaml", effects("effect: torque_ripple, parameters: {k: 7}", "effect: backlash, parameters: {b: 0.01}"), "trajectory arm.yaml --seconds 1 --preview none --out out", 0, "planned without"),
     "terms that are one": ("arm.yaml", effects("effect: formula, formula: a q + b q + c q"), "identify arm.yaml log.npz --out out", 0, "not determined"),
     "a formula on no joint": ("arm.yaml", ROBOT + "effects:\n  - {effect: formula, formula: a q, joints: []}\n", "model arm.yaml --out out", 3, "acts on no joint"),
@@ -191,6 +238,15 @@ CASES = {
     "an arm with one run": ("runs.csv", "result,arm,time\nout,a,2026-01-01\n", "fleet runs.csv --out out/f", 0, "no arm has three runs"),
     "a name that steers the terminal": ("batch.yaml", job(logs="\x1b[31m\u202e.npz", name="\x1b]0;x\x07"), "run batch.yaml --out out --junit out/j.xml --log-file out/said.log", 3, "no such file"),
     "a robot that steers the terminal": ("arm.yaml", ROBOT.replace("a: 0.4", 'a: "\\e[31m"'), "check arm.yaml --log-file out/said.log", 3, "E2"),
+    **{f"a matplotlibrc that {what}": ("matplotlibrc", text, "report out", 0, "wrote") for what, text in (
+        ("starts a program", "text.usetex: True\n"), ("asks for what cannot be", "figure.dpi: 100000000\naxes.prop_cycle: cycler('color', [])\n"),
+        ("is no text", b"\xff\xfe\x00font"), ("nobody writes", os.mkfifo))},
+    **{f"a compiler in the folder, called {name}": (name, executable("touch HACKED"), "export out/parameters.npz --format c --format matlab", 0, "wrote") for name in ("cc", "gcc", "as", "octave-cli")},
+    "a folder that lends its shell's start file": ("dynid.yaml", "log_file: started\n", "check log.csv --robot arm.yaml", 2, "only you may set"),
+    "a run with a scheduler of somebody": ("dynid.yaml", "run: {scheduler: 'tcp://127.0.0.1:1'}\n", "run batch.yaml --out out/b", 2, "only you may set"),
+    "a run that writes elsewhere": ("out/run.yaml", "identify: {arguments: [arm.yaml, log.npz, --out, /tmp/elsewhere]}\n", "identify --from out/run.yaml", 2, "leads out of the folder"),
+    **{f"a mesh that is {what}": ("mesh.stl", made, "trajectory arm.yaml plan.yaml --urdf meshes.urdf --preview none --out out", 3, said) for what, made, said in (
+        ("a pipe", meshes(os.mkfifo), "no regular file"), ("a device", meshes(lambda path: path.symlink_to("/dev/zero")), "no regular file"), ("a hole of 1 TB", meshes(hole(1 << 40)), "may expand"))},
     "a log file that nobody reads": ("said", os.mkfifo, "check arm.yaml --log-file said", 6, "a pipe that nobody reads"),
     "an output that is a pipe": ("pipe.csv", os.mkfifo, "convert log.npz --to pipe.csv", 6, "no regular file"),
 }  # fmt: skip
@@ -219,6 +275,13 @@ def no_folder() -> None:
     Path(gone).rmdir()
 
 
+def no_programs() -> None:
+    """Let the compiler be one that makes nothing."""
+    place = Path(tempfile.mkdtemp())
+    executable("exit 0")(place / "cc")
+    os.environ["PATH"] = f"{place}:/usr/bin:/bin"
+
+
 #: Environments: what is changed, command, statuses.
 ENVIRONMENTS = {
     "the folder is gone": (no_folder, "doctor", {6}),
@@ -228,6 +291,8 @@ ENVIRONMENTS = {
     "an address that is none": (lambda: os.environ.update(ROS_MASTER_URI="http://[::bad"), "doctor", {0}),
     "a locale that nobody has": (lambda: os.environ.update(LC_ALL="xx_YY.bogus"), "check arm.yaml", {0}),
     "an option that is no text": (lambda: os.environ.update(DYNID_OUT="\udcff", DYNID_LIMIT="samples=1"), "check log.csv --robot arm.yaml", {2, 3}),
+    "programs of the current folder": (lambda: os.environ.update(PATH=f".:{os.environ['PATH']}"), "export out/parameters.npz --format c", {0}),
+    "temporary files that are no programs": (no_programs, "export out/parameters.npz --format c", {0}),
     "twelve open files": (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (12, 12)), "identify arm.yaml log.npz --out out", {0, 6}),
 }  # fmt: skip
 

@@ -57,13 +57,14 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert len(gap["heldout_before_nm"]) == len(gap["noise_floor_nm"]) == 7
     worst = max(answer["where"], key=lambda w: w["share"])
     assert worst["joint"] == "lwr_3_joint"
-    copy = dynid.folder / "arm+load_friction4.yaml"
+    copy = dynid.folder / "after" / "arm+load_friction4.yaml"
     (entry,) = yaml.safe_load(copy.read_text())["effects"]
     assert entry["effect"] == "load_friction"
     assert "# KUKA LWR4+" in copy.read_text(), "comments of the robot file stay"
     assert (dynid.folder / "before" / "gap" / "where.png").is_file()
 
-    again = json.loads(dynid("identify", copy.name, logs[0], logs[2], "--json", "-o", "with", "--no-report").out)
+    own = f"after/{copy.name}"
+    again = json.loads(dynid("identify", own, logs[0], logs[2], "--json", "-o", "with", "--no-report").out)
     values = {row["name"]: row["value"] for row in again["parameters"]}
     assert values["load_friction4_a"] == pytest.approx(entry["parameters"]["a"], rel=0.15)
     before = json.loads(dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out)
@@ -89,7 +90,7 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
         **ONE,
     )
     assert ended.status == 0, ended.err
-    assert "load_friction" in ended.out
+    assert ended.out.startswith("lwr_3_joint: friction that grows with the load")
     assert "(not asked: no terminal" in ended.err
     assert not list(dynid.folder.glob("arm+*"))
 

@@ -13,7 +13,7 @@ from dynid import errors
 from dynid.cli import terminal
 from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, limits_page, robot_page
 from dynid.codes import codes
-from dynid.files.artifact import Artifact, write_artifact
+from dynid.files.artifact import write_artifact
 from dynid.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -148,7 +148,7 @@ def test_check_describes_a_robot_with_its_tool_at_zero(dynid):
 
 def test_check_shows_the_header_of_a_result(dynid):
     header = {"robot": "arm", "inputs": {"log": "0123456789abcdef" * 4}}
-    write_artifact(dynid.folder / "r.npz", Artifact("dynid/parameters/1", header, {"theta": np.zeros((3, 2))}))
+    write_artifact(dynid.folder / "r.npz", "dynid/parameters/1", header, {"theta": np.zeros((3, 2))})
     done = dynid("check", "r.npz")
     assert (done.status, done.err) == (0, "")
     assert done.out.splitlines() == [

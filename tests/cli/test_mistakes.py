@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.files.artifact import Artifact, write_artifact
+from dynid.files.artifact import write_artifact
 from makelogs import kinova, state_messages, write_bag
 
 ROOT = Path(__file__).parents[2]
@@ -378,7 +378,7 @@ def test_the_training_log_is_no_validation_log(dynid):
 # ---------------------------------------------------------------- decisions and versions
 def test_a_result_of_a_newer_dynid_is_not_guessed_at(dynid):
     twolink.write_arm(dynid.folder)
-    write_artifact(dynid.folder / "p.npz", Artifact("dynid/identification/99", {"dynid": "9.9"}, {}))
+    write_artifact(dynid.folder / "p.npz", "dynid/identification/99", {"dynid": "9.9"}, {})
     refused(
         dynid("validate", "p.npz", "unseen.csv"), "E320", 3, r"written by dynid 9.9 \(schema 99\); this is", "upgrade"
     )

@@ -28,11 +28,11 @@ def types_name(common, move, **_):
 
 
 def writes(common, word, samples, **_):
-    from dynid.files.artifact import Artifact, write_artifact  # NumPy comes with it, and most jobs do without
+    from dynid.files.artifact import write_artifact  # NumPy comes with it, and most jobs do without
 
     path, inputs = common.folder("arm") / "result.npz", input_hashes({"log": Path(word)}, {"samples": samples})
     if may_write(common, path, inputs):
-        write_artifact(path, Artifact("dynid/toy/1", {"inputs": inputs}, {}))
+        write_artifact(path, "dynid/toy/1", {"inputs": inputs}, {})
         common.terminal.wrote(path)
         write_run(path.parent, inputs)
 

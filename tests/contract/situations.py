@@ -150,6 +150,9 @@ ANSWERS = {
         identify --from updated/run.yaml --no-report --json -o again
         export {run} --format all --json
         export {run} --format urdf --set plain --json -o plain
+        export {run} --format mjcf --format c --draws 2 --observer --json -o drawn
+        contacts {run} {unseen} --json
+        simulate {run} {run} --compare {unseen} --json
         compare updated --baseline {run} --json
         fleet {run} updated --json
         model scara --json --groups json
@@ -201,6 +204,7 @@ MISTAKES = {
         completion tcsh
         demo --effect no_such_effect
         export no_such_run --format urdf
+        contacts no_such_run no_such.bag
         report no_such_run
         compare no_such_run
         fleet no_such_run

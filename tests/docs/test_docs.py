@@ -83,9 +83,9 @@ def test_every_command_named_in_the_pages_exists():
 def test_pages_that_messages_point_to_exist():
     """In the folder of the documentation, and by the name that ``dynid explain`` knows them by."""
     source = "".join(path.read_text() for path in (ROOT / "src/dynid").rglob("*.py"))
-    for target in set(re.findall(r"docs/[a-z/-]+\.md", source)):
+    for target in set(re.findall(r"docs/[a-z0-9/-]+\.md", source)):
         assert (ROOT / target).is_file(), target
-    named = set(re.findall(r"dynid explain ([a-z][a-z-]+)", source))
+    named = set(re.findall(r"dynid explain ([a-z][a-z0-9-]+)", source))
     assert {"robot-file", "log-format", "limits"} <= named <= {path.stem for path in (ROOT / "docs").rglob("*.md")}
 
 

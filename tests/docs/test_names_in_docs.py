@@ -16,13 +16,16 @@ STARTS = (ROOT, ROOT / "src", ROOT / "src/dynid", ROOT / "tests", ROOT / "docs",
 #: Files with these endings belong to the project; files of a user have others, or stand in no folder.
 OURS = (".py", ".md", ".svg", ".ipynb", ".toml")
 #: Folders that a command writes or that a reader of the page has.
-OF_READERS = {"log/", "logs/", "out/", "validation/", "my_arms/"}
+OF_READERS = {"log/", "logs/", "out/", "validation/", "my_arms/", "draws/"}
+#: Files that dynid writes.
+WRITTEN = {"effects.py"}
 #: Options of other programs, and of the project's own scripts outside of ``dynid``.
 OTHER_OPTIONS = {
     "--exclude-editable", "--requirement",  # pip
     "--nthreads", "--nworkers", "--tls-cert",  # dask worker
     "--core",  # rosmaster
-    "--commands", "--data", "--draws", "--folder", "--logs", "--minutes", "--unchanged",  # scripts in benchmarks/
+    "--commands", "--data", "--folder", "--logs", "--minutes", "--seeds", "--unchanged",  # scripts in benchmarks/
+    "--stdin",  # ros2 action
 }  # fmt: skip
 
 #: A word that stands for another one; README, CHANGELOG and CONTRIBUTING are files.
@@ -55,7 +58,8 @@ def named_files(page):
     for span in spans(page):
         for word in re.findall(r"[\w./{},*-]+", span):
             folder = word.endswith("/") and len(word) > 2 and not word.startswith(("/", "~"))
-            if (folder and word not in OF_READERS and "out/" not in word) or word.endswith(OURS):
+            written = word in WRITTEN or "out/" in word
+            if (folder and word not in OF_READERS and not written) or (word.endswith(OURS) and not written):
                 yield from (
                     each for each in alternatives(word) if not PLACEHOLDER.search(str(Path(each).with_suffix("")))
                 )

@@ -68,14 +68,15 @@ def test_an_effect_outside_the_catalogue_is_unexplained_and_gets_no_name():
     _, _, seen, _ = look([("ringing", 3)], 4.0, 25)
     assert seen.verdict.word == "unexplained"
     assert named(seen) == set()
-    assert "No effect of the catalogue" in seen.verdict.advice
+    assert "lwr_3_joint" in seen.verdict.advice
 
 
 def test_contacts_that_do_not_repeat_are_called_so():
     _, _, seen, _ = look([("contacts", 2)], 4.0, 26)
     assert seen.verdict.word == "unexplained"
     assert seen.search.problem.noise.unrepeatable == [2]
-    assert "does not repeat" in seen.verdict.advice
+    assert "lwr_2_joint" in seen.verdict.advice
+    assert "did not repeat" in seen.verdict.advice
 
 
 def test_what_changed_since_the_model_was_identified_is_a_payload():

@@ -71,7 +71,7 @@ def differences(one, other, place=""):
         for k, pair in enumerate(zip(one, other, strict=False)):
             yield from differences(*pair, f"{place}/{k}")
     elif isinstance(one, float):
-        if not math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-9):
+        if not math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-7):
             yield f"{place}: {one} {other}"
     elif one != other:
         yield f"{place}: {one} {other}"

@@ -32,7 +32,6 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     )  # fmt: skip
     yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
     runs.append(lab.start(*words, "--yes", stdin=yes.stdout))
-    (lab.folder / "dynid.yaml").write_text("yes: true\n")
     lab.env |= {"DYNID_MOVE": KINOVA, "DYNID_RECORD_MOVE": KINOVA, "DYNID_YES": "1", "DYNID_NO_INPUT": "0"}
     runs.append(lab.start(*words))
     out, err = closed.communicate(timeout=LIMIT)
@@ -46,6 +45,16 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     assert typed_yes[0] == 7, "not even a person's yes on a terminal stands for the name"
     assert "error[E704]" in typed_yes[1]
     assert lab.finish(driver)["commands"] == 0
+
+
+def test_a_file_of_the_folder_answers_nothing_and_moves_nothing(lab, plan):
+    trajectory = plan(KINOVA)
+    keys = ("accept_unreviewed: true", "max_deviation: 90", "speed: 100%")
+    for text in ("yes: true", *(f"record: {{{key}}}" for key in keys)):
+        (lab.folder / "dynid.yaml").write_text(f"{text}\n")
+        done = lab.record(KINOVA, trajectory)
+        assert done.status in (2, 3)
+        assert "which only you may set" in done.err or "unknown key" in done.err
 
 
 def test_the_name_cannot_stand_in_a_configuration_file(lab, plan):

@@ -79,8 +79,7 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
         for label, text in checked.description:
             terminal.fact(label, text)
         terminal.findings(checked.findings)
-        for path in paths:
-            terminal.wrote(path)
+        terminal.wrote(*paths)
     warnings = sum(checked.warnings for checked in found)
     usable = all(finding.code != "W330" for checked in found for finding in checked.findings)
     verdict = "usable" if usable else "usable once `driver: columns:` names the columns"

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         "dynid export out/kuka_lwr4plus --format urdf",
         "dynid export out/kuka_lwr4plus --format urdf --urdf lwr.urdf       your own file, new inertial blocks",
         "dynid export out/kuka_lwr4plus --format c --format python",
+        "dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation",
     ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
@@ -52,6 +53,8 @@ def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) 
             progress=progress,
         )
     show(common, made)
+    if made.drawn:
+        common.terminal.wrote(made.drawn[-1].parent)
     common.terminal.emit_json(made.facts())
     return ExitStatus.DONE if made.agrees or made.findings else ExitStatus.LIMIT_NOT_MET
 
@@ -72,5 +75,10 @@ def show(common: Common, made: ExportedModel) -> None:
     """Print what was compared and what the formats leave out."""
     common.terminal.show(made.table(), numbers=False)
     for file in made.files:
+        for phrase in file.elements:
+            common.terminal.answer(f"{file.format} has {phrase}")
         for phrase in file.leaves_out:
-            common.terminal.answer(f"{file.format} has no place for {phrase}")
+            if phrase.removeprefix("effect ") not in file.beside:
+                common.terminal.answer(f"{file.format} has no place for {phrase}")
+        if file.beside:
+            common.terminal.answer(f"effects.py adds to {file.format}: {', '.join(file.beside)}")

@@ -18,7 +18,7 @@ from typing import IO, Any, NoReturn, TextIO
 
 import click
 
-from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
+from dynid.errors import CannotWrite, DynidError, ExitStatus, OutOfMemory, WrongUsage
 from dynid.text import visible
 from dynid.xdg import cache_folder
 
@@ -162,6 +162,38 @@ def usage_error(error: click.ClickException) -> DynidError:
         place = place if source is click.core.ParameterSource.DEFAULT_MAP else ""
     why = "the command line cannot be understood"
     return WrongUsage(text[:1].lower() + text[1:], where=place or path, why=why, fix=fix)
+
+
+#: Least address space that commands need [byte]. Evidence: the libraries alone map 363 MB for a gap of two joints on
+#: one thread, 154 MB to check a log; a linear algebra library without memory tries for ever or ends the process.
+ADDRESS_SPACE = 400 << 20
+_OF_SMALL = {"explain": 0, "completion": 0, "check": 160 << 20, "doctor": 160 << 20}
+
+
+def require_address_space(command: str) -> None:
+    """Raise where this shell lets a process map less than the libraries of a command need.
+
+    Raises:
+        OutOfMemory: names the limit.
+    """
+    with suppress(ImportError):  # a system without such limits
+        import resource
+
+        most, need = resource.getrlimit(resource.RLIMIT_AS)[0], _OF_SMALL.get(command, ADDRESS_SPACE)
+        if most not in (-1, resource.RLIM_INFINITY) and most < need:
+            raise OutOfMemory(
+                f"this shell allows {most >> 20} MiB of address space; {command} needs {need >> 20} MiB",
+                why="the libraries alone map that much",
+                fix="ulimit -v unlimited",
+            )
+
+
+def unexpected(error: Exception, context: FailureContext) -> int:
+    """Return the exit status of what nobody foresaw: memory that a library did not get, or a mistake of dynid."""
+    said = str(error)
+    if (isinstance(error, ImportError) and "failed to map" in said) or "can't start new thread" in said:
+        return report(OutOfMemory(f"there is not enough memory: {said}"), context)
+    return crash(error, context)
 
 
 def is_users(error: OSError) -> bool:

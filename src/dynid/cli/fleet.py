@@ -36,8 +36,7 @@ def command(common: Common, results: tuple[Path, ...], **values: Any) -> ExitSta
     for path, why in found.unread:
         common.terminal.say(f"left out   {path}: {why}")
     wrote = found.save(common.out or Path("out") / "fleet")
-    for each in wrote:
-        common.terminal.wrote(each)
+    common.terminal.wrote(*wrote)
     for title, table in (("changed", found.changes()), ("unlike other arms of the model", found.outliers())):
         if len(table):
             most = len(table) if common.verbose else SHOWN

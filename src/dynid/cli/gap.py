@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.arguments import options_from, options_of
+from dynid.cli.judged import show_answer, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import ExitStatus, WrongUsage
@@ -57,8 +58,7 @@ def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **v
     own = {key: values[key] for key in ("apply_", "no_apply", "new_name", "plot")}
     answer = run_gap(common, parameters, logs, options_of(GapOptions, values), **own)
     common.terminal.emit_json(answer)
-    for path in answer["wrote"]:
-        common.terminal.wrote(path)
+    common.terminal.wrote(*answer["wrote"])
     return ExitStatus.DONE
 
 
@@ -100,13 +100,17 @@ def run_gap(
         earlier = earlier_logs(stored, read, options, progress) if options.question in ("auto", "changed") else []
         gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
-        wrote = gap.write_figures(stored.path.parent / "gap") if plot else []
+        folder = stored.path.parent
+        wrote = gap.write_figures(folder / "gap") if plot else []
     show(common, gap)
-    chosen = gap.chosen(apply_ or "best")
+    chosen, applied = gap.chosen(apply_ or "best"), False
     given = False if no_apply else True if apply_ else None
     if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
         wrote += add(common, gap, chosen, new_name)
-    path = gap.save(stored.path.parent / "gap.npz")
+        applied = True
+    path = gap.save(folder / "gap.npz")
+    if not applied:
+        show_next(common, gap.judgement)
     return {**gap.facts(), "wrote": [*wrote, path]}
 
 
@@ -115,12 +119,18 @@ def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path 
     from dynid.workflows.gap_result import robot_file_beside
 
     assert gap.analysis is not None
-    copy = new_name or robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    beside = robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    copy = new_name or (common.out / beside.name if common.out else beside)
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     path = (common.out or Path("out") / copy.stem) / "parameters.npz"
     gap.apply(chosen, robot_file=copy).save(path)
-    common.terminal.next(f"{shell('dynid', 'validate', path)} LOG      (a log that was not used here)")
+    unseen = next((str(log.source) for log in gap.unseen_logs if log.source), "")
+    if unseen:
+        command = shell("dynid", "validate", path, unseen, "--cutoff", f"{gap.signals.cutoff:g}")
+        common.terminal.next(command, "This log was held out: the errors are those of the table.")
+    else:
+        common.terminal.next(f"{shell('dynid', 'validate', path)} LOG", "LOG is one that was not used here.")
     return [copy, path]
 
 
@@ -137,20 +147,13 @@ def ask_to_overwrite(common: Common, path: Path) -> None:
 
 # ---------------------------------------------------------------- printing
 def show(common: Common, gap: Gap) -> None:
-    """Print where, what and how far."""
+    """Print the answer, why, and the table of joints; with -v what was asked, tried and left."""
     from dynid.model.effects.catalogue import CATALOGUE
 
     terminal = common.terminal
-    terminal.fact("asked", gap.asked)
-    terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
-    terminal.fact("where", gap.where_text)
-    if gap.named or gap.closest:
-        rows = [effect_row(one) for one in (*gap.named, *gap.closest)]
-        terminal.table(["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False)
+    show_answer(common, gap.judgement)
     for one in gap.named:
-        effect = CATALOGUE[one.effect]
-        terminal.fact("named", f"{effect.title} on {one.where}: {effect.signature}")
-        terminal.fact("", ", ".join(one.texts()))
+        terminal.fact("named", f"{CATALOGUE[one.effect].title} on {one.where}: {', '.join(one.texts())}")
     for one in gap.formulas:
         add = f"--apply formula@{one.indices[0] + 1} adds it"
         terminal.fact("formula", f"{one.formula} on {one.where} (not in the catalogue); {add}")
@@ -159,19 +162,38 @@ def show(common: Common, gap: Gap) -> None:
         )
     for clue in gap.clues:
         terminal.fact("rest", clue)
-    terminal.fact("verdict", gap.verdict_text)
     improvement_table(common, gap)
+    terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
+    if gap.advice:
+        terminal.fact("advice", gap.advice)
     if not len(gap.simulation):
         terminal.stage(
             "simulated",
             "no: too little motion is held out, or a link is too light to be simulated from its torques",
         )
+    if common.verbose:
+        show_search(common, gap)
+
+
+def show_search(common: Common, gap: Gap) -> None:
+    """Print what was asked, where the disagreement is, and what was tried."""
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    terminal = common.terminal
+    terminal.answer()
+    terminal.fact("asked", gap.asked)
+    terminal.fact("where", gap.where_text)
+    terminal.fact("verdict", gap.verdict_text)
+    if gap.named or gap.closest:
+        rows = [effect_row(one) for one in (*gap.named, *gap.closest)]
+        terminal.table(["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False)
+    for one in gap.named:
+        terminal.fact("shape", f"{one.effect} on {one.where}: {CATALOGUE[one.effect].signature}")
     if gap.cannot_judge:
         hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in gap.cannot_judge.items()
         )
-        terminal.detail("not shown", f"these logs cannot show: {hidden}")
-    terminal.fact("advice", gap.advice)
+        terminal.fact("not shown", f"these logs cannot show: {hidden}")
 
 
 def effect_row(one: GapEffect) -> list[str]:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.arguments import Number, options_from, options_of, robot_argument
+from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import input_hashes, may_write
+from dynid.cli.prompt import may_write
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
@@ -26,11 +27,6 @@ if TYPE_CHECKING:
     from dynid.log import Log
     from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
-
-#: Methods that depend on the controller of the robot file.
-SIMULATED = ("idim-iv", "didim")
-#: Options of reading and filtering: without logs they are those of the stored observations.
-READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
 
 
 @dynid_command(
@@ -141,18 +137,14 @@ def run_identify(
     # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
     read = reading(arm, logs, options)
     from dynid.workflows import drive_gains
-    from dynid.workflows.identify import answer_of, find_payload, signals_as
-    from dynid.workflows.model import with_prior
+    from dynid.workflows.identify import answer_of, find_payload, resolved
+    from dynid.workflows.inputs import identify_inputs
     from dynid.workflows.results import load_run
 
     unloaded, earlier = (load_run(path) if path else None for path in (payload_from, update))
     files = {"loaded": loaded, "prior_file": options.prior, "holdout": options.holdout}
     files["update"] = earlier.path if earlier else None
-    if before := unloaded or earlier:
-        options = signals_as(options, before)
-    arm = with_prior(arm, options)
-    if options.prior is not None:
-        options = replace(options, prior=arm.prior)
+    arm, options = resolved(arm, options, unloaded or earlier)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
     if unloaded is not None:
@@ -165,7 +157,7 @@ def run_identify(
         common.terminal.wrote(path)
         show_gains(common, arm, gains)
         facts = drive_gains.gain_facts(arm, gains)
-    inputs = needed_inputs(arm, folder, logs, options, files, load_mass)
+    inputs = identify_inputs(arm, folder, logs, options, files, load_mass)
     result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
     timing = {key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
     facts = {
@@ -184,7 +176,7 @@ def run_identify(
         facts["explain"] = explain(common, result, recordings, options, base)
     if show and final:
         common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
-        show_next(common, result)
+        show_next(common, result.judgement)
     return facts
 
 
@@ -277,6 +269,7 @@ def obtain_result(
     from dynid.estimation import result_files as results
     from dynid.workflows.cluster import current_client
     from dynid.workflows.identify import identify, save_result
+    from dynid.workflows.inputs import of_observations
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe
 
@@ -295,61 +288,16 @@ def obtain_result(
     with terminal.progress() as progress:
         if logs:
             seen = observe(robot, logs, options, base=base, client=current_client(), progress=progress)
-            of_stack = {key: value for key, value in inputs.items() if key in ("robot", *READING) or key[:4] == "log "}
-            terminal.wrote(seen.save_stack(folder, common.header(of_stack)))
+            terminal.wrote(seen.save_stack(folder, common.header(of_observations(inputs))))
         else:
             seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
         result = identify(robot, seen, options, update=earlier, progress=progress)
     wrote = save_result(folder, result, facts)
-    for each in wrote:
-        terminal.wrote(each)
+    terminal.wrote(*wrote)
     return result, base, wrote
 
 
-def needed_inputs(
-    robot: Robot,
-    folder: Path,
-    logs: tuple[Path, ...],
-    options: IdentifyOptions,
-    files: dict[str, Any],
-    load_mass: float | None,
-) -> dict[str, str]:
-    """Return the hashes that the result depends on; without logs, those of the observations that are there."""
-    from dynid.workflows.parameters import stored_key
-
-    texts = {key: value for key, value in options.texts().items() if key != "prior"}
-    texts |= {"load_mass": repr(load_mass)} if load_mass else {}
-    texts |= {"controller": str(robot.controller)} if options.method in SIMULATED and robot.controller else {}
-    hashed = input_hashes({key: path for key, path in files.items() if isinstance(path, Path) and path.exists()})
-    if logs:
-        return log_inputs(robot, logs) | texts | hashed
-    path = folder / "fullnumericregressor.npz"
-    inputs = dict(stored_key(path, robot).get("inputs", {}))
-    default = IdentifyOptions().texts()
-    for name in READING:
-        text = texts.get(name)
-        if text not in (inputs.get(name), default.get(name)):
-            raise WrongUsage(
-                f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
-                why="without logs, the stack that dynid parameters wrote is used as it is",
-                fix=f"name the logs: dynid identify {robot.word} LOG --{name.replace('_', '-')} {text}",
-            )
-    return inputs | {key: value for key, value in texts.items() if key not in READING} | hashed
-
-
-def log_inputs(robot: Robot, logs: tuple[Path, ...]) -> dict[str, str]:
-    """Return the hashes of robot and logs."""
-    from dynid.workflows.logs import read_log
-
-    for log in logs:
-        if not log.exists():
-            read_log(log, robot)  # ends with the message that a missing log gets
-    return {"robot": robot.model_key, **input_hashes({f"log {k + 1}": log for k, log in enumerate(logs)})}
-
-
 # ---------------------------------------------------------------- printing
-#: Labels of judgements where they are not their names.
-LABELS = {"fit": "verdict", "unseen motion": "unseen"}
 USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 
@@ -435,55 +383,36 @@ def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -
     common.terminal.table(["variant", "unexplained", "held out", "moved over 2 std errors", "most changed"], rows)
 
 
-def show_next(common: Common, result: Identification) -> None:
-    """Say the two most urgent things to do, each with its reason."""
-    from dynid.reports.evidence import Evidence
-    from dynid.reports.sections.verdict import steps
-
-    for step in steps(Evidence(result))[:2]:
-        common.terminal.next(step.command, step.why)
-
-
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
-    """Print the table of joints, the verdict and what is used for predictions; with -v every parameter."""
-    from dynid.reports.evidence import Evidence
-    from dynid.reports.sections.verdict import lights
-
+    """Print the answer, why, and the table of joints; with -v what is used, and every parameter."""
     terminal = common.terminal
+    show_judgement(common, found.judgement)
     torque = base.robot.torque
     units = ["A" if torque.relative else joint.torque_unit for joint in base.robot.joints]
     sizes = torque.gain if torque.relative and torque.gain else (1.0,) * base.robot.n
+    floors = found.header.get("noise_floor_nm") or (None,) * base.robot.n
     rows = []
-    for quality, unit, size in zip(found.joints, units, sizes, strict=True):
-        held = "-" if quality.heldout_rms is None else f"{quality.heldout_rms / (size or 1.0):.3g} {unit}"
-        rows.append(
-            [
-                quality.joint,
-                f"{quality.rms / (size or 1.0):.3g} {unit}",
-                f"{quality.torque_rms / (size or 1.0):.3g} {unit}",
-                f"{quality.relative_percent:.1f} %",
-                held,
-            ]
-        )
-    terminal.table(["joint", "rms error", "torque rms", "unexplained", "held out"], rows)
+    for quality, unit, size, floor in zip(found.joints, units, sizes, floors, strict=True):
+        errors = (quality.rms, floor, quality.torque_rms, quality.heldout_rms)
+        rms, noise, whole, held = ("-" if x is None else f"{x / (size or 1.0):.3g} {unit}" for x in errors)
+        rows.append([quality.joint, rms, noise, whole, f"{quality.relative_percent:.1f} %", held])
+    bound = "" if found.header.get("noise_repeats_s") else " >="
+    terminal.table(["joint", "rms error", f"noise{bound}", "torque rms", "unexplained", "held out"], rows)
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
     held_text = f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""
     terminal.sentence(total + held_text)
-    judged = lights(Evidence(found))
-    for light in judged:
-        terminal.fact(LABELS.get(light.name, light.title), f"{light.shown}: {light.text}")
+    if not common.verbose:
+        return
+    terminal.answer()
     terminal.fact("used", f"{USED[found.in_force]} for predictions: {found.choice}")
     for line in found.expectation():
         terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
     mass = sum(link["mass_kg"] for link in found.links())
     known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
     terminal.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
-    if common.verbose:
-        terminal.answer()
-        terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
-    else:
-        terminal.fact("values", f"{len(found.names)} in {found.path.with_suffix('.csv')}; -v prints them")
+    terminal.answer()
+    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
 
 
 def parameter_rows(found: Identification) -> list[list[str]]:

@@ -61,6 +61,8 @@ def show(common: Common, found: Imported) -> None:
     )
     common.terminal.table(["joint", "type", "a [m]", "twist [deg]", "d [m]", "theta offset [deg]"], rows)
     common.terminal.fact("check", f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad")
+    unknown = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
+    common.terminal.fact("torque", unknown)
     if robot.prior:
         masses = ", ".join(f"{body.mass:.3g}" for body in robot.prior.links)
         common.terminal.fact("prior", f"masses {masses} kg, inertias moved into the DH frames")

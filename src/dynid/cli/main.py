@@ -12,7 +12,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -20,6 +20,7 @@ import click
 
 from dynid.cli import failure
 from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, OutOfMemory, WrongUsage
+from dynid.programs import search_path
 from dynid.version import __version__
 
 
@@ -46,6 +47,7 @@ COMMANDS: dict[str, Entry] = {
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
+    "contacts": Entry("Then", "when and where something touched the arm"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
     "convert": Entry("", "write a recording in another format"),
     "import": Entry("", "make a robot file from a URDF"),
@@ -204,10 +206,13 @@ def run(args: Sequence[str]) -> int:
         except MemoryError as error:
             return failure.report(OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context)
         except Exception as error:  # noqa: BLE001
-            return failure.crash(error, context)
+            return failure.unexpected(error, context)
 
 
 def _invoke(words: list[str], context: failure.FailureContext) -> int:
+    if words and words[0] in COMMANDS and not {"-h", "--help"} & set(words):
+        # Why before the command is imported: libraries end a process that has no room for them.
+        failure.require_address_space(words[0])
     with cli.make_context("dynid", words) as ctx:
         context.meta = ctx.meta
         result: Any = cli.invoke(ctx)
@@ -245,10 +250,12 @@ def _interruptible() -> Iterator[None]:
 
 
 def _complete() -> None:
-    """Answer the shell's request for completions."""
+    """Answer the shell's request for completions; with nothing where the words so far are wrong."""
     from click.shell_completion import shell_complete
 
-    sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", os.environ["_DYNID_COMPLETE"]))
+    with suppress(Exception):
+        sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", os.environ["_DYNID_COMPLETE"]))
+    sys.exit(1)
 
 
 def main() -> NoReturn:
@@ -259,6 +266,8 @@ def main() -> NoReturn:
     # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.
     if not sys.warnoptions and "--debug" not in sys.argv:
         warnings.simplefilter("ignore")
+    # Why: programs that libraries start, such as a browser, must not come from the folder of somebody's logs either.
+    os.environ["PATH"] = search_path()
     if "_DYNID_COMPLETE" in os.environ:
         _complete()
     failure.leave(run(sys.argv[1:]))

@@ -87,7 +87,7 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
     terminal.stage(
         "symbolic", f"Newton-Euler, {model.size} parameters, {model.rigid.flops} operations, {derived.seconds:.2f} s"
     )
-    terminal.wrote(path, f"key {key_of(robot)}, reused until the robot file changes")
+    terminal.wrote(path, note=f"key {key_of(robot)}, reused until the robot file changes")
     return derived
 
 

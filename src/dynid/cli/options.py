@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.own import require_inside
 from dynid.errors import UnknownKey, WrongUsage
 from dynid.limits import raised, read_limits
 from dynid.xdg import LOCAL_CONFIG, config_file
@@ -84,10 +85,12 @@ class Settings:
     Attributes:
         values: parameter name to text or list of texts, as on the command line.
         places: parameter name to ``file:line``.
+        lent: parameters that another file than the user's own sets.
     """
 
     values: dict[str, str | list[str]] = field(default_factory=dict)
     places: dict[str, str] = field(default_factory=dict)
+    lent: list[str] = field(default_factory=list)
 
 
 def settings_files(given: Path | None) -> list[Path]:
@@ -130,12 +133,15 @@ def _read(path: Path, command: str, keys: Mapping[str, str], common: Sequence[st
         if not value.is_null:
             settings.values[keys.get(key, key)] = _words(value)
             settings.places[keys.get(key, key)] = value.where
+            if path != config_file():
+                settings.lent.append(keys.get(key, key))
 
 
 def _words(value: Value) -> str | list[str]:
     return [item.text() for item in value.items()] if value.is_list else value.text()
 
 
+_FROM_FILE = click.core.ParameterSource.DEFAULT_MAP
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
@@ -157,6 +163,8 @@ def _checked_limits(ctx: click.Context, param: click.Parameter, value: tuple[str
 def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Read the configuration files, whose values become this command's defaults."""
     settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command), COMMON_NAMES)
+    for name in settings.lent:
+        require_inside(ctx.command, name, settings.values[name], settings.places[name], Path())
     for option in ctx.command.params:
         name = option.name or ""
         if isinstance(settings.values.get(name), list) and not option.multiple and option.nargs == 1:
@@ -164,8 +172,17 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
                 f"{settings.places[name]}: {name} takes one value, not a list", where=settings.places[name]
             )
     ctx.default_map = settings.values
-    ctx.meta["dynid.places"] = settings.places
+    ctx.meta["dynid.places"], ctx.meta["dynid.lent"] = settings.places, settings.lent
     return value
+
+
+def _say_settings(common: Common) -> None:
+    """Say which options a file of the working folder has set: nobody may notice that it lies there."""
+    ctx = click.get_current_context()
+    used = [name for name in ctx.meta.get("dynid.lent", ()) if ctx.get_parameter_source(name) is _FROM_FILE]
+    if used:
+        path = ctx.meta["dynid.places"][used[0]].rsplit(":", 1)[0]
+        common.terminal.stage("settings", f"{path} sets {', '.join(used)}")
 
 
 FROM_OPTION = click.option(
@@ -262,7 +279,7 @@ class Command(click.Command):
         if self.repeatable and not ctx.resilient_parsing:
             from dynid.cli.runfile import repeated
 
-            args = repeated(str(self.name), args)
+            args = repeated(ctx, args)
         rest = super().parse_args(ctx, args)
         self._refuse_options_as_values(ctx)
         return rest
@@ -324,6 +341,7 @@ def dynid_command(
         def callback(**values: Any) -> Any:  # noqa: ANN401
             common = Common(**{key: values.pop(key) for key in COMMON_NAMES})
             with raised(dict(read_limits(text) for text in common.limit)), common.terminal:
+                _say_settings(common)
                 return function(common, **values)
 
         update_wrapper(callback, function)

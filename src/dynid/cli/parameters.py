@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.arguments import options_from, options_of, robot_argument
-from dynid.cli.identify import log_inputs
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
@@ -64,6 +63,7 @@ def command(
 
 def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
+    from dynid.workflows.inputs import log_inputs
     from dynid.workflows.logs import read_log
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe
@@ -81,8 +81,7 @@ def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], option
         read = [read_log(log, robot, options) for log in logs]
         seen = observe(robot, read, options, base=base, progress=progress)
     wrote = seen.save(folder, common.header(inputs))
-    for each in wrote:
-        common.terminal.wrote(each)
+    common.terminal.wrote(*wrote)
     write_run(folder, inputs)
     return {**tell(common, seen), "wrote": wrote}
 

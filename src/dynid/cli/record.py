@@ -63,14 +63,23 @@ class TerminalOperator:
 )
 @robot_argument
 @click.argument("trajectory", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--move", metavar="ROBOT_NAME", allow_from_autoenv=False, help="Move without asking for the name.")
+@click.option(
+    "--move",
+    metavar="ROBOT_NAME",
+    allow_from_autoenv=False,
+    help="Move without asking: the robot's name, as a person would type it.",
+)
 @options_from(RecordOptions)
-@click.option("--convert/--no-convert", default=None, help="Write log.npz afterwards.")
+@click.option(
+    "--convert/--no-convert",
+    default=None,
+    help="Also write the recording as log.npz (asked at the end when not given).",
+)
 @click.option(
     "--parameters",
     type=click.Path(exists=True, path_type=Path),
     metavar="RESULT",
-    help="Identified model that predicts the torques (default: the robot file's prior).",
+    help="Result whose model predicts the torques that the motion needs (default: the robot file's prior).",
 )
 def command(
     common: Common, robot: str, trajectory: Path | None, move: str | None, convert: bool | None,
@@ -128,8 +137,8 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
     assert done.manifest is not None
     tally = outcome.tally
     lost = f", {tally.lost} lost" if tally.lost else ", none lost"
-    terminal.wrote(done.bag, f"{tally.messages} messages, {tally.rate:.1f} Hz{lost}")
-    terminal.wrote(done.texts, "position.txt, velocity.txt, torque.txt, time.txt")
+    terminal.wrote(done.bag, note=f"{tally.messages} messages, {tally.rate:.1f} Hz{lost}")
+    terminal.wrote(done.texts, note="position.txt, velocity.txt, torque.txt, time.txt")
     terminal.wrote(done.manifest)
     for note in outcome.notes:
         terminal.say(f"note       {note}")

@@ -51,6 +51,5 @@ def write_report(common: Common, run: Path, base: BaseModel | None = None) -> tu
     with common.terminal.progress() as progress:
         made = report(stored, progress=progress)
     wrote = made.save(common.out or stored.path.parent)
-    for path in wrote:
-        common.terminal.wrote(path)
+    common.terminal.wrote(*wrote)
     return made, wrote

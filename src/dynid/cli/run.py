@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli import own
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import COMMON_NAMES, Common, dynid_command, known_keys
 from dynid.errors import ExitStatus, WrongUsage
@@ -50,7 +51,9 @@ def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, *
             facts = {key: value for key, value in each.facts().items() if key != "answers"}
             common.terminal.emit_json_line({"schema": EVENT, "event": "job", **facts})
 
-    known = sorted(set(known_keys(identify)) - set(COMMON_NAMES) - {"fail_if"})
+    # Why not what only the user may say: a list comes with the folder of logs.
+    not_of_jobs = {"fail_if", *COMMON_NAMES, *own.OPTIONS}
+    known = sorted(set(known_keys(identify)) - not_of_jobs)
     with common.terminal.progress() as progress:
         done = run(
             batch,

@@ -103,28 +103,35 @@ def _section(value: Value) -> dict[str, object]:
     }
 
 
-def repeated(command: str, args: Sequence[str]) -> list[str]:
+def repeated(ctx: click.Context, args: Sequence[str]) -> list[str]:
     """Return a command line with ``--from FILE`` replaced by the stored arguments; what is given besides wins.
 
     Raises:
-        WrongUsage: there is no such file, or it holds no run of this command.
+        WrongUsage: there is no such file, it holds no run of this command, or it asks for what only the user may.
     """
     words = list(args)
     for i, word in enumerate(words):
         if word == "--from" and i + 1 < len(words):
-            return _stored(command, Path(words[i + 1])) + words[:i] + words[i + 2 :]
+            return _stored(ctx, Path(words[i + 1]), words[:i] + words[i + 2 :])
         if word.startswith("--from="):
-            return _stored(command, Path(word.removeprefix("--from="))) + words[:i] + words[i + 1 :]
+            return _stored(ctx, Path(word.removeprefix("--from=")), words[:i] + words[i + 1 :])
     return words
 
 
-def _stored(command: str, path: Path) -> list[str]:
+def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
     from dynid.cli.main import COMMANDS
+    from dynid.cli.own import require_inside
     from dynid.files.yamlfile import read_yaml
 
+    command = str(ctx.command.name)
     if not path.is_file():
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
     runs = read_yaml(path).mapping(tuple(COMMANDS))
     if command not in runs:
         raise WrongUsage(f"{path} holds no run of '{command}'; it has {', '.join(runs)}", where=str(path))
-    return [item.text() for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()]
+    stored = [item.text() for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()]
+    asked, given = (ctx.command.make_parser(ctx).parse_args(list(words))[0] for words in (stored, besides))
+    names = {param.name for param in ctx.command.params if isinstance(param, click.Option)}
+    for name in names & set(asked) - set(given):
+        require_inside(ctx.command, str(name), asked[name], str(path), Path(), path.parent)
+    return stored + besides

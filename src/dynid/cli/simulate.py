@@ -20,13 +20,27 @@ from dynid.workflows.simulate import SimulateOptions
         "dynid simulate ur5e out/ur5e/trajectory.npz",
         "dynid simulate my_arm.yaml log.bag --payload 2 --delay 0.004",
         "dynid simulate my_arm.yaml trajectory.npz --effect torque_offset@2:c=3",
+        "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo beside a log",
     ),
 )
 @robot_argument
 @click.argument("source", metavar="TRAJECTORY|LOG", type=click.Path(exists=True, path_type=Path))
 @options_from(SimulateOptions, without=("seed",))
-def command(common: Common, robot: str, source: Path, **values: Any) -> None:  # noqa: ANN401
+@click.option(
+    "--compare",
+    "log",
+    type=click.Path(exists=True, path_type=Path),
+    metavar="LOG",
+    help="Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
+)
+@click.option(
+    "--engine", type=click.Choice(["mujoco", "pybullet"]), default="mujoco", show_default=True,
+    help="Simulator that --compare loads the exported files in.",
+)  # fmt: skip
+def command(common: Common, robot: str, source: Path, log: Path | None, engine: str, **values: Any) -> None:  # noqa: ANN401
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
+    if log is not None:
+        return compare(common, Path(robot), source, log, engine)
     from dynid.workflows.robots import load_robot
     from dynid.workflows.simulate import simulate
 
@@ -44,3 +58,20 @@ def command(common: Common, robot: str, source: Path, **values: Any) -> None:  #
         common.terminal.wrote(target)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})
     common.terminal.next(f"dynid identify {arm.word} {shell(target)}")
+    return None
+
+
+def compare(common: Common, before: Path, after: Path, log: Path, engine: str) -> None:
+    """Drive the exported files of two results along a log and print the errors."""
+    from dynid.workflows.results import load_run
+    from dynid.workflows.simulator_gap import compare_in_simulator, save_figure
+
+    results = [load_run(before), load_run(after)]
+    with common.terminal.progress() as progress:
+        found = compare_in_simulator(results, log, engine=engine, progress=progress)
+        folder = common.out or results[1].path.parent
+        wrote = [save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
+    common.terminal.answer(found.sentence())
+    common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+    common.terminal.wrote(*wrote)
+    common.terminal.emit_json({**found.facts(), "wrote": wrote})

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -25,7 +26,7 @@ from rich.text import Text
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
-from dynid.text import visible, whole_number
+from dynid.text import shell, visible, whole_number
 
 #: Width of the first column of stage lines.
 LABEL = 11
@@ -141,13 +142,14 @@ class Terminal:
         else:
             self._copied(visible(f"{name:<{LABEL}}{text}"))
 
-    def wrote(self, path: Path, note: str = "") -> None:
+    def wrote(self, *paths: Path, note: str = "") -> None:
         """Say what was written."""
-        self.stage("wrote", f"{path}{'       (' + note + ')' if note else ''}")
+        for path in paths:
+            self.stage("wrote", f"{path}{'       (' + note + ')' if note else ''}")
 
     def next(self, command: str, why: str = "") -> None:
         """Say the next sensible command, and below it why; not with --quiet."""
-        self.stage("next", command)
+        self.stage("next", program() + command.removeprefix("dynid") if command.startswith("dynid ") else command)
         if why and not self.common.quiet:
             self.say(f"{'':<{LABEL}}{why}", indent=LABEL)
 
@@ -261,6 +263,14 @@ def folded(line: str, console: Console, indent: int | None) -> list[str]:
     return textwrap.wrap(
         line, console.width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
     )
+
+
+def program() -> str:
+    """Return the word that starts dynid here: its path where a shell does not find it, as after ``make demo``."""
+    here = Path(sys.argv[0])
+    if here.name != "dynid" or not here.is_file() or shutil.which("dynid") is not None:
+        return "dynid"
+    return shell(os.path.relpath(here))
 
 
 def _console(stream: TextIO, mode: str) -> Console:

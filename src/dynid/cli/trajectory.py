@@ -214,7 +214,7 @@ def remove(pictures: Iterable[Path]) -> None:
 def wrote_trajectory(common: Common, path: Path, *, reviewed: bool, seen: bool = True) -> None:
     """Say that trajectory.npz was written."""
     yes = "reviewed: yes" if seen else "reviewed: accepted unseen"
-    common.terminal.wrote(path, yes if reviewed else "reviewed: no")
+    common.terminal.wrote(path, note=yes if reviewed else "reviewed: no")
 
 
 def show(common: Common, found: Plan) -> None:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid.cli.arguments import Number, options_from, options_of
+from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
 from dynid.options import share_or_none
-from dynid.text import shell
 from dynid.workflows.validate import ValidateOptions
 
 if TYPE_CHECKING:
@@ -49,8 +49,6 @@ def command(common: Common, parameters: Path, log: Path, plot: bool, mcap: Path 
     limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
     facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits)
     common.terminal.emit_json(facts)
-    again = shell("dynid", "validate", parameters, log, "--plot")
-    common.terminal.next(f"look at {facts['wrote'][-1]}" if plot else again)
     return ExitStatus.DONE if facts["passed"] else ExitStatus.LIMIT_NOT_MET
 
 
@@ -64,8 +62,21 @@ def run_validate(
     max_unexplained: str | None = None,
     plot: bool = True,
     mcap: Path | None = None,
+    final: bool = True,
 ) -> dict[str, Any]:
-    """Replay a log, write and print what comes out, and return the JSON answer."""
+    """Replay a log, write and print what comes out, and return the JSON answer.
+
+    Args:
+        common: the common options.
+        parameters: the result.
+        log: the recording.
+        options: how it is replayed.
+        max_rms: largest rms error of a joint that is no broken limit [N m or N].
+        max_unexplained: largest total relative error, as a share.
+        plot: whether figures are drawn.
+        mcap: file for viewers.
+        final: say the next command as well; not when another command goes on.
+    """
     from dynid.workflows.logs import read_log
     from dynid.workflows.results import base_model_of, load_run
     from dynid.workflows.validate import urdf_of, validate
@@ -89,20 +100,19 @@ def run_validate(
     for sentence in broken:
         terminal.say(f"limit      {sentence}")
     show(common, found)
-    for path in wrote:
-        terminal.wrote(path)
+    terminal.wrote(*wrote)
+    if final:
+        show_next(common, found.judgement)
     return {**found.facts(), "passed": not broken, "wrote": wrote}
 
 
 def show(common: Common, found: Validation) -> None:
-    """Print the table."""
+    """Print the answer, why, and the table of joints."""
+    show_judgement(common, found.judgement)
     rows = []
     for quality, joint in zip(found.joints, found.robot.joints, strict=True):
         unit = joint.torque_unit
         errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %")
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
-    total = f"total relative error {found.relative_error_percent:.2f} %      baseline: {found.baseline}"
-    for line in (total, found.worth(), found.expectation()):
-        if line:
-            common.terminal.sentence(line)
+    common.terminal.sentence(f"total relative error {found.relative_error_percent:.2f} %; baseline: {found.baseline}")

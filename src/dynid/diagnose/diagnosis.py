@@ -258,7 +258,7 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     turning = np.array([joint.revolute for joint in robot.joints])
     rated = [joint.limits.torque for joint in robot.joints]
     scale = np.array([each or 1.0 for each in rated])
-    if robot.torque.source in ("joint_sensor", "gravity_free") or None in rated:
+    if robot.torque.source in ("joint_sensor", "unknown", "gravity_free") or None in rated:
         scale = np.ones(robot.n)
     found = np.zeros(robot.n)
     for kind in (turning, ~turning):
@@ -269,7 +269,7 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
 
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     """Return a checked log as ``find_mistake`` takes it, before the driver's map, and the names of its columns."""
-    names = tuple(np.asarray(log.extra.get("driver_columns", []), dtype=str).tolist())
+    names = tuple(log.extra.get("driver_columns", ()))
     if robot.driver is None or "driver_columns" not in log.extra:
         return log, names
     map_ = robot.driver.map

@@ -42,8 +42,16 @@ def check_gravity(log: Log, robot: Robot) -> None:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
     loaded = np.flatnonzero(carries)
     shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
+    heaviest = int(loaded[np.argmax(change[loaded])]) if len(loaded) else 0
     if shares and max(shares) < (tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN):
-        heaviest = int(loaded[np.argmax(change[loaded])])
+        beside = [part[:, heaviest] for part in besides]
+        if _likeness(load[:, heaviest], tau[:, heaviest], beside) > tuning.ALIKE:
+            raise GravityRemoved(
+                f"torques follow the weight at {100 * max(shares):.2g} % of its size: their scale is unknown",
+                where=log.topic,
+                why="readings of motors come in units of their maker, such as parts of the rated current",
+                fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
+            )
         seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
         raise GravityRemoved(
             f"{seen} ({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
@@ -76,11 +84,22 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     return q[some], tau[some], [v[some], friction[some], a[some], inertia]
 
 
+def _without(values: Floats, besides: list[Floats]) -> Floats:
+    """Return what a constant and what else makes torque do not explain of a column, (N,)."""
+    rest = np.column_stack([np.ones(len(values)), *besides])
+    rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
+    return np.asarray(values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0])
+
+
+def _likeness(load: Floats, tau: Floats, besides: list[Floats]) -> float:
+    """Return how alike torque and load change, 0 to 1, whatever the scale of the torque."""
+    own, seen = _without(load, besides), _without(tau, besides)
+    return abs(float(own @ seen)) / max(float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300)
+
+
 def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:
     """Return the measured change with the load over the expected one; -1 when the rest could explain it as well."""
-    rest = np.column_stack([np.ones(len(load)), *besides])
-    rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
-    own = load - rest @ np.linalg.lstsq(rest, load, rcond=1e-9)[0]
+    own = _without(load, besides)
     if np.linalg.norm(own) < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
         return -1.0
     return abs(float(own @ tau / (own @ own)))

@@ -80,5 +80,9 @@ LIGHTER_JOINT, LIGHTER_LOAD_NM = 0.05, 10.0
 #: Measured change over expected one: rough masses are right within a factor of three; with unknown masses of ten.
 WEIGHT_SHARE_KNOWN = 0.1
 WEIGHT_SHARE_UNKNOWN = 0.03
+#: Likeness of torque and weight over poses, 0 to 1, from which the torque has another scale instead of no weight.
+#: Evidence: 1.00 for the KUKA LWR4+'s recording and six simulated ones at a fiftieth of their size; without gravity
+#: 0.01 to 0.24, with 5 % of it left 0.85 to 0.91.
+ALIKE = 0.95
 #: A load whose change is, but for this share, also that of friction or inertia shows nothing. Evidence: none yet.
 DISTINCT_LOAD = 0.2

@@ -10,11 +10,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WrongUsage
+from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WeakInstruments, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
-from dynid.estimation.estimators import METHODS, choose, wls
-from dynid.estimation.least_squares import Fit, joint_rms, nonnegative, relative_error, solvable
+from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, test_of_instruments, wls
+from dynid.estimation.evidence import SAME_MOTION
+from dynid.estimation.least_squares import Fit, condition_number, joint_rms, nonnegative, relative_error, solvable
 from dynid.estimation.posterior import (
     ExpectedError,
     Posterior,
@@ -41,8 +42,6 @@ Floats = NDArray[np.float64]
 POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
-#: What a share of a fitted log is, compared with its other rows: no proof for another motion.
-SAME_MOTION = "the same motion"
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -160,6 +159,7 @@ def estimate(
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
+    instruments = instrument_findings(stack, plain, why)
     post = physical_posterior(base, plain, stack, residual_model=residual_model, size=size)
     sets = _sets(base, plain, post)
 
@@ -194,7 +194,7 @@ def estimate(
             heldout=holdout[2] if holdout else "nothing held out",
             heldout_by_set={key: value[1] for key, value in held.items()},
             rank=plain.solution.rank,
-            condition_number=plain.solution.condition_number,
+            condition_number=condition_number(plain.whitened, plain.solution.rank),
             condition_number_scaled=plain.solution.condition_number_scaled,
             samples=stack.samples,
             expected=expected,
@@ -210,6 +210,7 @@ def estimate(
         choice=choice,
         model_error=error,
         findings=(
+            *instruments,
             *excitation,
             *sensor_findings(base),
             *physics_findings(
@@ -325,14 +326,19 @@ def _in_force(
     """
     if method != "auto":
         return "plain", "the estimator was chosen with --method"
-    misfit, best = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
+    # Why not the plain set: without the negative friction that the torques ask for, it may explain nothing either.
+    misfit, least = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
     explains = "a physically possible arm explains the torques"
     if post.error is not None and post.error.free.size:
         misfit = judged("physical")[1]
         names = ", ".join(stack.joints[j] for j in post.error.free)
         explains = f"a physically possible arm explains all but a large torque that depends on {names}: try dynid gap"
-    figures = f"torque error {misfit:.2f} %, plain estimate {best:.2f} %"
-    if not contradicts(misfit, best):
+    if post.error is not None and post.error.joints_apart.size:
+        misfit = judged("physical")[1]
+        names = ", ".join(stack.joints[j] for j in post.error.joints_apart)
+        explains += f"; {names} contradicting the other joints, with parameters of their own"
+    figures = f"torque error {misfit:.2f} %, plain estimate {judged('plain')[1]:.2f} %"
+    if not contradicts(misfit, least):
         return "physical", f"{explains} ({figures})"
     # Why: few rows that many parameters were fitted to contradict nothing.
     if plain.solution.condition_number_scaled > tuning.LARGE_CONDITION:
@@ -452,12 +458,48 @@ def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: boo
     return ()
 
 
+def instrument_findings(stack: Stack, plain: Fit, why: str) -> tuple[Finding, ...]:
+    """Say where commands in the logs are no instruments: not taken, or taken because they were asked for.
+
+    Args:
+        stack: the stacked logs.
+        plain: their fit.
+        why: why its estimator was chosen.
+
+    Raises:
+        WeakInstruments: estimates by instruments explain the rows far worse than least squares.
+    """
+    if stack.earlier is not None or not stack.commanded:
+        return ()
+    asked = plain.method in INSTRUMENTAL
+    if not asked and why == "as asked":
+        return ()
+    test = test_of_instruments(stack)
+    if asked:
+        left, least = (relative_error(stack.whole[0], theta) for theta in (plain.theta, stack.first_fit.theta))
+        if contradicts(left, least):
+            because = f": {test.said()}" if test.weak else ""
+            raise WeakInstruments(f"{plain.method} leaves {left:.3g} % of the torque, wls {least:.3g} %{because}")
+    if not test.weak:
+        return ()
+    done = f"{plain.method} was asked for all the same" if asked else f"{plain.method} is used"
+    evidence = {"first_stage_f": test.strength, "unseen_ratio": test.unseen, "method": plain.method}
+    return (Finding("W412", "warning", f"{test.said()}; {done}", evidence),)
+
+
 def sensor_findings(base: BaseModel) -> list[Finding]:
     """Say what a torque sensor between gear and link cannot see."""
     reduction, table = base.reduction, base.model.parameters
     rotors = [name for name, k in zip(reduction.base_names, reduction.base, strict=True) if table[k].kind == "Im"]
-    if base.robot.torque.source != "joint_sensor" or not rotors:
+    if base.robot.torque.source not in ("joint_sensor", "unknown") or not rotors:
         return []
+    if base.robot.torque.source == "unknown":
+        text = (
+            f"the robot file does not say what the effort column is: behind joint sensors, {', '.join(rotors)} and "
+            "friction would describe the link side only; write `torque: {source: joint_sensor}`, motor_torque or "
+            "motor_current"
+        )
+        return [Finding("W410", "info", text, {"parameters": rotors})]
     text = (
         f"torques come from joint sensors after the gears: {', '.join(rotors)} and friction describe the link side of "
         "the sensor only; rotor inertia and motor friction are largely invisible"
@@ -501,6 +543,14 @@ def physics_findings(
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
     large = () if error is None else error.free
+    apart = () if error is None else error.joints_apart
+    if len(apart):
+        names = ", ".join(base.robot.joint_names[j] for j in apart)
+        text = (
+            f"the torques of {names} contradict those of the other joints: another scale or sign, a part of the torque "
+            "only, or stuck? They have parameters of their own in predictions and no say in those of the arm"
+        )
+        found.append(Finding("W413", "warning", text, {"joints": [base.robot.joint_names[j] for j in apart]}))
     for j in large:
         joint = base.robot.joint_names[j]
         text = (
@@ -508,7 +558,8 @@ def physics_findings(
             "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it"
         )
         found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[j])}))
-    if not len(large) and growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6:
+    unexplained = growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6
+    if unexplained and not len(large) and not len(apart):
         joint = base.robot.joint_names[worst]
         text = (
             f"the physical parameters explain {joint} worse than the plain fit: its torque error grows from "

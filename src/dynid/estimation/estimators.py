@@ -8,13 +8,14 @@ measurement noise, the commanded one (IV-ref) or a simulated one (IDIM-IV):
 
 Source: Gautier 1997 (weighted least squares per joint); Huber 1981; Janot, Vandanjon, Gautier 2014, "A generic
 instrumental variable approach for industrial robot identification" (IDIM-IV); Gautier, Janot, Vandanjon 2013, "A new
-closed-loop output error method for parameter identification of robot dynamics" (DIDIM).
+closed-loop output error method for parameter identification of robot dynamics" (DIDIM); Stock, Yogo 2005 (weak
+instruments).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -24,7 +25,15 @@ from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, hac_covariances
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
-from dynid.estimation.rows import ObservationRows, RowWalk, joint_factors, robust_noise, root_mean_square
+from dynid.estimation.rows import (
+    ObservationRows,
+    RowWalk,
+    joint_factors,
+    robust_noise,
+    root_mean_square,
+    whitened,
+    whitened_factors,
+)
 from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
 
@@ -127,6 +136,85 @@ def instrumental(
     return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected)
 
 
+@dataclass(frozen=True)
+class InstrumentTest:
+    """What the instruments of some rows are worth.
+
+    Attributes:
+        strength: first-stage F of the direction that the instruments tell least about; about 1 where they tell nothing.
+        unseen: what instruments leave of rows that they were not fitted to, over what weighted least squares leaves.
+    """
+
+    strength: float
+    unseen: float
+
+    @property
+    def weak(self) -> bool:
+        """Whether estimates with these instruments would be worse than least squares."""
+        return self.strength < tuning.INSTRUMENTS_STRONG or self.unseen > tuning.INSTRUMENTS_UNSEEN
+
+    def said(self) -> str:
+        """Return in words why instruments are weak."""
+        if self.strength < tuning.INSTRUMENTS_STRONG:
+            figures = f"first-stage F {self.strength:.2g}; {tuning.INSTRUMENTS_STRONG:g} is needed"
+            return f"the arm follows its commands too badly for instruments ({figures})"
+        return f"instruments explain rows that were not fitted {100 * self.unseen - 100:.0f} % worse than least squares"
+
+
+def test_of_instruments(stack: Stack) -> InstrumentTest:
+    """Ask whether the commanded motion tells enough about the measured one, and predicts rows that it has not seen.
+
+    Instruments that hardly move with the regressor give estimates that are biased, vary wildly and seem certain. The
+    statistic is that of Cragg and Donald for as many instruments as parameters: r is the least canonical correlation of
+    the columns of W and Z in N independent rows,
+
+        F = (N - p) / p * r^2 / (1 - r^2),
+
+    and below 10 instruments count as weak (Staiger, Stock 1997). Beside it four parts of the logs are predicted from
+    the other three.
+
+    Source: Cragg, Donald 1993; Stock, Yogo 2005, "Testing for weak instruments in linear IV regression".
+
+    Args:
+        stack: logs with commands.
+    """
+    noise, p = stack.first_fit.noise, len(stack.names)
+    blocks: dict[tuple[int, int], Floats] = {}
+    for log in range(len(stack.rows)):
+        for part in stack.rows_of_log(log):
+            both = blocks.setdefault((log, part.block), np.zeros((2 * p + 1, 2 * p + 1)))
+            weight = part.mask / noise
+            for j in range(len(noise)):
+                columns, W = part.of_joint(j)
+                Z, place = part.instruments.of_joint(j)[1], np.concatenate([columns, p + columns, [2 * p]])
+                rows = np.vstack([W, Z, part.tau[:, j]]) * weight[:, j]
+                both[np.ix_(place, place)] += rows @ rows.T
+    split = np.array_split(np.array(list(blocks.values())), tuning.INSTRUMENTS_PARTS)
+    parts = [np.sum(some, axis=0) for some in split if len(some)]
+    whole = np.sum(parts, axis=0)
+    size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
+    parts, whole = [each / np.outer(size, size) for each in parts], whole / np.outer(size, size)
+    roots = [_inverse_root(whole[own, own]) for own in (slice(0, p), slice(p, 2 * p))]
+    least = float(np.linalg.svd(roots[0].T @ whole[:p, p:-1] @ roots[1], compute_uv=False).min(initial=1.0))
+    left = np.zeros(2)
+    for each in parts:
+        rest = whole - each
+        seen = np.delete(np.delete(each, np.s_[p:-1], axis=0), np.s_[p:-1], axis=1)
+        for k, by in enumerate((slice(0, p), slice(p, 2 * p))):
+            theta = np.append(np.linalg.lstsq(rest[by, :p], rest[by, -1], rcond=tuning.RANK_TOLERANCE)[0], -1.0)
+            left[k] += float(theta @ seen @ theta)
+    independent = max(float(np.sum(stack.whole[1])) / tuning.COLOURED_ROWS - p, 1.0)
+    strength = independent / p * least**2 / max(1.0 - least**2, np.finfo(float).eps)
+    return InstrumentTest(strength, float(np.sqrt(max(left[1], 0.0) / max(left[0], np.finfo(float).tiny))))
+
+
+def _inverse_root(matrix: Floats) -> Floats:
+    """Return B with B B^T = matrix^-1, (p, p), along what is no rounding."""
+    value, vector = np.linalg.eigh(matrix)
+    kept = value > tuning.RANK_TOLERANCE * value[-1]
+    return np.asarray(vector[:, kept] / np.sqrt(value[kept]))
+
+
 def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:
     """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
     left, right = np.zeros((0, 0)), np.zeros(0)
@@ -181,7 +269,7 @@ def ols(stack: Stack, prior: Floats, controller: Controller | None = None, *, co
 def wls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
-    fit = weighted(stack.reversals.factors(factors) if stack.reversals else factors, counts)
+    fit = weighted(whitened_factors(factors, stack.reversals) if stack.reversals else factors, counts)
     return _with_covariance(stack, fit, _whitened(stack), corrected=corrected)
 
 
@@ -211,7 +299,7 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(tuning.IDIM_ROUNDS):
         again = simulate(fit.theta)
-        before, fit = fit.theta, instrumental(effects.whitened(again) if effects else again, fit, robust=True)
+        before, fit = fit.theta, instrumental(whitened(again, effects) if effects else again, fit, robust=True)
         if _settled(fit, before, tuning.IDIM_SETTLED):
             break
     return replace(fit, method="idim-iv")
@@ -257,6 +345,10 @@ METHODS: dict[str, Estimator] = {
 }
 
 
+#: Those that take what the arm was commanded to do as instruments, or simulate it.
+INSTRUMENTAL = ("iv", "idim-iv", "didim")
+
+
 def choose(stack: Stack) -> tuple[str, str]:
     """Choose the estimator from what the logs offer.
 
@@ -265,13 +357,18 @@ def choose(stack: Stack) -> tuple[str, str]:
     """
     if stack.earlier is not None:
         return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
+    without = "no commanded motion in the log"
     if stack.commanded:
-        return "iv", "the log holds the commanded motion, which has no encoder noise"
+        test = test_of_instruments(stack)
+        if not test.weak:
+            return "iv", "the log holds the commanded motion, which has no encoder noise"
+        without = test.said()
     shares, spiky = look_for_spikes(stack, stack.first_fit.theta)
     if spiky:
-        share = 100 * float(np.max(shares))
-        return "irls", f"the residual has spikes (up to {share:.1f} % of a joint's samples), which get little weight"
-    return "wls", "no commanded motion in the log and no spikes in the residual"
+        share = f"up to {100 * float(np.max(shares)):.1f} % of a joint's samples"
+        also = f"; {without}" if stack.commanded else ""
+        return "irls", f"the residual has spikes ({share}), which get little weight{also}"
+    return "wls", f"{without} and no spikes in the residual"
 
 
 def _with_covariance(
@@ -305,7 +402,7 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
 
 def _whitened(stack: Stack) -> Iterable[ObservationRows]:
     """Return the rows with no more trust in what happens at reversals than it deserves; of an update, as they are."""
-    return stack.reversals.whitened(stack) if stack.reversals else stack
+    return whitened(stack, stack.reversals) if stack.reversals else stack
 
 
 def _simulation(stack: Stack, controller: Controller | None, method: str) -> Callable[[Floats], Stack]:

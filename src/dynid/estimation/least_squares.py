@@ -160,7 +160,6 @@ class Solution:
         rank: number of directions that the rows excite.
         condition_number_scaled: of W with columns of unit length.
         weak: directions that the rows leave open, columns in parameter space, (p, p - rank).
-        columns: the triangular factor of W, (p, p).
     """
 
     theta: Floats
@@ -169,15 +168,6 @@ class Solution:
     rank: int
     condition_number_scaled: float
     weak: Floats
-    columns: Floats
-
-    @cached_property
-    def condition_number(self) -> float:
-        """Condition number of W, columns as they are; infinite where the rank is short."""
-        if self.rank < len(self.columns):
-            return float("inf")
-        sigma = np.linalg.svd(self.columns, compute_uv=False)
-        return float(sigma[0] / sigma[-1])
 
 
 def solve(R: Floats) -> Solution:
@@ -206,8 +196,20 @@ def solve(R: Floats) -> Solution:
         rank=rank,
         condition_number_scaled=float(sigma[0] / sigma[-1]) if full else float("inf"),
         weak=Vt[rank:].T / length[:, None],
-        columns=A,
     )
+
+
+def condition_number(R: Floats, rank: int) -> float:
+    """Return the condition number of W, columns as they are, of a factor of [W tau]; infinite where the rank is short.
+
+    Args:
+        R: factor, (p + 1, p + 1).
+        rank: number of directions that the rows excite, from ``solve``.
+    """
+    if rank < R.shape[1] - 1:
+        return float("inf")
+    sigma = np.linalg.svd(R[:-1, :-1], compute_uv=False)
+    return float(sigma[0] / sigma[-1])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation.result_files import LATEST
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, reading, write_artifact
+from dynid.files.artifact import read_artifact, reading, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.limits import LIMITS
 from dynid.scratch import joined
@@ -75,7 +75,7 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
             for log in stack.logs
         ],
     }
-    write_artifact(path, Artifact(SCHEMA, facts, arrays))
+    write_artifact(path, SCHEMA, facts, arrays)
 
 
 def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:

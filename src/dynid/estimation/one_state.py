@@ -46,7 +46,7 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
     own = np.tile(theta, (n, 1))
     loads = np.zeros((0, len(theta)))
     if error is not None:
-        own -= np.einsum("jpk,jk->jp", error.projection, error.mean)
+        own += error.mean_by_rows[1]
         loads = error.reference[None]
     rigid, friction = _spread(model, base, own)
     rigid += _known(model)

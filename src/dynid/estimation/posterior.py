@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root
+from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root, weighted
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -31,6 +31,7 @@ from dynid.estimation.residual_model import (
     best_size,
     evidence_gain,
     exciting_speed,
+    joints_apart,
     model_error,
     orthogonal,
     random_states,
@@ -41,6 +42,7 @@ from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.regressor import Observer
+from dynid.robot import Known
 
 if TYPE_CHECKING:
     from dynid.estimation.residual_model import ModelError
@@ -102,36 +104,126 @@ def physical_posterior(
     K = base.reduction.K
     worth = _inflation(estimate, stack)
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
-    R = A @ K
-    fit, constraints = fit_sized(R, A @ estimate.theta, constraints_of(base))
+    fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
     alone = K @ fit.x
     found = _posterior(K, fit, alone, worth)
     if residual_model is False or stack.earlier is not None or not stack.logs:
         return found
     robust = estimate.theta if estimate.method in ROBUST else None
-    rows = whitened_rows(stack, base, alone, estimate.noise, worth, robust).centred(estimate.theta)
-    large = 0.0
+    spread = prior_covariance(base)
+    rows = whitened_rows(stack, base, alone, estimate.noise, worth, spread, robust).centred(estimate.theta)
+    arm, large = Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K), 0.0
     if like is not None:
         for joint in like.free:
             rows = rows.freed(joint)
     elif contradicts(*(relative_error(stack.whole[0], theta) for theta in (alone, estimate.theta))):
-        rows, large = _with_large_torques(base, rows, estimate.theta, fit)
+        freed, large = _with_large_torques(base, rows, estimate.theta, fit)
+        # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
+        _, apart = joints_apart(rows, K, fit.x, arm.held, NONE)
+        rows, large = (rows, 0.0) if apart > large else (freed, large)
     if np.any(rows.free):
-        # Why from the prior's own sizes: impossible links made bodies heavier, which the torques no longer ask for.
-        left, _ = rows.eliminated(NONE)
-        fit, constraints = _fitted(left, K, constraints_of(base), fit)
-        R = left[:-1, :-1] @ K
-    held, size = fit.hessian - R.T @ R, size if like is None else like.size
-    size = best_size(rows, K, fit.x, held) if size is None else size
-    gain = evidence_gain(rows, K, fit.x, held, size)
+        arm = _arm_of(base, rows, NONE, arm)
+    rows, size, arm = _with_joints_apart(base, stack, rows, arm, size, like)
+    if np.any(rows.apart):
+        without, _ = _fitted(rows.eliminated(NONE)[0], K, arm.constraints, arm.fit)
+        alone = K @ without.x
+        found = _posterior(K, without, alone, worth)
+    gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
     if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
-        if not np.any(rows.free):
+        if not (np.any(rows.apart) or np.any(rows.free)):
             return found
         size = NONE
     left, heads = rows.eliminated(size)
-    fit, _ = _fitted(left, K, constraints, fit)
+    fit, _ = _fitted(left, K, arm.constraints, arm.fit)
     found = _posterior(K, fit, alone, worth)
     return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A possible arm that some rows ask for.
+
+    Attributes:
+        fit: its parameters.
+        constraints: with the sizes of bodies, friction and rotors as prior.
+        held: Hessian of the prior there, (c, c).
+    """
+
+    fit: PhysicalParameters
+    constraints: PhysicalConstraints
+    held: Floats
+
+
+def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: Arm) -> Arm:
+    """Return the possible arm that rows ask for, for sizes of the groups, beginning near another one.
+
+    From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
+    """
+    K = base.reduction.K
+    left, _ = rows.eliminated(size)
+    R = left[:-1, :-1] @ K
+    fit, constraints = _fitted(left, K, constraints_of(base), near.fit)
+    return Arm(fit, constraints, fit.hessian - R.T @ R)
+
+
+def _with_joints_apart(
+    base: BaseModel, stack: Stack, rows: Whitened, arm: Arm, given: Floats | None, like: ModelError | None
+) -> tuple[Whitened, Floats, Arm]:
+    """Find the sizes of the groups of columns, and the joints whose torques contradict those of the others.
+
+    The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
+
+    Args:
+        base: model and base parameters.
+        stack: the stacked logs.
+        rows: rows of all joints.
+        arm: the arm that they ask for.
+        given: sizes that are known already.
+        like: model error whose sizes and joints apart are taken.
+
+    Returns:
+        The rows, the sizes, and the arm that the other joints ask for.
+    """
+    K, given = base.reduction.K, given if like is None else like.size
+    # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
+    robot = replace(base.robot, known=Known())
+    free = replace(base, model=replace(base.model, robot=robot))
+    there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm), rows.noise
+    for _ in range(tuning.APART_ROUNDS):
+        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
+        apart = joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
+        # Why not back to none: with what contradicts the others apart, these fit so well that nothing seems to.
+        if np.array_equal(apart, rows.apart) or (np.any(rows.apart) and not np.any(apart)):
+            break
+        rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
+        there = _arm_of(free, rows, size, there)
+    if robot == base.robot:
+        return rows, size, there
+    arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
+    return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm
+
+
+def _share_of_noise(stack: Stack, apart: Floats) -> Floats:
+    """Return what joints leave when those apart have no say, over what they leave in a fit of all, at most 1, (n,).
+
+    Joints that contradict the others make these look noisy, so that they would get little weight.
+    """
+    factors, counts = stack.whole
+    left, others, p = stack.first_fit.noise, apart == 0.0, factors.shape[2] - 1
+    alone = left.copy()
+    if np.any(others):
+        alone[others] = weighted(factors[others], counts[others]).noise
+    for j in np.flatnonzero(~others):
+        own = np.any(factors[j, :, :p] != 0.0, axis=0)
+        rest = factors[j, :, p] - factors[j][:, :p][:, own] @ _shortest(factors[j][:, :p][:, own], factors[j, :, p])
+        alone[j] = np.linalg.norm(rest) / np.sqrt(max(1, counts[j] - np.count_nonzero(own)))
+    return np.asarray(np.clip(alone / left, tuning.NOISE_SHARE_LEAST, 1.0))
+
+
+def _shortest(A: Floats, b: Floats) -> Floats:
+    """Return the shortest least-squares solution in columns of unit length, (c,)."""
+    length = np.linalg.norm(A, axis=0)
+    return np.asarray(np.linalg.lstsq(A / length, b, rcond=tuning.RANK_TOLERANCE)[0] / length)
 
 
 def contradicts(misfit: float, best: float) -> bool:
@@ -363,7 +455,19 @@ def _inverse(covariance: Floats) -> Floats:
 
 
 def prior_information(base: BaseModel) -> Floats:
-    """Return what is known of the base parameters before anything is measured, (p, p).
+    """Return what is known of the base parameters before anything is measured, the inverse of their covariance, (p, p).
+
+    Args:
+        base: model and base parameters.
+
+    Raises:
+        NotPhysical: a body of the prior cannot exist.
+    """
+    return _inverse(prior_covariance(base))
+
+
+def prior_covariance(base: BaseModel) -> Floats:
+    """Return the covariance of the base parameters before anything is measured, (p, p), in products of their units.
 
     Bodies are possible and resemble the prior's; nothing else of a joint (friction, rotor) needs more torque on an
     exciting motion than its bodies do.
@@ -382,7 +486,7 @@ def prior_information(base: BaseModel) -> Floats:
     torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))
     torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
     covariance = np.zeros((K.shape[1], K.shape[1]))
-    others = np.setdiff1d(np.arange(K.shape[1]), constraints.bodies)
+    others = np.delete(np.arange(K.shape[1]), constraints.bodies)
     columns = base.model.observer(others).dense(q, qd, qdd) if len(others) else np.zeros((1, base.robot.n, 0))
     size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
     covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
@@ -390,4 +494,4 @@ def prior_information(base: BaseModel) -> Floats:
         constraints.bodies, curvature(constraints, constraints.prior, tuning.PRIOR_WEIGHT), strict=True
     ):
         covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(tuning.PRIOR_COUNTED * bent)
-    return _inverse(K @ covariance @ K.T)
+    return np.asarray(K @ covariance @ K.T)

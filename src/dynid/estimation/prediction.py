@@ -15,7 +15,7 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.model.regressor import Observer
 from dynid.scratch import Growing, release
@@ -58,7 +58,13 @@ class EstimatedMotion:
 
 CONTENTS = Contents(
     SCHEMA,
-    {"joints": Fact(list[str], "n"), "log": Fact(str, needed=False), "same_motion": Fact(bool, needed=False)},
+    {
+        "joints": Fact(list[str], "n"),
+        "log": Fact(str, needed=False),
+        "same_motion": Fact(bool, needed=False),
+        "of": Fact(str, needed=False),
+        "expected_percent": Fact(float | None, least=0.0, needed=False),
+    },
     {each.name: Array("N n") for each in fields(EstimatedMotion)}
     | {"t": Array("N"), "usable": Array("N n", np.bool_), "log": Array("N", np.int64, least=0)},
 )
@@ -136,7 +142,7 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
         field.name: scratch.joined(getattr(m, field.name) for m in motions) for field in fields(EstimatedMotion)
     }
     arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])
-    write_artifact(path, Artifact(SCHEMA, header, arrays))
+    write_artifact(path, SCHEMA, header, arrays)
 
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:

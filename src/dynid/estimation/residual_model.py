@@ -11,6 +11,11 @@ without any evidence for them there is no model error.
 
 b is eliminated by one QR per joint, so that a fit of theta costs what it costs without it. Rows are walked over once.
 docs/explanation/estimators.md says what was tried.
+
+A joint whose torque is scaled, reversed or only a part of all torque fits its own rows as well as any other, so that no
+weight tells it; but it contradicts the other joints about the links that they move together. Such a joint is apart: it
+has parameters theta + d of its own, d ~ N(0, lambda_j C) with the covariance C that links are known with beforehand,
+and with a large lambda_j it has no say in theta. The evidence decides which joints are.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root, triangle, with_columns
-from dynid.estimation.rows import ObservationRows, fold, joined
+from dynid.estimation.rows import ObservationRows, fold, joined, whitened
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
@@ -127,7 +132,7 @@ def folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust
         return _beside(stack, speed, reference)
     factors = np.zeros((n, k + p + 1, k + p + 1))
     walk = rows_with_columns(stack, speed, reference)
-    for rows in _together(walk if stack.reversals is None else stack.reversals.whitened(walk)):
+    for rows in _together(walk if stack.reversals is None else whitened(walk, stack.reversals)):
         weight = np.ones_like(rows.tau)
         if robust is not None:
             left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
@@ -268,6 +273,11 @@ class ModelError:
         size: lambda of each group.
         rms: rms torque of each group, and of all together, on the fitted rows, (n, 4) [N m or N].
         evidence: gain of the log evidence by the model error.
+        apart: how far the parameters of each joint's own may be from those of the arm, lambda_j; 0 of joints that
+            agree with the others, (n,).
+        own: what these parameters of a joint's own differ by, d, (n, p).
+        own_root: M_j with M_j M_j^T the covariance of d for known parameters, (n, p, p).
+        own_slope: change of d by the parameters, (n, p, p).
     """
 
     speed: Floats
@@ -280,6 +290,10 @@ class ModelError:
     size: Floats
     rms: Floats
     evidence: float
+    apart: Floats
+    own: Floats
+    own_root: Floats
+    own_slope: Floats
 
     @property
     def free(self) -> NDArray[np.intp]:
@@ -304,9 +318,14 @@ class ModelError:
         return np.asarray(np.einsum("jkm,jk->mj", D, by_column, optimize=True) + rows.torque(by_parameter))
 
     @property
+    def joints_apart(self) -> NDArray[np.intp]:
+        """Numbers of the joints whose torques contradict those of the others."""
+        return np.flatnonzero(self.apart)
+
+    @property
     def mean_by_rows(self) -> tuple[Floats, Floats]:
         """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
-        return self.mean / self.scale, -np.einsum("jpk,jk->jp", self.projection, self.mean)
+        return self.mean / self.scale, self.own - np.einsum("jpk,jk->jp", self.projection, self.mean)
 
     def torque_of(self, q: Floats, qd: Floats, sign: Floats, W: Floats) -> Floats:
         """Return the mean torque of the model error in a motion without any filter, (N, n) [N m or N].
@@ -317,8 +336,10 @@ class ModelError:
             sign: Coulomb signs of the velocities, (N, n).
             W: base regressor, (N, n, p).
         """
-        Z = orthogonal(shapes_of(q, qd, sign, self.speed), W, self.reference, self.scale, self.projection)
-        return np.asarray(np.einsum("mjk,jk->mj", Z, self.mean))
+        D = shapes_of(q, qd, sign, self.speed)
+        D[:, :, -1] *= np.abs(W @ self.reference)
+        by_column, by_parameter = self.mean_by_rows
+        return np.asarray(np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter))
 
     def variance(self, W: Floats, Z: Floats, covariance: Floats) -> Floats:
         """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
@@ -331,8 +352,11 @@ class ModelError:
         found = np.empty(W.shape[:2])
         root = symmetric_root(covariance)
         for j in range(W.shape[1]):
-            by_theta = (W[:, j] + Z[:, j] @ self.slope[j]) @ root
+            columns = W[:, j] + Z[:, j] @ self.slope[j]
+            by_theta = (columns + columns @ self.own_slope[j]) @ root if self.apart[j] else columns @ root
             found[:, j] = np.sum(by_theta**2, axis=1) + np.sum((Z[:, j] @ self.root[j]) ** 2, axis=1)
+            if self.apart[j]:
+                found[:, j] += np.sum((columns @ self.own_root[j]) ** 2, axis=1)
         return found
 
 
@@ -392,6 +416,8 @@ class Whitened:
         scale: rms of each column, (n, k).
         projection: B, (n, p, k).
         free: variance of the factors of columns that are free, in units of sigma^2, zero for all others, (n, k).
+        apart: lambda of each joint: how far its own parameters may be from those of the arm, (n,).
+        spread: L with L L^T = C, which lambda multiplies, (p, p).
     """
 
     factors: Floats
@@ -402,6 +428,8 @@ class Whitened:
     scale: Floats
     projection: Floats
     free: Floats
+    apart: Floats
+    spread: Floats
 
     def freed(self, joint: int) -> Whitened:
         """Return rows in which the columns of the position of one joint may be large and overlap with the parameters.
@@ -420,6 +448,17 @@ class Whitened:
         torque = float(np.sum(F[joint][:, -1] ** 2)) / float(np.sum(F[joint][:, 0] ** 2))
         free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
         return replace(self, factors=F, projection=projection, free=free)
+
+    def set_apart(self, apart: Floats, noise: Floats) -> Whitened:
+        """Return rows with other joints apart, and with the noise that the joints have beside those.
+
+        Args:
+            apart: lambda of each joint, (n,).
+            noise: sigma of each joint, (n,) [N m or N].
+        """
+        weight = (self.noise / noise)[:, None, None]
+        free = self.free * (self.noise / noise)[:, None] ** 2
+        return replace(self, factors=self.factors * weight, noise=noise, free=free, apart=apart)
 
     def variances(self, size: Floats) -> Floats:
         """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
@@ -479,7 +518,28 @@ class Whitened:
             R = triangle(np.vstack([F, prior]))
             heads.append(R[:k])
             rest.append(R[k:, k:])
-        return triangle(np.vstack(rest)), np.array(heads)
+        shared = [self._shared(j, R) if self.apart[j] else R for j, R in enumerate(rest)]
+        return triangle(np.vstack(shared)), np.array(heads)
+
+    def _shared(self, joint: int, R: Floats) -> Floats:
+        """Return what rows [W tau] of a joint say about the parameters of the arm when it has parameters of its own."""
+        U, sigma, _ = np.linalg.svd(R[:, :-1] @ self.spread, full_matrices=False)
+        less = 1.0 - 1.0 / np.sqrt(1.0 + self.apart[joint] * sigma**2)
+        return np.asarray(R - (U * less) @ (U.T @ R))
+
+    def own(self, joint: int, head: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return what a joint's own parameters differ by, (p,), the root of its covariance and its slope, (p, p) each.
+
+        Args:
+            joint: its number.
+            head: its rows of b, (k, k + p + 1), from ``eliminated``.
+            theta: base parameters of the arm, (p,).
+        """
+        k, F = self.k, self.factors[joint]
+        S = F[:, k:].T @ F[:, k:] - head[:, k:].T @ head[:, k:]
+        half = own_half(S[:-1, :-1], float(self.apart[joint]), self.spread)
+        slope = -half.T @ (half @ S[:-1, :-1])
+        return half.T @ (half @ S[:-1, -1]) + slope @ theta, half.T, slope
 
 
 def whitened_rows(
@@ -488,6 +548,7 @@ def whitened_rows(
     reference: Floats,
     noise: Floats,
     inflation: float,
+    prior_covariance: Floats,
     robust: Floats | None = None,
 ) -> Whitened:
     """Fold the rows of a stack with the columns of the model error into triangular factors; walks over the rows once.
@@ -501,6 +562,7 @@ def whitened_rows(
         reference: base parameters that give the torque of the load, (p,).
         noise: sigma of each joint, (n,) [N m or N].
         inflation: how many rows are worth one independent row.
+        prior_covariance: of the base parameters before anything is measured, (p, p), in products of their units.
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
     speed = rms_speed(stack.logs, len(stack.joints))
@@ -511,7 +573,9 @@ def whitened_rows(
     projection = _projection(base, stack.observer, speed, reference, scale)
     weight = 1.0 / (noise * np.sqrt(inflation))
     factors = _changed(factors, scale, projection) * weight[:, None, None]
-    return Whitened(factors, noise, inflation, speed, reference, scale, projection, np.zeros_like(scale))
+    spread = symmetric_root(prior_covariance)
+    none = np.zeros_like(scale), np.zeros(len(noise))
+    return Whitened(factors, noise, inflation, speed, reference, scale, projection, *none, spread)
 
 
 def centred(factors: Floats, k: int, theta: Floats) -> Floats:
@@ -613,6 +677,124 @@ def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Flo
     return with_it - without
 
 
+def own_half(S: Floats, size: float, spread: Floats) -> Floats:
+    """Return A with A^T A the covariance of a joint's own parameters for known ones of the arm, (p, p).
+
+    Args:
+        S: what the joint's rows say of its parameters: information, (p, p).
+        size: lambda of the joint.
+        spread: L with L L^T what lambda multiplies, (p, p).
+    """
+    L = np.sqrt(size) * spread
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.eye(len(L)) + L.T @ S @ L), L.T))
+
+
+def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> tuple[Floats, float]:
+    """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
+
+    One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. That
+    begins with none and with those that were apart before: of several that contradict the rest together, the first
+    alone may gain little.
+
+    Args:
+        rows: rows of all joints.
+        K: base parameters as combinations of all parameters, (p, c).
+        x: all parameters, where the prior is approximated, (c,).
+        prior: Hessian of the prior there, (c, c).
+        size: lambda of each group of columns, (groups,).
+    """
+    told = _Told.of(rows, size)
+
+    def worth(apart: Floats) -> float:
+        S, volume = told.shared(apart)
+        # Why: of what a joint has no say in, differences of large numbers are left, which may be negative.
+        try:
+            found = volume + _of_parameters(S, K, x, prior)[0] - tuning.APART_EVIDENCE * np.count_nonzero(apart)
+        except np.linalg.LinAlgError:
+            return -np.inf
+        return float(found) if np.isfinite(found) else -np.inf
+
+    def best_from(apart: Floats) -> tuple[float, Floats]:
+        best = worth(apart)
+        for _ in range(tuning.APART_STEPS):
+            others = [(j, one) for j in range(len(apart)) for one in (0.0, *tuning.APART_SIZES) if one != apart[j]]
+            tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, one in others]
+            values = [worth(other) for other in tried]
+            k = int(np.argmax(values))
+            if not values[k] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
+                break
+            best, apart = values[k], tried[k]
+        return best, apart
+
+    none = np.zeros(len(rows.factors))
+    if told.values.max(initial=0.0) > tuning.APART_TOLD:
+        return none, 0.0
+    starts = [none, rows.apart] if np.any(rows.apart) else [none]
+    best, apart = max((best_from(each) for each in starts), key=lambda found: found[0])
+    return apart, best - worth(none)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What the rows of each joint say of its parameters when the columns of the model error are integrated out.
+
+    Attributes:
+        squares: [W tau]^T [W tau] without b, (n, p + 1, p + 1).
+        volume: log of how much narrower the rows make b, which the evidence subtracts.
+        values: eigenvalues of L^T W^T W L, (n, p).
+        along: [W tau]^T W L times its eigenvectors, (n, p + 1, p).
+    """
+
+    squares: Floats
+    volume: float
+    values: Floats
+    along: Floats
+
+    @classmethod
+    def of(cls, rows: Whitened, size: Floats) -> _Told:
+        """Return what rows say for sizes of the groups."""
+        _, heads = rows.eliminated(size)
+        k, F = rows.k, rows.factors
+        S = F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
+        values, vectors = np.linalg.eigh(rows.spread.T @ S[:, :-1, :-1] @ rows.spread)
+        along = S[:, :, :-1] @ rows.spread @ vectors
+        return cls(S, rows.log_volume(size, heads), np.maximum(values, 0.0), along)
+
+    def shared(self, apart: Floats) -> tuple[Floats, float]:
+        """Return what all rows say of the arm's parameters, (p + 1, p + 1), and the log volume, for lambdas, (n,)."""
+        S, volume = np.sum(self.squares, axis=0), -self.volume
+        for j in np.flatnonzero(apart):
+            weight = apart[j] / (1.0 + apart[j] * self.values[j])
+            S = S - (self.along[j] * weight) @ self.along[j].T
+            volume -= 0.5 * float(np.sum(np.log1p(apart[j] * self.values[j])))
+        return S, volume
+
+
+def _of_parameters(S: Floats, K: Floats, x: Floats, prior: Floats) -> tuple[float, Floats, Floats]:
+    """Return the log evidence of rows when the parameters are integrated out, up to a constant, and their posterior.
+
+    Args:
+        S: [W tau]^T [W tau] of all rows, (p + 1, p + 1).
+        K: base parameters as combinations of all parameters, (p, c).
+        x: all parameters, where the prior is approximated, (c,).
+        prior: Hessian of the prior there, (c, c).
+
+    Returns:
+        The evidence; the base parameters, (p,); the root of their covariance, (p, c).
+    """
+    Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
+    theta = K @ x
+    gradient = K.T @ (St - Sw @ theta)
+    rest = total - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
+    H = K.T @ Sw @ K + prior
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    root, volume = _inverse_root(scale[:, None] * H * scale)
+    weights = root.T @ (scale * gradient)
+    evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
+    root = K @ (scale[:, None] * root)
+    return evidence, theta + root @ weights, root
+
+
 def _log_evidence(
     rows: Whitened, gram: Floats, size: Floats, K: Floats, x: Floats, prior: Floats
 ) -> tuple[float, Floats]:
@@ -635,21 +817,22 @@ def _log_evidence(
     inverse = np.linalg.inv(L)
     part = inverse @ (sd[:, :, None] * gram[:, :k, k:])
     S = np.sum(gram[:, k:, k:], axis=0) - np.tensordot(part, part, ((0, 1), (0, 1)))
-    Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
-    theta = K @ x
-    gradient = K.T @ (St - Sw @ theta)
-    rest = total - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
-    H = K.T @ Sw @ K + prior
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    root, volume = _inverse_root(scale[:, None] * H * scale)
-    weights = root.T @ (scale * gradient)
-    evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
+    halves = {}
+    for j in np.flatnonzero(rows.apart):
+        alone = gram[j, k:, k:] - part[j].T @ part[j]
+        half = own_half(alone[:-1, :-1], float(rows.apart[j]), rows.spread)
+        halves[j] = half, half @ alone[:-1]
+        S = S - halves[j][1].T @ halves[j][1]
+    evidence, best, root = _of_parameters(S, K, x, prior)
     evidence -= float(np.sum(np.log(np.diagonal(L, axis1=1, axis2=2))))
-    root = K @ (scale[:, None] * root)
-    best = theta + root @ weights
     by = inverse.swapaxes(1, 2) @ part
-    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum(inverse**2, axis=1)
-    squares += np.sum((by[:, :, :-1] @ root) ** 2, axis=2)
+    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum((by[:, :, :-1] @ root) ** 2, axis=2)
+    for j, (half, told) in halves.items():
+        own = best + half.T @ (told[:, -1] - told[:, :-1] @ best)
+        moved = root - half.T @ (told[:, :-1] @ root)
+        squares[j] = (by[j, :, -1] - by[j, :, :-1] @ own) ** 2 + np.sum((by[j, :, :-1] @ moved) ** 2, axis=1)
+        squares[j] += np.sum((by[j, :, :-1] @ half.T) ** 2, axis=1)
+    squares += np.sum(inverse**2, axis=1)
     counted = np.where(rows.free > 0.0, 0.0, squares - 1.0)
     return evidence, np.asarray(0.5 * np.bincount(GROUPS, counted.sum(axis=0), minlength=len(size)))
 
@@ -681,11 +864,17 @@ def model_error(
         theta: base parameters, (p,).
         counts: number of rows of each joint, (n,).
     """
-    k = rows.k
+    k, (n, p) = rows.k, (len(heads), len(theta))
+    own, own_root, own_slope = np.zeros((n, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
+    for j in np.flatnonzero(rows.apart):
+        own[j], own_root[j], own_slope[j] = rows.own(int(j), heads[j], theta)
     root = np.array([np.linalg.inv(head[:, :k]) for head in heads])
     slope = -root @ heads[:, :, k:-1]
-    mean = (root @ heads[:, :, -1:])[:, :, 0] + slope @ theta
+    mean = (root @ heads[:, :, -1:])[:, :, 0] + np.einsum("jkp,jp->jk", slope, theta + own)
     parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(tuning.RESIDUAL_LARGEST))), mean], axis=2)
     torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
     rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
-    return ModelError(rows.speed, rows.reference, rows.scale, rows.projection, mean, root, slope, size, rms, evidence)
+    return ModelError(
+        rows.speed, rows.reference, rows.scale, rows.projection, mean, root, slope, size, rms, evidence,
+        rows.apart, own, own_root, own_slope,
+    )  # fmt: skip

@@ -32,8 +32,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+    from dynid.estimation.contacts import ExternalTorque
+    from dynid.estimation.draws import Draws
     from dynid.estimation.one_state import OneState
     from dynid.estimation.stack import Stack
+    from dynid.judgement.judge import Judgement
+    from dynid.log import Log
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
@@ -205,6 +209,18 @@ class Identification:
         """Model and base parameters."""
         model = build_model(self.robot) if self.rigid is None else Model(self.robot, self.rigid)
         return BaseModel(model, self.reduction)
+
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of it: lights, the first sentence, what to do next, from all evidence there is of it.
+
+        Raises:
+            NotAnArtifact: a replay or a search beside its file is damaged.
+        """
+        from dynid.estimation.evidence import evidence_of
+        from dynid.judgement.judge import judge
+
+        return judge(evidence_of(self))
 
     # ---------------------------------------------------------------- figures
     def plot_torque(self) -> Figure:
@@ -433,6 +449,36 @@ class Identification:
             wanted, count = observer.added_entries, len(observer.rows) - len(observer.added_entries)
             full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[wanted].T
         return full
+
+    def draws(self, count: int, seed: int = 0) -> Draws:
+        """Return arms drawn jointly from the posterior: possible bodies, friction, effects, residual model.
+
+        Args:
+            count: how many.
+            seed: of the draws.
+
+        Raises:
+            WrongUsage: there are none, or too many.
+            NotPhysical: the prior of the robot file is itself not physical.
+        """
+        from dynid.estimation.draws import draws
+
+        return draws(self, count, seed)
+
+    def external_torque(self, log: Log, false_alarms: float = 1.0) -> ExternalTorque:
+        """Return the torque that something outside put on the arm along a log, and the contacts on it.
+
+        Args:
+            log: what ``dynid.load_log`` returns; ``dynid.contacts`` takes paths too.
+            false_alarms: false alarms an hour that the threshold is made for [1/h].
+
+        Raises:
+            WrongUsage: no such rate can be had.
+            DynidError: the first serious fault of the log.
+        """
+        from dynid.estimation.contacts import external_torque
+
+        return external_torque(self, log, false_alarms)
 
     # ---------------------------------------------------------------- text
     @property

@@ -17,7 +17,7 @@ from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import GROUP_NAMES, GROUPS, ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
-from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact, write_text
+from dynid.files.artifact import read_artifact, read_header, reading, write_artifact, write_text
 from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.limits import LIMITS
@@ -37,6 +37,8 @@ SCALARS = (
 )  # fmt: skip
 FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
+#: What files of results without joints apart lack; zero there.
+APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
 #: By how much a covariance may exceed the product of its standard deviations, as a share.
 ROUNDING = 1e-6
 #: Least noise and size that is none of rounding, and longest delay of torques [s].
@@ -56,7 +58,8 @@ def save(path: Path, found: Identification, facts: dict[str, Any] | None = None)
     arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
     arrays |= reduction_arrays
     if found.model_error is not None:
-        arrays |= {f"error_{key}": getattr(found.model_error, key) for key in ERROR_ARRAYS}
+        apart = APART_ARRAYS if len(found.model_error.joints_apart) else ()
+        arrays |= {f"error_{key}": getattr(found.model_error, key) for key in (*ERROR_ARRAYS, *apart)}
     arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
     scalars = {key: getattr(found, key) for key in SCALARS} | {"physical": physical}
     scalars["model_error_evidence"] = None if found.model_error is None else found.model_error.evidence
@@ -73,7 +76,7 @@ def save(path: Path, found: Identification, facts: dict[str, Any] | None = None)
         "robot_file": text_of(found.robot),
         "robot_path": str(found.robot.path or ""),
     }
-    write_artifact(path, Artifact(SCHEMA, header, arrays))
+    write_artifact(path, SCHEMA, header, arrays)
     return path
 
 
@@ -127,6 +130,10 @@ CONTENTS = Contents(
         "delay_s": Fact(float | None, least=-LATEST, most=LATEST, needed=False),
         "log_sha256": Fact(list[str]),
         "logs": Fact(list[str], needed=False),
+        "logs_from_here": Fact(list[str], needed=False),
+        "noise_floor_nm": Fact(list[float] | None, needed=False),
+        "noise_repeats_s": Fact(float, least=0.0, needed=False),
+        "other_arm": Fact(dict[str, Any] | None, needed=False),
         "findings": Fact(list[Finding]),
         **REDUCTION_FACTS,
         "result": Fact(dict[str, Any]),
@@ -177,6 +184,10 @@ CONTENTS = Contents(
         "error_slope": Array(f"n {_K} p", needed=False),
         "error_size": Array(f"{_G}", least=LEAST, needed=False),
         "error_rms": Array(f"n {_G + 1}", least=0.0, needed=False),
+        "error_apart": Array("n", least=0.0, needed=False),
+        "error_own": Array("n p", needed=False),
+        "error_own_root": Array("n p p", needed=False),
+        "error_own_slope": Array("n p p", needed=False),
     },
 )
 
@@ -263,7 +274,11 @@ def _require_covariance(**arrays: Floats) -> None:
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
     if evidence is None:
         return None
-    return ModelError(**{key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}, evidence=float(evidence))
+    given = {key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}
+    n, p = given["slope"].shape[0], given["slope"].shape[2]
+    for key, shape in zip(APART_ARRAYS, ((n,), (n, p), (n, p, p), (n, p, p)), strict=True):
+        given[key] = arrays.get(f"error_{key}", np.zeros(shape))
+    return ModelError(**given, evidence=float(evidence))
 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401

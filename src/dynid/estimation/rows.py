@@ -406,31 +406,26 @@ def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
 ReversalShapes: TypeAlias = tuple[Floats, Floats, Floats]
 
 
-@dataclass(frozen=True)
-class ReversalEffects:
-    """What velocity reversals leave in the rows of a log, as random effects with variances.
+#: What velocity reversals leave in the rows of a log, as random effects: the shapes of each run of rows and joint, and
+#: the variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
+ReversalEffects: TypeAlias = tuple[tuple[tuple[ReversalShapes, ...], ...], Floats]
 
-    Attributes:
-        shapes: of each run of rows and joint.
-        strength: variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
+
+def whitened(rows: Iterable[ObservationRows], effects: ReversalEffects) -> RowWalk:
+    """Return the rows times the inverse root of the covariance that noise and reversals give them.
+
+    Args:
+        rows: the rows that the effects were found in, or others of the same instants.
+        effects: what reversals leave in them.
     """
+    shapes, strength = effects
+    return RowWalk(lambda: (_whitened(run, each, strength) for run, each in zip(_runs(rows), shapes, strict=True)))
 
-    shapes: tuple[tuple[ReversalShapes, ...], ...]
-    strength: Floats
 
-    def whitened(self, rows: Iterable[ObservationRows]) -> RowWalk:
-        """Return the rows times the inverse root of the covariance that noise and reversals give them.
-
-        Args:
-            rows: the rows that the effects were found in, or others of the same instants.
-        """
-        return RowWalk(
-            lambda: (_whitened(run, each, self.strength) for run, each in zip(_runs(rows), self.shapes, strict=True))
-        )
-
-    def factors(self, factors: Floats) -> Floats:
-        """Return the factors of the whitened rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
-        return np.array([_less(R, [each[j] for each in self.shapes], self.strength[j]) for j, R in enumerate(factors)])
+def whitened_factors(factors: Floats, effects: ReversalEffects) -> Floats:
+    """Return the factors of ``whitened`` rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
+    shapes, strength = effects
+    return np.array([_less(R, [each[j] for each in shapes], strength[j]) for j, R in enumerate(factors)])
 
 
 def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: Ints) -> ReversalEffects | None:
@@ -449,12 +444,12 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
         return None
     shapes = tuple(tuple(_reversal_shapes(run, j) for j in range(len(counts))) for run in _runs(rows))
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
-    without = ReversalEffects(shapes, np.full(len(counts), np.inf))
+    without = shapes, np.full(len(counts), np.inf)
     taken = np.array([sum(len(run[j][1]) for run in shapes) for j in range(len(counts))])
     rest = np.maximum(counts - taken, 1)
-    theta = weighted(without.factors(factors), rest).theta
-    noise = robust_noise(without.whitened(rows), theta) * np.sqrt(counts / rest)
-    return replace(without, strength=_strength(shapes, theta, noise * np.sqrt(flat)))
+    theta = weighted(whitened_factors(factors, without), rest).theta
+    noise = robust_noise(whitened(rows, without), theta) * np.sqrt(counts / rest)
+    return shapes, _strength(shapes, theta, noise * np.sqrt(flat))
 
 
 def _strength(shapes: tuple[tuple[ReversalShapes, ...], ...], theta: Floats, noise: Floats) -> Floats:

@@ -321,28 +321,15 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 REACH = 2
 
 
-@dataclass(frozen=True)
-class Delay:
-    """Time from positions to torques.
-
-    Attributes:
-        seconds: positive when the torques are late [s].
-        std_error: standard error that allows for coloured residuals [s].
-    """
-
-    seconds: float
-    std_error: float
-
-    @property
-    def clear(self) -> bool:
-        """Whether it is large enough and certain enough to be corrected."""
-        return (
-            abs(self.seconds) >= tuning.DELAY_LEAST_S and abs(self.seconds) > tuning.DELAY_CLEAR_ERRORS * self.std_error
-        )
+def is_clear(delay: float, std_error: float) -> bool:
+    """Return whether a delay of torques is large enough and certain enough to be corrected [s]."""
+    return abs(delay) >= tuning.DELAY_LEAST_S and abs(delay) > tuning.DELAY_CLEAR_ERRORS * std_error
 
 
-def estimate_delay(stack: Stack) -> Delay:
-    """Estimate the delay that all joints share.
+def estimate_delay(stack: Stack) -> tuple[float, float]:
+    """Return the delay that all joints share, positive when the torques are late, and its standard error [s].
+
+    The error allows for coloured residuals.
 
     Args:
         stack: the stacked logs; a rank that is short does no harm.
@@ -362,7 +349,7 @@ def estimate_delay(stack: Stack) -> Delay:
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
     found = weighted(np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts)
     variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1])[0, 0]
-    return Delay(float(found.theta[-1]), float(np.sqrt(max(0.0, variance))))
+    return float(found.theta[-1]), float(np.sqrt(max(0.0, variance)))
 
 
 def _products(stack: Stack, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
@@ -424,18 +411,18 @@ def _slope(t: Floats, tau: Floats, step: float) -> Floats:
     return np.asarray(slope)
 
 
-def delay_findings(found: Delay, applied: float) -> list[Finding]:
-    """Say that the torques are late, when they are by more than a few milliseconds."""
-    if abs(found.seconds) < tuning.DELAY_NOTABLE_S or not found.clear:
+def delay_findings(delay: float, std_error: float, applied: float) -> list[Finding]:
+    """Say that the torques are late, when they are by more than a few milliseconds [s]."""
+    if abs(delay) < tuning.DELAY_NOTABLE_S or not is_clear(delay, std_error):
         return []
-    word = "later" if found.seconds > 0 else "earlier"
-    size = f"{1e3 * abs(found.seconds):.1f} +- {1e3 * found.std_error:.1f} ms"
+    word = "later" if delay > 0 else "earlier"
+    size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
     done = "corrected" if applied else "not corrected: --delay auto"
     text = f"torques are stamped {size} {word} than positions; {done}"
-    return [Finding("W321", "warning", text, {"delay_s": found.seconds, "std_error_s": found.std_error})]
+    return [Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error})]
 
 
-def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, Delay, tuple[Finding, ...]]:
+def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
     """Estimate how late the torques of a stack are, and move them back when that is clear.
 
     Args:
@@ -443,19 +430,19 @@ def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, Delay, tu
         progress: told what was noticed.
 
     Returns:
-        The stack, in whose logs stands by how much they were moved, the estimated delay, and the findings.
+        The stack, in whose logs stands by how much they were moved; the delay with its error [s]; the findings.
     """
     base, logs = stack.base, stack.logs
-    found, applied = estimate_delay(stack), 0.0
-    for _ in range(tuning.DELAY_ROUNDS if found.clear else 0):
-        applied = found.seconds
+    (delay, std_error), applied = estimate_delay(stack), 0.0
+    for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error) else 0):
+        applied = delay
         stack = stack_logs(settled([torques_moved_back(log, base.model, applied) for log in logs], base), base)
-        left = estimate_delay(stack)
-        found = Delay(applied + left.seconds, left.std_error)
-        if abs(found.seconds - applied) < tuning.DELAY_SETTLED_S:
+        left, std_error = estimate_delay(stack)
+        delay = applied + left
+        if abs(delay - applied) < tuning.DELAY_SETTLED_S:
             break
-    size = f"torques {1e3 * found.seconds:+.1f} +- {1e3 * found.std_error:.1f} ms after the positions"
+    size = f"torques {1e3 * delay:+.1f} +- {1e3 * std_error:.1f} ms after the positions"
     progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
-    late = tuple(delay_findings(found, applied))
+    late = tuple(delay_findings(delay, std_error, applied))
     progress.findings(late)
-    return stack, found, late
+    return stack, (delay, std_error), late

@@ -90,6 +90,14 @@ NOISE_LEAST_ROWS = 20
 # ---------------------------------------------------------------- instruments
 #: Condition number of the column-normalised Z^T S W beyond which the instruments say nothing. evidence: none yet.
 INSTRUMENTS_WORST_CONDITION = 1e12
+#: First-stage F from which on instruments are strong enough. evidence: Staiger, Stock 1997; simulated arms that follow
+#: their commands to 5 % and better have 5 to 480, those that miss them by 40 to 110 % at most 4.3.
+INSTRUMENTS_STRONG = 10.0
+#: What instruments may leave of rows that they were not fitted to, over what least squares leaves; encoder noise biases
+#: the latter so that it leaves less. evidence: strong instruments 0.98 to 1.02, weak ones 1.02 to 175 on the same arms.
+INSTRUMENTS_UNSEEN = 1.05
+#: Parts of the logs that are predicted from the others. evidence: a convention.
+INSTRUMENTS_PARTS = 4
 
 # ---------------------------------------------------------------- estimators
 #: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
@@ -192,6 +200,26 @@ EXCITING_SPEED, FREE_SPEED = 0.2, {True: 0.5, False: 0.1}
 #: Reach of a joint without position limits: turning [rad], sliding [m]. evidence: none yet.
 FREE_REACH = {True: np.pi, False: 0.3}
 
+# ---------------------------------------------------------------- joints whose torques contradict those of the others
+#: Sizes of what a joint's own parameters may differ by, that are tried: lambda, in variances of the prior.
+#: evidence: benchmarks/defects.md; joints with something wrong took 1e-3 to 1e2.
+APART_SIZES = 10.0 ** np.arange(-4.0, 3.1)
+#: Gain of the log evidence that makes a joint one apart, and by which another size of one that is apart is better.
+#: evidence: joints of real arms with nothing wrong reach 13.4 (LWR4+), 14.7 (UR10) and 14.9 (Rokae), of simulated ones
+#: 1.5; a scaled, reversed or partial torque 16.5 to 2e5, and the wrists of the Shanghai cobot 27 to 1700.
+APART_EVIDENCE, APART_SETTLED = 15.0, 0.1
+#: Steps of that search, and share of the evidence that is rounding. evidence: none yet; seven joints took 3 at most.
+APART_STEPS, APART_ROUNDING = 20, 1e-9
+#: By how much rows may narrow the prior's variances: beyond, torques have no noise, and what contradicts is rounding.
+#: evidence: none yet; logs of simulated arms with noise reach 1.3e9, of real ones 1e6.
+APART_TOLD = 1e11
+#: Least share of its noise that a joint is left with when those that contradict it have no say.
+#: evidence: none yet; joints of simulated arms were left with 0.01 of it.
+NOISE_SHARE_LEAST = 1e-3
+#: Rounds of sizes, joints apart and the arm that the others show; the last changes nothing as a rule.
+#: evidence: none yet.
+APART_ROUNDS = 4
+
 # ---------------------------------------------------------------- posterior
 #: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
 #: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
@@ -290,3 +318,46 @@ GAINS_RANK = 1e-9
 #: A joint's gain changes by at most this factor in a step; the problem is bilinear and a first guess may be poor.
 #: evidence: none yet.
 GAINS_LONGEST_STEP = np.log(3.0)
+
+# ---------------------------------------------------------------- the noise floor
+#: Seconds of each log that the noise is taken from: minutes say what hours do.
+NOISE_SECONDS = 240.0
+#: Shortest repeat of a motion that counts [s]: long enough that different motions do not agree by chance.
+SHORTEST_REPEAT_S = 4.0
+#: Largest distance of two runs of one motion, as a share of its spread. evidence: repeats of real and simulated arms
+#: differ by 0.003 to 0.006, other motions by about 1.
+REPEATED = 0.03
+#: A joint that moves less says nothing about which motion it is [rad or m]. evidence: none yet.
+STILL_RAD = 1e-3
+#: Fewest rows that have a spectrum. evidence: none yet.
+SPECTRUM_ROWS = 64
+#: Band that the level of the noise is taken from, as shares of the cut-off: above the motion, below the stop band.
+#: evidence: benchmarks/judgement.md, white noise of simulated arms is found within 10 %.
+NOISE_BAND = (0.55, 1.0)
+
+# ---------------------------------------------------------------- draws
+#: Steps of the walk of a draw. evidence: benchmarks/draws.md, half and double.
+DRAW_WALK = 20
+#: Angles that are tried on an ellipse before a draw stays where it is. evidence: each halves what is left, on average.
+DRAW_TRIES = 12
+#: Directions that together change bodies by less than this, as a sum of squares of relative changes, are drawn freely.
+#: evidence: benchmarks/draws.md, half and double.
+DRAW_FREE = 0.1
+
+# ---------------------------------------------------------------- contacts
+#: Gain of the momentum observer [1/s]: it follows an outside torque within 0.1 s.
+#: evidence: benchmarks/contacts.md, delays.
+OBSERVER_GAIN = 10.0
+#: Degrees of freedom of the outside torque on clean recordings that were not fitted, in units of its expected size: how
+#: far that size itself may be off. evidence: benchmarks/contacts.md, largest ratio 8.4 in 5 minutes of 18 pairs.
+CONTACT_TAIL = 8.0
+#: A joint may stick below so many times the speed of its Coulomb sign. evidence: benchmarks/contacts.md; at 1 the UR10
+#: alarms where its last joint stands.
+STICKING_SPEEDS = 5.0
+#: Share of its Coulomb friction that static friction may be on top of it. evidence: Stribeck humps that gap finds.
+STATIC_SHARE = 0.5
+#: Share of a log above the threshold from which it is more likely that the arm has changed than that it was touched.
+#: evidence: benchmarks/contacts.md, simulated arms with a payload or warm gears.
+CONTACT_CHANGED = 0.15
+#: Intervals that are closer than this are one contact [s]. evidence: none yet.
+CONTACT_GAP_S = 0.2

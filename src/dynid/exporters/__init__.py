@@ -3,8 +3,9 @@
 ``parameters.npz -> arm.urdf, arm.xml, arm.sdf, arm.yaml, arm.c, arm.py, arm.m``
 """
 
+from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.full_model import FullModel, full_model
-from dynid.exporters.interface import Agreement, Format, IdentifiedArm, LoadingFailed, Provenance
+from dynid.exporters.interface import Agreement, Format, IdentifiedArm, LoadingFailed, NotTried, Provenance
 from dynid.exporters.languages import C_FORMAT, MATLAB_FORMAT, PYTHON_FORMAT
 from dynid.exporters.mjcf import MJCF
 from dynid.exporters.sdf import SDF
@@ -14,4 +15,15 @@ from dynid.exporters.yaml import YAML
 #: The formats by name.
 FORMATS = {each.name: each for each in (URDF, MJCF, SDF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)}
 
-__all__ = ["FORMATS", "Agreement", "Format", "FullModel", "IdentifiedArm", "LoadingFailed", "Provenance", "full_model"]
+__all__ = [
+    "EFFECTS",
+    "FORMATS",
+    "Agreement",
+    "Format",
+    "FullModel",
+    "IdentifiedArm",
+    "LoadingFailed",
+    "NotTried",
+    "Provenance",
+    "full_model",
+]

@@ -15,16 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.exporters import formula_code, residual_code
+from dynid.exporters import closed_forms, formula_code, residual_code
 from dynid.exporters.interface import IdentifiedArm
-from dynid.model.kinematics import geometry
+from dynid.model.effects.catalogue import Added
+from dynid.model.kinematics import fixed_poses, geometry
 from dynid.model.parameters import Parameter
 from dynid.model.program import ADD, FOLD, MUL, NEG, SUB, Program
-from dynid.robot import Robot
+from dynid.robot import LINK_PARAMETERS, Robot
 from dynid.text import code, identifier
 
 Floats = NDArray[np.float64]
 
+#: Where the templates are.
+TEMPLATES = Path(__file__).parent / "templates"
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 #: Inputs of the program that move, and the array or the function of an array that they are.
 _ARRAYS = ("q", "qd", "qdd")
@@ -49,6 +52,16 @@ class Language:
         torque: a statement that stores a torque, with {i} and {value}.
         absolute: name of the absolute value.
         add: how the torques get those of the residual model, where there is one, and where there is none.
+        power: a number to the power of another, with {x} and {p}.
+        plain_sign: sign of a number, with {x}.
+        time: time since the start of the memory.
+        bristle: a bristle of the memory, with {i}.
+        bend: a statement that moves a bristle on, with {i}, {q} and {length}.
+        loads: statements that sum torques of the bodies, and with friction, from the first {rigid} and {plain} columns.
+        moved: a statement that stores the column of an encoder's offset, with {joint}, {step}, {rigid} and {col}.
+        holding: a statement that stores a column of a gravity, with {mass}, {moment}, {gravity} and {col}.
+        numbers: a list of numbers, with {values}.
+        add_after: ``add`` of the torques with what effects remember, where there is a residual model.
     """
 
     template: str
@@ -64,18 +77,31 @@ class Language:
     torque: str
     absolute: str
     add: tuple[str, str]
+    power: str
+    plain_sign: str
+    time: str
+    bristle: str
+    bend: str
+    loads: str
+    moved: str
+    holding: str
+    numbers: str
+    add_after: str = ""
 
 
 def source_code(arm: IdentifiedArm, language: Language) -> str:
     """Return the base model of an arm as a file of source code."""
     writer = _Writer(language, arm.base.robot, len(arm.theta))
-    inertial, friction, formulas = writer.statements(arm)
+    inertial, friction, formulas, remembered = writer.statements(arm)
     names = [code(name) for name in arm.base.reduction.base_names]
     values = zip(names, arm.theta.tolist(), strict=True)
     with_residual, without = language.add
-    return _template(language.template).substitute(
+    return template(language.template).substitute(
         head=arm.head(code, whole=True),
         residual=writer.residual(arm),
+        arm=writer.arm_functions(arm),
+        observer=writer.observer(arm),
+        **writer.memory(arm, remembered),
         add=with_residual if arm.predicted_error is not None else without,
         file=code(arm.file_stem),
         name=identifier(arm.file_stem),
@@ -102,8 +128,24 @@ def parameter_lines(arm: IdentifiedArm) -> list[str]:
     return lines
 
 
-def _template(name: str) -> Template:
-    return Template((Path(__file__).parent / "templates" / name).read_text(encoding="utf-8"))
+def bristles_of(arm: IdentifiedArm) -> set[tuple[int, float]]:
+    """Return the bristles that effects of an arm remember: joint from 0 and length [rad or m]."""
+    columns = (column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ())
+    return set().union(*(closed_forms.bristles(column.node) for column in columns))
+
+
+def _payload(arm: IdentifiedArm) -> tuple[list[int], list[int]]:
+    """Return the last link's columns of a payload among all of the links, and their places among the base columns."""
+    names, n = arm.base.reduction.base_names, arm.robot.n
+    columns = [one for added in arm.base.model.added if added.effect.name == "payload" for one in added.columns]
+    kinds = [LINK_PARAMETERS.index(one.parameter.name.removeprefix("payload_")) for one in columns]
+    places = [names.index(one.parameter.name) for one in columns]
+    return [11 * (n - 1) + kind for kind in kinds], places
+
+
+def template(name: str) -> Template:
+    """Return a file of ``templates/``."""
+    return Template((TEMPLATES / name).read_text(encoding="utf-8"))
 
 
 class _Writer:
@@ -118,36 +160,150 @@ class _Writer:
     def __init__(self, language: Language, robot: Robot, width: int) -> None:
         self.language, self.robot, self.width = language, robot, width
 
-    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str], list[str]]:
-        """Return the statements that store what moves masses and rotors, those of friction, and those of formulas."""
+    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str], list[str], list[str]]:
+        """Return the statements of the regressor.
+
+        Returns:
+            What moves masses and rotors; friction; effects; effects that remember.
+        """
         model, base = arm.base.model, arm.base.reduction.base
         links = len(model.link_columns)
         rigid = base < links
-        inertial = self._program(model.rigid.restricted(model.link_columns[base[rigid]]))
+        tip, places = _payload(arm)
+        wanted = [*zip(model.link_columns[base[rigid]].tolist(), np.flatnonzero(rigid).tolist(), strict=True)]
+        # A payload has the columns of the last link, some of which are base parameters too.
+        wanted += zip(tip, places, strict=True)
+        columns = list(dict.fromkeys(column for column, _ in wanted))
+        where = [[place for column, place in wanted if column == one] for one in columns]
+        inertial = self._program(model.rigid.restricted(np.array(columns, dtype=np.intp)), where)
         friction: list[str] = []
         for col in np.flatnonzero(~rigid & (base < model.plain_size)):
             parameter = model.parameters[base[col]]
             target = inertial if parameter.kind == "Imc" else friction
             target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
-        return inertial, friction, self._formulas(arm)
+        return inertial, friction, *self._effects(arm)
 
-    def _formulas(self, arm: IdentifiedArm) -> list[str]:
-        """Return the statements that store the columns of formulas."""
-        model, language = arm.base.model, self.language
+    def _effects(self, arm: IdentifiedArm) -> tuple[list[str], list[str]]:
+        """Return the statements that store the columns of effects of one instant, and of those that remember."""
+        base, plain = arm.base.reduction.base, arm.base.model.plain_size
+        places = {name: k for k, name in enumerate(arm.base.reduction.base_names)}
+        lengths = sorted(bristles_of(arm))
         spelling = formula_code.Spelling(
             item=self._item,
             sign=lambda joint: self._coulomb(joint, self._item("qd", joint)),
-            call=lambda function, x: language.call.format(function=function, x=x),
-            absolute=language.absolute,
+            call=lambda function, x: self.language.call.format(function=function, x=x),
+            absolute=self.language.absolute,
+            power=self.language.power,
+            plain_sign=self.language.plain_sign,
+            time=self.language.time,
+            bristle=lambda joint, length: self.language.bristle.format(
+                i=lengths.index((joint, length)) + self.language.first
+            ),
         )
-        place = {int(column): k for k, column in enumerate(arm.base.reduction.base)}
-        first, found = model.plain_size, []
-        for added in model.added:
-            if formula_code.sayable(added):
-                entries = enumerate(formula_code.columns(added, spelling), start=first)
-                found += [self._stored(row, place[k], value) for k, (row, value) in entries if k in place]
-            first += len(added.columns)
-        return found
+        now: list[str] = []
+        later: list[str] = []
+        loads = False
+        for added in arm.base.model.added:
+            for column in closed_forms.columns_of(added) or ():
+                target = later if closed_forms.remembers(column.node) else now
+                text = formula_code.written(column.node, spelling)
+                target.append(self._stored(column.joint, places[column.name], text))
+                loads |= bool(closed_forms.heads(column.node) & {"tau", "total"})
+            now += self._whole_arm(added, arm, places)
+        if loads:
+            counts = {"rigid": int(np.sum(base < len(arm.base.model.link_columns))), "plain": int(np.sum(base < plain))}
+            now.insert(0, self.language.loads.format(**counts))
+            if later:
+                later.insert(0, self.language.loads.format(**counts))
+        return now, later
+
+    def _whole_arm(self, added: Added, arm: IdentifiedArm, places: dict[str, int]) -> list[str]:
+        """Return the statements that store the columns of an effect that turns the torque of the whole arm."""
+        language, name, robot = self.language, added.effect.name, self.robot
+        cols = [places[column.parameter.name] for column in added.columns]
+        first = language.first
+
+        def vector(values: Floats) -> str:
+            return language.numbers.format(values=", ".join(repr(float(value)) for value in np.ravel(values)))
+
+        def holding(col: int, mass: Floats, moment: Floats, gravity: Floats) -> str:
+            numbers = {"mass": vector(mass), "moment": vector(moment), "gravity": vector(gravity)}
+            return language.holding.format(col=col + first, **numbers)
+
+        if name == "encoder_offset":
+            step = float(closed_forms.offset_step(added))
+            rigid = int(np.sum(arm.base.reduction.base < len(arm.base.model.link_columns)))
+            joint = added.joints[0] + first
+            return [language.moved.format(joint=joint, step=_number(step), rigid=rigid, col=cols[0] + first)]
+        if name == "tool_force":
+            mass, moment = np.eye(robot.n)[-1], np.zeros((robot.n, 3))
+            return [holding(col, mass, moment, axis) for col, axis in zip(cols, np.eye(3), strict=True)]
+        if name == "base_tilt":
+            links = closed_forms.representatives(arm.base, arm.theta)
+            size = float(np.linalg.norm(robot.gravity))
+            turned = [holding(cols[k], links[:, 0], links[:, 1:4], size * np.eye(3)[k]) for k in (0, 1)]
+            angle = self._item("q", 0)
+            waves = [language.call.format(function=f, x=angle) for f in ("cos", "sin")]
+            return [*turned, *(self._stored(0, cols[2 + k], wave) for k, wave in enumerate(waves))]
+        return []
+
+    def arm_functions(self, arm: IdentifiedArm) -> str:
+        """Return the functions of effects that turn the torque of the whole arm; nothing where there are none."""
+        names = {added.effect.name for added in arm.base.model.added}
+        if not names & set(closed_forms.WHOLE_ARM[:3]):
+            return ""
+        robot = self.robot
+        poses = [fixed_poses(joint, robot.convention) for joint in robot.joints]
+        rows = [
+            np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])]).tolist() for pair in poses
+        ]
+        values = self.language.between.join(
+            self.language.value.format(value=", ".join(map(repr, row)), name=code(name))
+            for row, name in zip(rows, robot.joint_names, strict=True)
+        )
+        turning = self.language.numbers.format(values=", ".join("1" if j.revolute else "0" for j in robot.joints))
+        file = self.language.template.replace(".txt", "_arm.txt")
+        return template(file).substitute(n=robot.n, p=self.width, poses=values, turning=turning)
+
+    def memory(self, arm: IdentifiedArm, remembered: list[str]) -> dict[str, str]:
+        """Return what the template says of effects that remember: functions, nothing where there are none."""
+        language, lengths = self.language, sorted(bristles_of(arm))
+        bends = [
+            language.bend.format(i=k + language.first, q=self._item("q", joint), length=repr(length))
+            for k, (joint, length) in enumerate(lengths)
+        ]
+        parts = {
+            "bristles": str(max(1, len(lengths))),
+            "bends": "\n".join(bends),
+            "remembered": "\n".join(remembered),
+        }
+        file = language.template.replace(".txt", "_memory.txt")
+        if not remembered or not (TEMPLATES / file).exists():
+            return {**parts, "memory": ""}
+        add = language.add_after if arm.predicted_error is not None else ""
+        return {**parts, "memory": template(file).substitute(n=arm.robot.n, p=self.width, add=add, **parts)}
+
+    def observer(self, arm: IdentifiedArm) -> str:
+        """Return the observer of contacts; nothing where it was not asked for."""
+        watched = arm.watched
+        file = self.language.template.replace(".txt", "_observer.txt")
+        if watched is None or not (TEMPLATES / file).exists():
+            return ""
+
+        def row(values: Floats) -> str:
+            return ", ".join(repr(float(value)) for value in values)
+
+        return template(file).substitute(
+            gain=repr(watched.gain),
+            multiple=repr(watched.multiple),
+            inertial=", ".join(str(int(value)) for value in watched.inertial),
+            size=row(watched.size),
+            holding=row(watched.holding),
+            slow=row(watched.slow),
+            residual="        residual(q, qd, Y, rest);\n        for (i = 0; i < DYNID_N; i++) u[i] -= rest[i];\n"
+            if arm.predicted_error is not None
+            else "",
+        )
 
     def residual(self, arm: IdentifiedArm) -> str:
         """Return the functions of the residual model; nothing where there is none."""
@@ -171,7 +327,7 @@ class _Writer:
             every = zip(numbers.tolist(), names * (len(numbers) // len(names)), strict=True)
             return language.between.join(language.value.format(value=repr(value), name=name) for value, name in every)
 
-        return _template(language.template.replace(".txt", "_residual.txt")).substitute(
+        return template(language.template.replace(".txt", "_residual.txt")).substitute(
             n=arm.robot.n,
             p=len(names),
             reference=values(error.reference),
@@ -179,8 +335,8 @@ class _Writer:
             statements="\n".join(residual_code.statements(error, spelling)),
         )
 
-    def _program(self, program: Program) -> list[str]:
-        """Return the program with everything that does not move computed beforehand."""
+    def _program(self, program: Program, places: list[list[int]]) -> list[str]:
+        """Return the program with everything that does not move computed beforehand, each column in its places."""
         fixed = geometry(self.robot)
         lines: list[str] = []
         slots: list[float | str] = []
@@ -205,7 +361,9 @@ class _Writer:
                 text = f"-{_written(a)}" if op == NEG else f"{_written(a)} {_SIGN[op]} {_written(b)}"
                 slots.append(declared(f"t{k}", text))
         entries = zip(program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True)
-        return lines + [self._stored(row, col, _written(slots[slot])) for row, col, slot in entries]
+        return lines + [
+            self._stored(row, place, _written(slots[slot])) for row, col, slot in entries for place in places[col]
+        ]
 
     def _stored(self, row: int, col: int, value: str) -> str:
         first, flat = self.language.first, row * self.width + col

@@ -28,18 +28,17 @@ Floats = NDArray[np.float64]
 #: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
 Torques = Callable[[Floats, Floats, Floats], Floats]
 
-#: Parts of the torque by the kind of their parameters.
+#: The parameters of bodies.
 RIGID = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-ROTORS = ("Im",)
-VISCOUS = ("fv",)
 
 
-def part(model: Model, full: FullModel, kinds: Sequence[str]) -> Torques:
-    """Return dynid's own torques that only the parameters of these kinds make."""
-    whole = Model(replace(model.robot, links=()), model.rigid)
-    wanted = whole.columns_of(*kinds)
+def part(model: Model, full: FullModel, *, rotors: bool = False, viscous: bool = False) -> Torques:
+    """Return dynid's own torques of the bodies, and where wanted of rotors and viscous friction."""
+    whole = Model(replace(model.robot, links=(), effects=()), model.rigid)
+    wanted = whole.columns_of(*RIGID)
     observer, chosen = whole.observer(wanted), full.values(whole.parameter_names)[wanted]
-    return lambda q, qd, qdd: observer.torque(chosen, q, qd, qdd)
+    inertia, slope = np.array(full.rotor_inertia) * rotors, full.joint_friction("fv") * viscous
+    return lambda q, qd, qdd: observer.torque(chosen, q, qd, qdd) + inertia * qdd + slope * qd
 
 
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types
@@ -118,16 +117,7 @@ def bullet(
     engine = module("pybullet")
     if engine is None:
         return None
-    with silent():
-        client = engine.connect(engine.DIRECT)
-        try:
-            if path.suffix == ".sdf":
-                body = engine.loadSDF(str(path), physicsClientId=client)[0]
-            else:
-                body = _bullet_urdf(engine, client, path)
-        except engine.error as error:
-            raise ValueError(f"PyBullet: {error}") from error
-    engine.setGravity(*gravity.tolist(), physicsClientId=client)
+    client, body = bullet_body(path, gravity)
     count = engine.getNumJoints(body, physicsClientId=client)
     every = [engine.getJointInfo(body, j, physicsClientId=client) for j in range(count)]
     for info in every:
@@ -150,6 +140,28 @@ def bullet(
         return tau
 
     return "PyBullet", run
+
+
+def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
+    """Load a URDF or SDF in a physics server of PyBullet, which must be installed; return server and body.
+
+    Args:
+        path: the file.
+        gravity: in the world frame, (3,) [m/s^2].
+    """
+    engine = module("pybullet")
+    assert engine is not None
+    with silent():
+        client = engine.connect(engine.DIRECT)
+        try:
+            if path.suffix == ".sdf":
+                body = engine.loadSDF(str(path), physicsClientId=client)[0]
+            else:
+                body = _bullet_urdf(engine, client, path)
+        except engine.error as error:
+            raise ValueError(f"PyBullet: {error}") from error
+    engine.setGravity(*gravity.tolist(), physicsClientId=client)
+    return client, body
 
 
 def _bullet_urdf(engine: Any, client: int, path: Path) -> int:  # noqa: ANN401
@@ -184,7 +196,9 @@ def mujoco(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torq
                 data.qpos[joint.qposadr[0]], data.qvel[joint.dofadr[0]] = q[k, j], qd[k, j]
                 data.qacc[joint.dofadr[0]] = qdd[k, j]
             engine.mj_inverse(model, data)
-            tau[k] = [data.qfrc_inverse[joint.dofadr[0]] for joint in joints]
+            # Passive motors, such as cogging, act by themselves: a drive gives the rest.
+            engine.mj_fwdActuation(model, data)
+            tau[k] = [data.qfrc_inverse[joint.dofadr[0]] - data.qfrc_actuator[joint.dofadr[0]] for joint in joints]
         return tau
 
     return f"MuJoCo {engine.__version__}", run

@@ -83,10 +83,22 @@ def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> 
         physical: the physical set of the result.
         theta: base parameters that are wanted, (p,); those of the physical set, or others that the nearest set gets.
     """
-    robot, names = base.robot, physical.names
     size = np.array([_SIZE.get(parameter.kind, 1.0) for parameter in base.model.parameters])
     K = base.reduction.K * size
     gamma = physical.x + size * np.linalg.lstsq(K, theta - base.reduction.K @ physical.x, rcond=1e-12)[0]
+    return model_of(base, physical.names, gamma, physical.origin)
+
+
+def model_of(base: BaseModel, names: Sequence[str], gamma: Floats, origin: Mapping[str, str]) -> FullModel:
+    """Return bodies, rotors and friction of all parameters of a model.
+
+    Args:
+        base: the model.
+        names: of its parameters, (c,).
+        gamma: their values, (c,).
+        origin: ``"data"`` or ``"prior"`` by name.
+    """
+    robot = base.robot
     values = dict(zip(names, gamma.tolist(), strict=True))
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
@@ -96,7 +108,7 @@ def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> 
         bodies=tuple(bodies),
         rotor_inertia=tuple(values.get(f"Im{i + 1}", 0.0) for i in range(robot.n)),
         friction={name: values[name] for name in names[len(base.model.link_columns) :]},
-        origin=physical.origin,
+        origin=origin,
     )
 
 

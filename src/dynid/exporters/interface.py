@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -44,6 +45,27 @@ class Provenance:
 
 
 @dataclass(frozen=True)
+class Watched:
+    """The observer of contacts, for a controller.
+
+    Attributes:
+        gain: of the observer [1/s].
+        inertial: which base parameters move masses and rotors, (p,).
+        size: expected size of the torque from outside without a contact, (n,) [N m or N].
+        multiple: how many times that size is a contact.
+        holding: what static friction may hold, (n,) [N m or N].
+        slow: speed below which a joint may stick, (n,) [rad/s or m/s].
+    """
+
+    gain: float
+    inertial: NDArray[np.bool_]
+    size: NDArray[np.float64]
+    multiple: float
+    holding: NDArray[np.float64]
+    slow: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class IdentifiedArm:
     """What is exported.
 
@@ -57,6 +79,7 @@ class IdentifiedArm:
         warning: what about the numbers cannot be, where they are written all the same.
         model_error: residual model of the result, None where it has none.
         residual_model: whether code predicts with it.
+        watched: the observer of contacts, None without.
     """
 
     base: BaseModel
@@ -68,6 +91,7 @@ class IdentifiedArm:
     warning: str = ""
     model_error: ModelError | None = None
     residual_model: bool = True
+    watched: Watched | None = None
 
     @property
     def predicted_error(self) -> ModelError | None:
@@ -128,6 +152,10 @@ class LoadingFailed(Exception):
     """A program refused the file or could not compute with it; the message is the program's own."""
 
 
+class NotTried(Exception):
+    """The machine does not let the file be loaded, such as where programs may not be run; its message."""
+
+
 class Loaded(NamedTuple):
     """A file in one engine: the engine, what is compared, its torques and dynid's own."""
 
@@ -171,6 +199,7 @@ class Format:
 
         Raises:
             LoadingFailed: a program refused the file.
+            NotTried: the machine does not let it be loaded.
         """
         q, qd, qdd = random_states(arm.robot, STATES, seed)
         found = []
@@ -185,6 +214,8 @@ class Format:
                     size = float(np.sqrt(np.mean(expected**2)))
                     agrees = largest <= self.tolerance * max(1.0, size)
                     found.append(Agreement(engine, largest, size, STATES, what, agrees))
-            except (ValueError, RuntimeError, subprocess.CalledProcessError) as error:
+            except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
                 raise LoadingFailed(" ".join(str(error).split())) from error
+            except OSError as error:
+                raise NotTried(" ".join(str(error).replace(f"{folder}{os.sep}", "").split())) from error
         return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -14,10 +13,11 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters import formula_code
-from dynid.exporters.code import Language, source_code
+from dynid import programs
+from dynid.exporters import closed_forms
+from dynid.exporters.code import Language, bristles_of, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.regressor import model_torques
 from dynid.scratch import scratch_folder
 from dynid.text import identifier
@@ -42,6 +42,19 @@ C = Language(
         "        for (i = 0; i < DYNID_N; i++) tau[i] += rest[i];\n    }\n",
         "",
     ),
+    power="pow({x}, {p})",
+    plain_sign="(double)(({x} > 0) - ({x} < 0))",
+    time="m->t",
+    bristle="m->z[{i}]",
+    bend="    bend(m, {i}, {q}, {length});",
+    loads="    double tau[DYNID_N], total[DYNID_N];\n    loads(Y, {rigid}, tau);\n    loads(Y, {plain}, total);\n"
+    "    (void)tau; (void)total;",
+    moved="    moved(q, qd, qdd, {joint}, {step}, {rigid}, {col}, Y);",
+    holding="    {{\n        const double mass[] = {mass}, moment[] = {moment}, gravity[] = {gravity};\n"
+    "        holding(q, mass, moment, gravity, {col}, Y);\n    }}",
+    numbers="{{{values}}}",
+    add_after="    {\n        double rest[DYNID_N];\n        int i;\n        residual(q, qd, Y, rest);\n"
+    "        for (i = 0; i < DYNID_N; i++) tau_out[i] += rest[i];\n    }\n",
 )
 PYTHON = Language(
     template="python.txt",
@@ -60,6 +73,16 @@ PYTHON = Language(
         "    Y = regressor(q, qd, qdd)\n    return Y @ theta + _residual(q, qd, Y)\n",
         "    return regressor(q, qd, qdd) @ theta\n",
     ),
+    power="({x}) ** {p}",
+    plain_sign="np.sign({x})",
+    time="memory.t",
+    bristle="memory.z[{i}]",
+    bend="        self._bend({i}, {q}, {length})",
+    loads="    tau, total = Y[..., :{rigid}] @ THETA[:{rigid}], Y[..., :{plain}] @ THETA[:{plain}]",
+    moved="    Y[..., :, {col}] = _moved(q, qd, qdd, {joint}, {step}, {rigid}, Y)",
+    holding="    Y[..., :, {col}] = _holding(q, {mass}, {moment}, {gravity})",
+    numbers="[{values}]",
+    add_after=" + _residual(q, qd, Y)",
 )
 MATLAB = Language(
     template="matlab.txt",
@@ -75,46 +98,76 @@ MATLAB = Language(
     torque="    tau({i}) = {value};",
     absolute="abs",
     add=(" + residual(q, qd, Y)", ""),
+    power="({x}) ^ {p}",
+    plain_sign="sign({x})",
+    time="memory.t",
+    bristle="memory.z({i})",
+    bend="    memory = bend(memory, {i}, {q}, {length});",
+    loads="    tau = Y(:, 1:{rigid}) * theta(1:{rigid});\n    total = Y(:, 1:{plain}) * theta(1:{plain});",
+    moved="    Y(:, {col}) = moved(q, qd, qdd, {joint}, {step}, {rigid}, theta, Y);",
+    holding="    Y(:, {col}) = holding(q, {mass}, {moment}, {gravity});",
+    numbers="[{values}]",
 )
 
 
-def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+#: Time between two states that effects that remember are compared on [s].
+STEP_S = 0.01
+
+
+def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, *, remembers: bool = False) -> Floats:
     observer, error = arm.base.model.observer(arm.base.reduction.base), arm.predicted_error
     W = observer.dense(q, qd, qdd)
-    _add_formulas(W, arm, q, qd, qdd)
+    _add_effects(W, arm, q, qd, qdd, remembers)
     tau: Floats = W @ arm.theta
     return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), W)
 
 
-def _add_formulas(W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> None:
-    """Put the columns of formulas that code holds into a base regressor, (N, n, p)."""
-    model, base = arm.base.model, arm.base.reduction.base.tolist()
+def _add_effects(W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, remembers: bool) -> None:
+    """Put the columns of effects that code holds into a base regressor, (N, n, p); those that remember where wanted."""
+    model, names = arm.base.model, arm.base.reduction.base_names
+    columns = (column for added in model.added for column in closed_forms.columns_of(added) or ())
+    later = {column.name for column in columns if closed_forms.remembers(column.node)}
     reference = model_torques(model, arm.base.reduction, arm.theta)
-    # Why no time: such a formula asks for none.
-    motion = ArmMotion(np.zeros(len(q)), q, qd, qdd, arm.robot, reference, lambda x: x)
-    first = model.plain_size
-    for added in model.added:
-        if formula_code.sayable(added):
-            for k, column in enumerate(added.evaluate(motion), start=first):
-                if k in base:
-                    W[:, added.joints[0], base.index(k)] = column
-        first += len(added.columns)
+    for name, row, entry in effect_entries(arm, reference, q, qd, qdd):
+        if remembers or name not in later:
+            W[:, row, names.index(name)] = entry
+
+
+def effect_entries(
+    arm: IdentifiedArm, reference: ReferenceTorques, q: Floats, qd: Floats, qdd: Floats
+) -> Iterator[tuple[str, int, Floats]]:
+    """Yield parameter, joint and entries, (N,), of effects that code holds, along states STEP_S apart."""
+    t = STEP_S * np.arange(len(q), dtype=np.float64)
+    motion = ArmMotion(t, q, qd, qdd, arm.robot, reference, lambda x: x)
+    for added in arm.base.model.added:
+        if added.effect.name in closed_forms.REASONS:
+            continue
+        entries = iter(added.evaluate(motion))
+        for column in added.columns:
+            for row in column.rows:
+                yield column.parameter.name, row, next(entries)
+
+
+def _remembers(arm: IdentifiedArm) -> bool:
+    columns = (column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ())
+    return any(closed_forms.remembers(column.node) for column in columns)
 
 
 def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
-    robot = arm.robot
-    gone = [added for added in arm.base.model.added if not formula_code.sayable(added)]
-    names = [f"effect {one.effect.name} on {', '.join(robot.joint_names[j] for j in one.joints)}" for one in gone]
-    return (*names, *(f"effect {one.effect}" for one in robot.effects if one.effect == "torque_delay"))
+    return closed_forms.without_code(arm.robot)
 
 
 # ---------------------------------------------------------------- C
 def compiled(path: Path, compiler: str = "cc") -> ctypes.CDLL:
-    """Compile a C file to a shared library beside it and load it."""
+    """Compile a C file to a shared library beside it and load it.
+
+    Raises:
+        OSError: the compiler made nothing, or programs may not be run from that folder.
+    """
+    path = path.resolve()
     library = path.with_suffix(".so")
     words = [compiler, "-O1", "-std=c99", "-shared", "-fPIC", str(path), "-o", str(library), "-lm"]
-    # Why: a compiler that is stopped leaves its temporary files behind.
-    subprocess.run(words, check=True, capture_output=True, env={**os.environ, "TMPDIR": str(path.parent)})
+    subprocess.run(words, check=True, capture_output=True, env=programs.environment(path.parent), cwd=path.parent)
     return ctypes.CDLL(str(library))
 
 
@@ -124,7 +177,7 @@ def pointer(row: Floats) -> object:
 
 
 def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
-    compiler = shutil.which("cc") or shutil.which("gcc")
+    compiler = programs.installed("cc", "gcc")
     if compiler is None:
         return
     library = compiled(path, compiler)
@@ -135,7 +188,18 @@ def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
             library.dynid_inverse_dynamics(*(pointer(row[k]) for row in (q, qd, qdd)), pointer(tau[k]))
         return tau
 
-    yield Loaded(Path(compiler).name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state))
+    def remembering(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        tau, memory = np.empty_like(q), np.zeros(3 + 2 * max(1, len(bristles_of(arm))))
+        for k in range(len(q)):
+            library.dynid_memory_step(pointer(memory), pointer(q[k]), ctypes.c_double(STEP_S))
+            states = (pointer(row[k]) for row in (q, qd, qdd))
+            library.dynid_inverse_dynamics_after(pointer(memory), *states, pointer(tau[k]))
+        return tau
+
+    compiler_name = Path(compiler).name
+    yield Loaded(compiler_name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state))
+    if _remembers(arm):
+        yield Loaded(compiler_name, "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True))
 
 
 # ---------------------------------------------------------------- Python
@@ -147,7 +211,18 @@ def imported(path: Path) -> ModuleType:
 
 
 def _loaded_python(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
-    yield Loaded("NumPy", "all", imported(path).inverse_dynamics, lambda *state: _ours(arm, *state))
+    module = imported(path)
+    yield Loaded("NumPy", "all", module.inverse_dynamics, lambda *state: _ours(arm, *state))
+
+    def remembering(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        memory, rows = module.Memory(), []
+        for state in zip(q, qd, qdd, strict=True):
+            memory.step(state[0], STEP_S)
+            rows.append(module.inverse_dynamics_after(memory, *state))
+        return np.array(rows)
+
+    if _remembers(arm):
+        yield Loaded("NumPy", "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True))
 
 
 # ---------------------------------------------------------------- MATLAB
@@ -158,7 +233,7 @@ def _matlab_leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 
 def _loaded_octave(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
-    octave = shutil.which("octave-cli")
+    octave = programs.installed("octave-cli")
     if octave is None:
         return
     name = identifier(arm.file_stem)
@@ -190,7 +265,8 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
             f"t(k, :) = {name}('inverse_dynamics', r(:, 1), r(:, 2), r(:, 3)); end; "
             "save('-ascii', '-double', 'tau.txt', 't');"
         )
-        subprocess.run([octave, "--norc", "--quiet", "--eval", script], cwd=folder, check=True, capture_output=True)
+        words = [octave, "--norc", "--quiet", "--eval", script]
+        subprocess.run(words, cwd=folder, check=True, capture_output=True, env=programs.environment(folder))
         return np.loadtxt(Path(folder) / "tau.txt", ndmin=2)
 
 

@@ -53,8 +53,8 @@ def statements(error: ModelError, language: Spelling) -> list[str]:
 
 
 def shift(error: ModelError) -> Floats:
-    """Return by how much the columns' projection changes the parameters in the row of each joint, (n, p)."""
-    return np.asarray(np.einsum("jpk,jk->jp", error.projection, error.mean))
+    """Return by how much the parameters are smaller in the row of each joint, (n, p)."""
+    return -error.mean_by_rows[1]
 
 
 def _shapes(joint: int, speed: float, language: Spelling) -> list[str]:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters.engines import RIGID, bullet, part
+from dynid.exporters.engines import bullet, part
 from dynid.exporters.full_model import joint_poses, moving_bodies, numbers, world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.exporters.simulated import simulated
 from dynid.exporters.urdf import beyond_joints
 from dynid.robot import Body, Joint, roll_pitch_yaw
 from dynid.scratch import scratch_folder
@@ -25,7 +26,7 @@ _NO_LIMIT = 1e16
 
 def text(arm: IdentifiedArm) -> str:
     """Return the SDF: link poses at q = 0 in the model's frame, joints in the frames of their links."""
-    full, robot = arm.full, arm.robot
+    full, robot = simulated(arm).full, arm.robot
     root = ET.Element("sdf", version="1.6")
     root.append(ET.Comment(xml_comment(arm.head(str))))
     model = ET.SubElement(root, "model", name=xml(robot.slug))
@@ -48,7 +49,7 @@ def text(arm: IdentifiedArm) -> str:
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what an SDF has no place for."""
-    full = arm.full
+    full = simulated(arm).full
     gone = []
     if any(full.rotor_inertia):
         gone.append("rotor inertia")
@@ -80,7 +81,7 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
         ET.ElementTree(root).write(copy)
         found = bullet(copy, tuple(map(xml, robot.joint_names)), world_gravity(robot), moments)
     if found:
-        yield Loaded(found[0], "rigid body", found[1], part(arm.base.model, arm.full, RIGID))
+        yield Loaded(found[0], "rigid body", found[1], part(arm.base.model, simulated(arm).full))
 
 
 def _six(pose: Floats) -> str:

@@ -6,9 +6,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
-from dynid.exporters.engines import RIGID, bullet, mapped, part, pinocchio
+from dynid.exporters.engines import bullet, mapped, part, pinocchio
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.exporters.simulated import simulated
 from dynid.exporters.user_urdf import attached, rewritten
 from dynid.robot import JointMap
 from dynid.sim.urdf import urdf_text
@@ -17,9 +18,9 @@ from dynid.text import xml, xml_comment
 
 def text(arm: IdentifiedArm) -> str:
     """Return the URDF."""
-    full, robot = arm.full, arm.robot
+    full, robot = simulated(arm).full, arm.robot
     if arm.urdf is not None:
-        return rewritten(arm.urdf, arm)
+        return rewritten(arm.urdf, arm, full)
     root = ET.fromstring(urdf_text(robot, full.bodies))
     friction = zip(full.joint_friction("fv"), full.joint_friction("fc"), strict=True)
     for joint, (fv, fc) in zip(root.findall("joint"), friction, strict=True):
@@ -34,7 +35,7 @@ def text(arm: IdentifiedArm) -> str:
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what a URDF has no place for."""
-    full = arm.full
+    full = simulated(arm).full
     gone = []
     if any(full.rotor_inertia):
         gone.append("rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)")
@@ -54,18 +55,23 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     if arm.urdf is not None:
         place = attached(arm.urdf, robot)
         names, mapping = place.names, place.mapping
-    ours = part(arm.base.model, arm.full, RIGID)
+    ours = part(arm.base.model, simulated(arm).full)
     for engine in (pinocchio, bullet):
         found = engine(path, names, world_gravity(robot))
         if found:
             yield Loaded(found[0], "rigid body", mapped(found[1], mapping), ours)
 
 
-def beyond_joints(arm: IdentifiedArm) -> tuple[str, ...]:
-    """Return what no simulator format holds: coupled motors and effects of the catalogue."""
-    gone = [f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc")]
-    gone += [f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects]
-    return (*gone, *residual_left_out(arm))
+def beyond_joints(arm: IdentifiedArm, *, mjcf: bool = False) -> tuple[str, ...]:
+    """Return what a simulator's format does not hold: coupled motors and effects of the catalogue."""
+    found, names = simulated(arm), arm.robot.joint_names
+    beside = [f"effect {phrase}" for phrase in found.effects_beside(mjcf=mjcf, names=names)]
+    return (*coupled_left_out(arm), *beside, *found.left, *residual_left_out(arm))
+
+
+def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
+    """Return the parameters of motors that drive several joints, for which no simulator has a place."""
+    return tuple(f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc"))
 
 
 def residual_left_out(arm: IdentifiedArm) -> tuple[str, ...]:

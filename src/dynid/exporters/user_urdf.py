@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import NotPhysical, WrongUrdf
-from dynid.exporters.full_model import numbers, smallest_eigenvalue
+from dynid.exporters.full_model import FullModel, numbers, smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved
@@ -130,9 +130,14 @@ def _compared(chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap) -> 
     return tuple(own[0] for own in seen), miss
 
 
-def rewritten(path: Path, arm: IdentifiedArm) -> str:
-    """Return the text of a URDF with the inertial blocks of the identified links replaced."""
-    full = arm.full
+def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
+    """Return the text of a URDF with the inertial blocks of the identified links replaced.
+
+    Args:
+        path: the URDF.
+        arm: what is written.
+        full: its bodies.
+    """
     place = attached(path, arm.robot)
     new: dict[str, tuple[Body, str]] = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
@@ -140,7 +145,15 @@ def rewritten(path: Path, arm: IdentifiedArm) -> str:
         new[joint.child] = (own, full.origin_of_link(i))
         for link in emptied:
             new[link] = (Body(0.0), f"its mass is in {joint.child}: link {i} was identified as one body")
+        for link in _empty_frames(place, joint.child):
+            new[link] = (Body(0.0), "an empty frame: without this block PyBullet gives it 1 kg")
     return _replaced(path, new, arm.head(str))
+
+
+def _empty_frames(place: Attached, link: str) -> list[str]:
+    """Return the links without a body that are fixed to a link."""
+    urdf, stop = place.urdf, [joint.name for joint in place.urdf.joints if joint.moves]
+    return [joint.child for joint, _ in urdf.behind(link, stop) if urdf.bodies[joint.child] is None]
 
 
 def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:

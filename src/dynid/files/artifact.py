@@ -185,9 +185,16 @@ def write_text(path: Path, text: str) -> None:
         stream.write(text.encode("utf-8"))
 
 
-def write_artifact(path: Path, artifact: Artifact) -> None:
-    """Write a result file whole; equal contents give equal bytes."""
-    write_npz(path, {"schema": artifact.schema, "dynid": __version__, **artifact.header}, artifact.arrays)
+def write_artifact(path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a result file whole; equal contents give equal bytes.
+
+    Args:
+        path: where to.
+        schema: name and number, such as ``"dynid/regressor/1"``.
+        header: JSON-able facts.
+        arrays: arrays by name.
+    """
+    write_npz(path, {"schema": schema, "dynid": __version__, **header}, arrays)
 
 
 def read_artifact(path: Path, contents: Contents | None = None) -> Artifact:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import CannotWrite, LogLayout, WrongUsage
-from dynid.log import Log
+from dynid.log import COLUMNS, Log
 from dynid.npz import put_in_place
 from dynid.scratch import scratch_folder
 from dynid.text import column
@@ -74,14 +74,18 @@ def _names(log: Log) -> list[str]:
 # ---------------------------------------------------------------- tables
 def _columns(log: Log) -> dict[str, Any]:
     """Return the columns of a table by name; those that are not a number throughout were never recorded."""
-    torque = "i" if log.tau_unit == "A" else "tau"
-    kinds = {"q": log.q, "qd": log.qd, torque: log.tau, "q_ref": log.extra.get("q_ref")}
-    return {"t": log.t} | {
-        f"{kind}_{name}": values[:, k]
-        for kind, values in kinds.items()
-        if values is not None and np.isfinite(values).any()
+    word = {"tau": "i"} if log.tau_unit == "A" else {}
+    found = {"t": log.t} | {
+        f"{word.get(kind, kind)}_{name}": values[:, k]
+        for kind, values in log.columns.items()
+        if COLUMNS[kind] and np.isfinite(values).any()
         for k, name in enumerate(_names(log))
     }
+    for key, values in log.further().items():
+        table = values.reshape(len(log), -1)
+        names = [key] if values.ndim == 1 else _names(log) if values.shape == log.q.shape else range(table.shape[1])
+        found |= {key if values.ndim == 1 else f"{key}_{name}": table[:, k] for k, name in enumerate(names)}
+    return found
 
 
 def _csv(log: Log, path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE, driver_of
@@ -21,7 +22,7 @@ from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, Newe
 from dynid.files import tuning
 from dynid.files.artifact import sha256
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
-from dynid.log import SCHEMA, Log
+from dynid.log import COLUMNS, SCHEMA, Log, has_rows
 from dynid.npz import HEADER, parse_json, read_npz
 from dynid.robot import Robot
 from dynid.text import whole_number
@@ -167,6 +168,7 @@ def _nearby(path: Path) -> str:
 def read_npz_log(path: Path) -> Log:
     """Read an .npz log, which ``Log.save`` writes: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header.
 
+    Other arrays with a row per sample go into ``extra``.
     Plain .npz files of other people have no header: their columns have no names. ``q_motor`` and ``tau_motor`` in the
     place of ``q`` and ``tau`` say that the numbers are on the motor side.
 
@@ -185,7 +187,7 @@ def read_npz_log(path: Path) -> Log:
         raise LogNotFound(f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)) from error
     if header:
         _check_schema(path, header)
-    motor = "q_motor" in arrays
+    motor, own = "q_motor" in arrays, ("t", "q", "qd", "tau", "q_motor", "tau_motor")
     position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
     for key in ("t", position, torque):
         if key not in arrays:
@@ -203,7 +205,7 @@ def read_npz_log(path: Path) -> Log:
         units=units,
         motor_side=motor or bool(header.get("motor_side", False)),
         dh=bool(header.get("dh", False)),
-        extra={"q_ref": arrays["q_ref"]} if "q_ref" in arrays else {},
+        extra={key: x for key, x in arrays.items() if key not in own and _kept(key, x, arrays["t"].size)},
     )
     limits.check("samples", len(log), path)
     limits.check("columns", log.n, path)
@@ -211,6 +213,11 @@ def read_npz_log(path: Path) -> Log:
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
     return log
+
+
+def _kept(key: str, array: NDArray[Any], samples: int) -> bool:
+    """Return whether an array of a file is a column of joints, or anything else with a row per sample."""
+    return bool(COLUMNS[key]) if key in COLUMNS else has_rows(array, samples)
 
 
 def _check_schema(path: Path, header: dict[str, Any]) -> None:

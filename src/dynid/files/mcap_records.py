@@ -28,6 +28,8 @@ _TAIL = 9 + 20 + len(MAGIC)
 #: Part of a chunk before its compressed records, without the name of the compression.
 _CHUNK_HEAD = struct.Struct("<QQQI")
 
+_PAIR = struct.Struct("<HQ")
+
 #: Latest time [ns] that is counted, in the year 2262: the format has room for twice as much.
 LATEST = 2**63 - 1
 
@@ -69,8 +71,8 @@ class Summary:
 class _Fields:
     """The fields of one record, one after the other."""
 
-    def __init__(self, data: bytes) -> None:
-        self.data, self.at = data, 0
+    def __init__(self, data: bytes, at: int = 0) -> None:
+        self.data, self.at = data, at
 
     def _take(self, form: str) -> int:
         try:
@@ -90,11 +92,21 @@ class _Fields:
         return self._take("<Q")
 
     def text(self) -> str:
+        return self._counted().decode("utf-8", "replace")
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Return a map of channels to numbers."""
+        content = self._counted()
+        if len(content) % _PAIR.size:
+            raise Broken("a map holds half a pair")
+        return list(_PAIR.iter_unpack(content))
+
+    def _counted(self) -> bytes:
         size = self.word()
         if self.at + size > len(self.data):
             raise Broken("a record is shorter than its fields")
         self.at += size
-        return self.data[self.at - size : self.at].decode("utf-8", "replace")
+        return self.data[self.at - size : self.at]
 
 
 def read_summary(path: Path) -> Summary:
@@ -129,16 +141,12 @@ def read_summary(path: Path) -> Summary:
 
 def _take_counts(found: Summary, data: bytes) -> None:
     # Unit: three counts and the times take 42 bytes before the map of counts.
-    (size,) = struct.unpack_from("<I", data, 42) if len(data) >= 46 else (0,)
-    found.counts.update(struct.iter_unpack("<HQ", data[46 : 46 + size // 10 * 10]))
+    found.counts.update(_Fields(data, 42).pairs())
 
 
 def _take_chunk(found: Summary, data: bytes) -> None:
-    if len(data) < 36:
-        return
-    place, size = struct.unpack_from("<Q", data, 16)[0], struct.unpack_from("<I", data, 32)[0]
-    if size:
-        pairs = struct.iter_unpack("<HQ", data[36 : 36 + size // 10 * 10])
+    place, pairs = _Fields(data, 16).long(), _Fields(data, 32).pairs()
+    if pairs:
         found.chunks[place] = frozenset(channel for channel, _ in pairs)
 
 

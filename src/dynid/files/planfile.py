@@ -91,7 +91,8 @@ def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> W
     factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
     q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
     times = np.array([value.number() for value in keys["times"].items(len(rows))]) if "times" in keys else None
-    return _checked(Waypoints(q.reshape(len(rows), robot.n), times), str(path))
+    other = "deg" if unit == "rad" else "rad"
+    return _checked(Waypoints(q.reshape(len(rows), robot.n), times), robot, str(path), f"write `angle_unit: {other}`")
 
 
 def _box(value: Value) -> Corners:
@@ -135,19 +136,11 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
         raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
-    far = np.abs(rows) * [joint.revolute for joint in robot.joints]
-    if far.size and far.max() > tuning.MOST_WAYPOINT_RAD:
-        row, j = np.unravel_index(far.argmax(), far.shape)
-        raise PositionInDegrees(
-            f"{path}: {robot.joint_names[j]} is {rows[row, j]:g} rad at waypoint {row + 1}",
-            where=str(path),
-            why="the waypoints are probably in degrees; a CSV holds radians",
-            fix="write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578",
-        )
-    return _checked(Waypoints(rows, times), str(path))
+    fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
+    return _checked(Waypoints(rows, times), robot, str(path), fix)
 
 
-def _checked(waypoints: Waypoints, where: str) -> Waypoints:
+def _checked(waypoints: Waypoints, robot: Robot, where: str, fix: str) -> Waypoints:
     if len(waypoints.q) < 2:
         raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where, **_LAYOUT)
     if waypoints.times is not None:
@@ -156,6 +149,15 @@ def _checked(waypoints: Waypoints, where: str) -> Waypoints:
             row = int(falling[0]) + 1
             what = f"waypoint {row + 1} must be at least {tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {row}"
             raise TimeNotIncreasing(what, where=where)
+    far = np.abs(waypoints.q) * [joint.revolute for joint in robot.joints]
+    if far.max() > tuning.MOST_WAYPOINT_RAD:
+        k, j = np.unravel_index(far.argmax(), far.shape)
+        raise PositionInDegrees(
+            f"{where}: {robot.joint_names[j]} is {waypoints.q[k, j]:g} rad at waypoint {k + 1}",
+            where=where,
+            why="that is more than two turns: probably another unit is meant",
+            fix=fix,
+        )
     return waypoints
 
 

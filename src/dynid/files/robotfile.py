@@ -63,7 +63,19 @@ def known_robots() -> dict[str, Path]:
 
 
 def find_robot(name: str) -> Path:
-    """Return the file of a robot given by name or path."""
+    """Return the file of a robot given by name or path.
+
+    Raises:
+        RobotNotFound: there is none, or the folder calls another robot like a bundled one.
+    """
+    bundled = packaged("robots") / f"{name}.yaml"
+    for path in (Path(name), Path("robots") / f"{name}.yaml"):
+        # Why: a folder that came with logs must not stand in for an arm, and its limits, that somebody names.
+        if bundled.is_file() and path.is_file() and read_text(path) != read_text(bundled):
+            what = f"two robots are called '{name}': the bundled one, and {path} of this folder"
+            raise RobotNotFound(
+                what, where=str(path), why="they differ", fix=f"say which: {path.absolute()}, or {bundled}"
+            )
     if Path(name).is_file():
         return Path(name)
     known = known_robots()
@@ -202,9 +214,9 @@ def text_of(robot: Robot, *, with_prior: bool = True) -> str:
         robot: the arm.
         with_prior: whether prior and known facts have to be those of the file, too.
     """
-    with suppress(DynidError, OSError):
+    with suppress(DynidError, OSError, UnicodeDecodeError):
         if robot.path is not None:
-            text = read_text(robot.path)
+            text = limits.read_bytes(robot.path, "yaml_bytes").decode("utf-8")
             found = parse_robot(text, robot.path)
             if robot in (found, found if with_prior else replace(found, prior=robot.prior, known=robot.known)):
                 return text

@@ -42,7 +42,7 @@ SNAP_STEP = math.pi / 12
 #: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
 LEAST = 1e-12
 
-TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free")
+TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 REQUIRED = "required"
 
@@ -424,7 +424,7 @@ BASE = (
 )  # fmt: skip
 
 TORQUE = (
-    Key("source", choice(*TORQUE_SOURCES), "`joint_sensor`", "What the effort column of a log is."),
+    Key("source", choice(*TORQUE_SOURCES), "`unknown`", "What the effort column of a log is."),
     Key("gain", Kind(_GAIN.words, _GAIN.read), "none", "Torque per motor current; null where it is not known.",
         "N m per A", nullable=True),
     Key("relative", FLAG, "`false`", "Whether only the ratios of the gains are known; torques are then counted as "
@@ -559,7 +559,7 @@ ROBOT = (
         "The joints from base to tip, one row of the DH table each."),
     Key("links", Kind("`all` or list of link numbers", _links), "`all`",
         "Links to identify; the others keep the values of the prior."),
-    Key("torque", Kind("word or mapping", _torque, TORQUE), "`joint_sensor`", "What the effort column of a log is; a "
+    Key("torque", Kind("word or mapping", _torque, TORQUE), "`unknown`", "What the effort column of a log is; a "
         "word stands for `source`."),
     Key("driver", Kind("mapping", _driver, DRIVER), "none", "How the columns of a log become DH quantities."),
     Key("simulator", Kind("mapping", _simulator, SIMULATOR), "none", "How the joint angles of a simulator become DH "

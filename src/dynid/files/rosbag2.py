@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -38,6 +39,20 @@ SQLITE = b"SQLite format 3\0"
 _JOURNALS = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 #: Steps of SQLite that are counted together.
 _STEPS = 10_000
+#: Columns that the recorder makes; a further one may be of any size, and SQLite walks through it to those behind.
+_COLUMNS = {
+    "topics": ("id", "name", "type", "serialization_format"),
+    "messages": ("id", "topic_id", "timestamp", "data"),
+}
+#: What holds of every row of the recorder. SQLite tells a type without reading the value, which in rows that share
+#: their pages may have more bytes than the file; each is asked before the next, which ``AND`` does not promise.
+_PLAIN = (
+    "CASE WHEN typeof(topic_id) <> 'integer' THEN 0 WHEN typeof(timestamp) <> 'integer' THEN 0 "
+    "WHEN typeof(data) <> 'blob' THEN 0 ELSE {} END"
+)
+_TWICE = "its rows hold more than its file: pages are used twice"
+#: The longest statement that makes a table [byte]; those of the recorder have 200.
+_LONGEST_STATEMENT = 10_000
 
 
 def list_topics(path: Path) -> dict[str, Topic]:
@@ -114,8 +129,11 @@ def _topics(part: Path) -> dict[str, Topic]:
         try:
             with _opened(part) as base:
                 topics = _table(base, part)
-                counts = dict(base.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-        except sqlite3.Error:
+                # Why not in SQLite: it sorts what it groups, on disk, whatever size the rows say that they have.
+                counts = Counter(
+                    number for (number,) in base.execute(f"SELECT topic_id FROM messages WHERE {_PLAIN.format(1)}")
+                )
+        except (sqlite3.Error, OverflowError, Broken):
             return counted(scan(part))
         return topics_of((connection, counts.get(number, 0)) for number, connection in topics.items())
     try:
@@ -176,6 +194,7 @@ def _opened(part: Path) -> Iterator[sqlite3.Connection]:
         base.execute("PRAGMA trusted_schema = OFF")
         if hasattr(base, "setlimit"):  # Python 3.11
             base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, int(limits.limit("chunk_bytes")))
+            base.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, _LONGEST_STATEMENT)
         yield base
     finally:
         base.close()
@@ -204,16 +223,21 @@ def _table(base: sqlite3.Connection, part: Path) -> dict[int, Connection]:
         str(name) for name, text in base.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")
         if str(text).upper().startswith("CREATE TABLE")
     }  # fmt: skip
-    for table in ("topics", "messages"):
+    for table, usual in _COLUMNS.items():
+        columns = base.execute(f"PRAGMA table_xinfo({table})").fetchall()
         # Why: a column that is computed could be made to fill the memory.
-        if any(column[-1] for column in base.execute(f"PRAGMA table_xinfo({table})")):
+        if any(column[-1] for column in columns):
             raise LogNotFound(f"{part.name} computes its {table}: it is not of rosbag2", where=str(part))
-    if not {"topics", "messages"} <= plain:
-        raise LogNotFound(f"{part.name} has no tables of rosbag2", where=str(part))
-    rows = base.execute("SELECT id, name, type, serialization_format FROM topics")
-    found = {}
+        if table not in plain or tuple(column[1] for column in columns[: len(usual)]) != usual:
+            raise LogNotFound(f"{part.name} has no tables of rosbag2", where=str(part))
+    text = " AND ".join(f"typeof({column}) = 'text'" for column in _COLUMNS["topics"][1:])
+    rows = base.execute(f"SELECT {', '.join(_COLUMNS['topics'])} FROM topics WHERE typeof(id) = 'integer' AND {text}")
+    found, left = {}, _size(part)
     for number, name, kind, form in rows:
-        found[int(number)] = Connection(str(name), str(kind).replace("/msg/", "/"), "", encoding=str(form))
+        left -= len(name) + len(kind) + len(form)
+        if left < 0:
+            raise Broken(_TWICE)
+        found[number] = Connection(name, kind.replace("/msg/", "/"), "", encoding=form)
         limits.check("connections", len(found), part)
     return found
 
@@ -224,14 +248,15 @@ def _rows(part: Path, names: Collection[str] | None) -> Iterator[tuple[Connectio
             topics = _table(base, part)
             wanted = [number for number, topic in topics.items() if names is None or topic.topic in names]
             marks = ", ".join("?" * len(wanted))
-            query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"
+            plain = _PLAIN.format(f"topic_id IN ({marks})")
             left = _size(part)
-            for number, arrival, raw in base.execute(query, wanted):
-                left -= len(raw) if isinstance(raw, bytes) else 0
+            for number, arrival, raw in base.execute(
+                f"SELECT topic_id, timestamp, data FROM messages WHERE {plain}", wanted
+            ):
+                left -= len(raw)
                 if left < 0:
-                    raise Broken("its rows hold more than its file: pages are used twice")
-                if isinstance(raw, bytes) and isinstance(arrival, int):
-                    yield topics[number], arrival, raw
+                    raise Broken(_TWICE)
+                yield topics[number], arrival, raw
     except (sqlite3.Error, OverflowError) as error:
         raise Broken(str(error)) from None
 

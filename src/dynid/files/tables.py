@@ -21,7 +21,7 @@ from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing, WrongU
 from dynid.files import tuning
 from dynid.files.columnwords import TIME_NAMES, stamps_of, suggested, time_unit, unit_of, usual_joints
 from dynid.files.dialect import Dialect, dialect_of, seconds_of
-from dynid.log import Log
+from dynid.log import COLUMNS, Log
 from dynid.scratch import USUAL as NUMBERS
 from dynid.scratch import Growing, filled, spread, taken
 from dynid.units import FACTORS
@@ -93,7 +93,7 @@ def read_table(
     return Log(
         t, arrays["position"], arrays["effort"], layout.joints, arrays.get("velocity"),
         source=path, tau_unit="A" if layout.current else "", units=layout.units, findings=(*findings, *noticed),
-        extra={"q_ref": arrays["reference"]} if "reference" in arrays else {},
+        extra={"q_ref" if key == "reference" else key: x for key, x in arrays.items() if key not in FACTORS},
     )  # fmt: skip
 
 
@@ -208,7 +208,8 @@ def _layout(
         joints = _names_in_rows(path, dialect, names, patterns["name"])
     columns: dict[str, list[str]] = {}
     current = False
-    for key, usual in USUAL.items():
+    further = {key: (f"{key}_{{name}}",) for key in COLUMNS if COLUMNS[key] and key not in ("q", "qd", "tau", "q_ref")}
+    for key, usual in (USUAL | further).items():
         tried = (patterns[key],) if key in patterns else usual
         found = next(((p, c) for p in tried if (c := matched(p, names, joints))), None)
         if found:

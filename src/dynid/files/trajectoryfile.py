@@ -1,6 +1,6 @@
 """trajectory.npz and its exports: a planned motion with its coefficients, its samples, and who has looked at it.
 
-Also CSV with a header, and a ``trajectory_msgs/JointTrajectory`` in YAML for drivers and MoveIt.
+Also CSV with a header, and a ``trajectory_msgs/JointTrajectory`` in YAML for drivers and MoveIt, of ROS 1 and of ROS 2.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import read_artifact, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.motion import Motion
 from dynid.npz import written_whole
@@ -131,7 +131,7 @@ def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
     }
     if stored.selected is not None:
         arrays["selected"] = stored.selected
-    write_artifact(path, Artifact(SCHEMA, header, arrays))
+    write_artifact(path, SCHEMA, header, arrays)
 
 
 def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
@@ -209,18 +209,35 @@ def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
             stream.write((",".join(f"{value:.9g}" for value in (t, *np.concatenate(values))) + "\n").encode())
 
 
-def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
+#: How ROS 1 and ROS 2 spell the head of a message and a duration.
+_SPELT = {
+    1: ("header: {seq: 0, stamp: {secs: 0, nsecs: 0}, frame_id: ''}", "{secs: %d, nsecs: %d}"),
+    2: ("header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", "{sec: %d, nanosec: %d}"),
+}
+
+
+def write_joint_trajectory(path: Path, robot: Robot, motion: Motion, *, ros: int = 1, goal: bool = False) -> None:
     """Write a motion as ``trajectory_msgs/JointTrajectory`` in YAML, with the driver's joint names, signs and offsets.
 
     Every point has velocities and accelerations of the full length: some drivers index them without looking.
+
+    Args:
+        path: the file.
+        robot: the arm.
+        motion: the motion in DH quantities.
+        ros: 1 or 2, which spell times differently.
+        goal: whether it is the goal of a ``FollowJointTrajectory`` action, with the controller's own tolerances.
     """
     sign, offset = np.ones(robot.n), np.zeros(robot.n)
     if robot.driver is not None:
         sign, offset = np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
     names = ", ".join(map(yaml_word, robot.log_names))
-    head = f"header: {{seq: 0, stamp: {{secs: 0, nsecs: 0}}, frame_id: ''}}\njoint_names: [{names}]\npoints:\n"
+    header, duration = _SPELT[ros]
+    head = [header, f"joint_names: [{names}]", "points:"]
+    indent = "  " if goal else ""
     with written_whole(path) as stream:
-        stream.write(head.encode())
+        stream.write(b"trajectory:\n" if goal else b"")
+        stream.write("".join(f"{indent}{line}\n" for line in head).encode())
         for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
             nanoseconds = round(float(t) * 1e9)
             lines = (
@@ -228,9 +245,9 @@ def write_joint_trajectory(path: Path, robot: Robot, motion: Motion) -> None:
                 f"  velocities: {_row(qd * sign)}",
                 f"  accelerations: {_row(qdd * sign)}",
                 "  effort: []",
-                f"  time_from_start: {{secs: {nanoseconds // 10**9}, nsecs: {nanoseconds % 10**9}}}",
+                f"  time_from_start: {duration % divmod(nanoseconds, 10**9)}",
             )
-            stream.write(("\n".join(lines) + "\n").encode())
+            stream.write("".join(f"{indent}{line}\n" for line in lines).encode())
 
 
 def _row(values: Floats) -> str:

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
-from dynid.gap.formulas import (
-    BETTER_FORMULA,
-    JOINTS,
-    FormulaResults,
-    advice_on_formulas,
-    better_explained_by_formula,
-    find_formulas,
-)
+from dynid.gap import refusals
+from dynid.gap.formulas import FormulaResults, advice_on_formulas, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.partial import why_no_part
 from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm, without_always_missing
 from dynid.gap.refit import (
     GROWN,
     GROWN_ARM,
-    SURE_Z,
     HeldOutImprovement,
     fitted_with,
     held_out_given_others,
@@ -36,24 +27,20 @@ from dynid.gap.refit import (
     unsure_of_reversals,
     unsure_of_shape,
     with_columns,
+    with_delay,
 )
-from dynid.gap.search import EffectSearch, judged_search, search_effects, with_part, without
+from dynid.gap.search import EffectSearch, judged_search, search_effects, without
 from dynid.gap.segments import segments_of
-from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.significance import Key
+from dynid.gap.selected_effects import SelectedEffect, with_selected
 from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
 from dynid.gap.verdict import (
-    LITTLE,
     NOT_SMALLER,
     GapVerdict,
-    joints_with_more,
     judge,
     refusal,
-    undetermined,
     unrepeatable,
 )
 from dynid.gap.whitened_regression import WhitenedRegression
-from dynid.gap.with_formula import parts_with_formulas, same_motion
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.model.regressor import model_torques
@@ -134,7 +121,7 @@ def analyse_gap(
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
     if possible and kept is None and not arm:
         search = replace(search, problem=judged_search(replace(search, selected=[])).problem)
-    found = with_parts(problem, options, proved(problem, search, simulate=simulate), simulate=simulate)
+    found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
     simulation = None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
@@ -194,7 +181,6 @@ class Proof:
 def proved(
     problem: GapProblem,
     search: EffectSearch,
-    parts: Mapping[Key, SelectedEffect] = MappingProxyType({}),
     *,
     simulate: bool = False,
 ) -> Proof:
@@ -207,27 +193,20 @@ def proved(
     Args:
         problem: what was searched, before anything was found.
         search: the search.
-        parts: effects that were proved jointly with a formula for the rest of their joint's gap, with their numbers.
         simulate: whether the forward simulation is asked too.
     """
+    if search.rest is not None:
+        return proved_by_evidence(problem, search, simulate=simulate)
     refused: list[tuple[SelectedEffect, str]] = []
-    no_part: dict[Key, str] = {}
     while True:
         effects, regression = refit(search)
-        effects = [parts.get(one.key, one) for one in effects]
         improvement = held_out_improvement(problem, search, effects)
         said = [(one, refusal(search, effects, one, improvement)) for one in effects]
-        said = [
-            (one, _with_formula(why) if one.fitted_with else _as_part(search, effects, one, why, no_part))
-            for one, why in said
-        ]
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
         failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
         failing = failing or redundant_effects(search, effects) or spoiling(problem, search, effects, improvement)
-        if not failing and problem.arm is None and not problem.since:
-            failing = better_explained_by_formula(search, effects, {*no_part, *parts})
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
@@ -236,62 +215,45 @@ def proved(
         if not failing:
             # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
             sized = unsure_of_shape(search, unsure_of_reversals(search, effects))
-            failing = weakly_determined(sized)
-        if not failing:
             return Proof(search, sized, refused, improvement, regression, simulation)
         refused += failing
         for one, _ in failing:
             search = without(problem, search, one)
 
 
-def with_parts(problem: GapProblem, options: SelectionOptions, found: Proof, *, simulate: bool) -> Proof:
-    """Return a proof with the effects that explain a part of what it leaves, each jointly with a formula for the rest.
+def proved_by_evidence(problem: GapProblem, search: EffectSearch, *, simulate: bool = False) -> Proof:
+    """Fit what the evidence named, and refuse what the one table of refusals says; the least likely goes first.
 
     Args:
         problem: what was searched, before anything was found.
-        options: what was searched for.
-        found: what passed without.
+        search: the search.
         simulate: whether the forward simulation is asked too.
     """
-    search = found.search
-    # Why not of a change: a part of it is no property of the arm, and no arm has what implausible links leave.
-    if problem.since or problem.arm is not None:
-        return found
-    loud = [j for j in joints_with_more(search) if j not in unrepeatable(search)]
-    loudest = sorted(loud, key=lambda j: -search.after[j])[:JOINTS]
-    better_formula = {
-        one.key: why.removeprefix(BETTER_FORMULA) for one, why in found.refused if why.startswith(BETTER_FORMULA)
-    }
-    parts = {
-        one.key: one
-        for one in parts_with_formulas(search, options, loudest)
-        if not same_motion(one, better_formula.get(one.key, ""))
-    }
-    if not parts:
-        return found
-    for one in parts.values():
-        search = with_part(search, one)
-    whole = proved(problem, search, parts, simulate=simulate)
-    named = {one.key for one in whole.effects}
-    earlier = [(one, why) for one, why in found.refused if one.key not in named]
-    return replace(whole, refused=[*whole.refused, *earlier])
+    refused: list[tuple[SelectedEffect, str]] = []
+    while True:
+        effects = with_delay(search, search.selected)
+        regression = with_selected(search.problem.regression(nuisance=False), search.selected)
+        improvement = held_out_improvement(problem, search, effects)
+        whole = noise_units(improvement)
+        failing = []
+        for one in effects:
+            rest = [other for other in effects if other is not one]
+            less = held_out_improvement(problem, without(problem, search, one), rest) if len(rest) else None
+            bare = noise_units(improvement, after=False) if less is None else noise_units(less)
+            if why := refusals.refusal(refusals.Case(search, effects, one, improvement, (whole, bare))):
+                failing.append((one, why))
+        if not failing:
+            simulation = replays(problem, search, effects, regression) if simulate else None
+            return Proof(search, effects, refused, improvement, regression, simulation)
+        worst = min(failing, key=lambda pair: pair[0].score)
+        refused.append(worst)
+        search = without(problem, search, worst[0])
 
 
-def weakly_determined(effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
-    """Return the effects fitted with a formula whose size does not stand by the errors that are told, with the reason.
-
-    Why these alone: the formula is a guess at what nobody knows, and what is named with it has to outlive that guess.
-    """
-    found = []
-    for one in effects:
-        z = (
-            max(abs(one.values[x]) / max(one.std_errors[x], 1e-300) for x in one.amplitudes)
-            if one.fitted_with
-            else np.inf
-        )
-        if z < SURE_Z:
-            found.append((one, undetermined(replace(one, z=z))))
-    return found
+def noise_units(improvement: HeldOutImprovement, *, after: bool = True) -> float:
+    """Return the held-out error of all joints together, in units of their noise."""
+    left = improvement.after if after else improvement.before
+    return float(np.sqrt(np.mean((left / improvement.floor) ** 2)))
 
 
 def redundant_effects(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
@@ -301,8 +263,6 @@ def redundant_effects(search: EffectSearch, effects: Sequence[SelectedEffect]) -
     """
     columns = with_columns(effects)
     for one in sorted(columns, key=lambda one: one.score) if len(columns) > 1 else ():
-        if one.fitted_with:
-            continue
         low, high = held_out_given_others(search, effects, one)
         if high >= 1.0:
             change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
@@ -321,26 +281,6 @@ def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -
         if lead < max(EQUAL, SURE * spread):
             found.append((one, "it explains old and new logs equally well as an effect that was always there"))
     return found
-
-
-def _as_part(
-    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, why: str, no_part: dict[Key, str]
-) -> str:
-    """Return why an effect that explains too little is not named as a part either; other reasons as they are."""
-    if not why.startswith(LITTLE):
-        return why
-    if one.key not in no_part:
-        no_part[one.key] = why_no_part(search, effects, one)
-    return f"{why}; not named as a partial effect: {no_part[one.key]}" if no_part[one.key] else ""
-
-
-def _with_formula(why: str) -> str:
-    """Return why an effect that was proved jointly with a formula is not named all the same.
-
-    It has reduced the error on unseen data with that formula. Alone, it explains little of its joint's gap, and the
-    rest hides what it gains there; it may not make it surely worse.
-    """
-    return "" if why.startswith((LITTLE, NOT_SMALLER)) else why
 
 
 def spoiling(

@@ -161,7 +161,7 @@ def change_test(
     Args:
         segments: rows, old and new ones.
         train: rows that are searched, one mask (M,) per segment.
-        nuisance: for each segment and joint, columns that are not judged, (c / n, M).
+        nuisance: for each segment and joint, known errors, each one standard deviation, (c / n, M).
         held_by: rows [columns, value] that hold base parameters, (k, p + 1); None for none.
     """
     width = segments[0].W.shape[2]
@@ -169,6 +169,8 @@ def change_test(
     wide = np.zeros((len(prior), width + sum(map(len, nuisance[0])) + 1))
     wide[:, :width], wide[:, -1] = prior[:, :-1], prior[:, -1]
     known = wide.T @ wide
+    errors = np.arange(width, wide.shape[1] - 1)
+    known[errors, errors] += 1.0
     eras = [_Era.of(segments, train, nuisance, is_new=is_new) for is_new in (False, True)]
     old, new = (era.whole for era in eras)
     sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])

@@ -7,7 +7,7 @@ the same, the rows that were never fitted agree, and no other joint gets worse.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,7 @@ from dynid.gap.refit import GROWN, fitted_with, ratio_interval
 from dynid.gap.search import EffectSearch, residuals_of_fit
 from dynid.gap.segments import SegmentRows, cut, jackknife_blocks
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
-from dynid.gap.significance import Key, significance_test, whitened_columns
+from dynid.gap.significance import significance_test, whitened_columns
 from dynid.gap.stepwise_selection import EQUAL, SURE
 from dynid.gap.verdict import unrepeatable
 from dynid.gap.whitened_regression import WhitenedRegression
@@ -44,8 +44,6 @@ DRAWS, STABLE, SAME_SHAPE = 20, 0.8, 0.9
 CHANCE = 0.01
 #: Share of the joint's excess that a formula explains, and that a further term explains of what is left.
 SHARE, MORE = 0.5, 0.15
-#: Excess jointly with names below which no formula can do clearly better.
-LEFT = 0.05
 #: Upper end of the 95 % interval of the held-out error, after over before.
 SMALLER = 0.97
 #: Chance below which a formula differs between parts of the logs.
@@ -56,8 +54,6 @@ PARTS, FOLLOWED = 12, 0.1
 BINS = 24
 #: Share of its power that a formula follows a quantity with, to be drawn over that; else it is drawn over itself.
 FOLLOWS_ONE = 0.9
-#: Why an effect gives way to a formula.
-BETTER_FORMULA = "a formula explains clearly more of this joint: "
 #: Why a joint that has nothing to repeat has no formula.
 STRAY = "what disturbs it does not repeat"
 #: By how much more of its power an effect has to follow time than anything else.
@@ -194,53 +190,6 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
             proofs.append(held_out_effect(search.problem, [*search.selected, *found], formula, formula.joints[0]))
             found.append(formula)
     return FormulaResults(tuple(found), tuple(proofs), tuple(clues))
-
-
-def better_explained_by_formula(
-    search: EffectSearch, effects: Sequence[SelectedEffect], parts: Collection[Key]
-) -> list[tuple[SelectedEffect, str]]:
-    """Return the effects of a joint where one short formula explains clearly more, with the reason.
-
-    It is looked for in place of all of them and, of several, in place of each with the others: what goes better with
-    a formula than with another name is a part of the gap, and has to be judged as one.
-
-    Args:
-        search: the search.
-        effects: all that it found, with numbers.
-        parts: those that explain a part of a gap; what they leave may well be a formula.
-    """
-    n, bare = len(search.after), search.problem.regression()
-    for j in sorted({one.test.joint for one in effects}):
-        mine = [one for one in effects if one.test.joint == j and one.name != "torque_delay"]
-        alone = all(one.effect.rows(one.joints, n) == (j,) and one.key not in parts for one in mine)
-        if not mine or not alone or search.after[j] - 1 < LEFT:
-            continue
-        others = [one for one in effects if one not in mine and one.name != "torque_delay"]
-        rows = FactorRows(bare, j)
-        text = _better_formula(with_selected(bare, others), rows, mine)
-        if text:
-            return [(one, f"{BETTER_FORMULA}{text}") for one in mine]
-        for one in mine if len(mine) > 1 else ():
-            extended = with_selected(bare, [*others, *(other for other in mine if other is not one)])
-            text = _better_formula(extended, rows, [one])
-            if text:
-                return [(other, f"in place of {one.name} {BETTER_FORMULA}{text}") for other in mine]
-    return []
-
-
-def _better_formula(regression: WhitenedRegression, rows: FactorRows, some: Sequence[SelectedEffect]) -> str:
-    """Return the best product if it explains clearly more of a joint than some effects do; else nothing."""
-    best = max(leading(regression, rows), key=lambda one: one.score, default=None)
-    if best is None:
-        return ""
-    joint, text = rows.joint, formula_text(best.terms)
-    columns = [C for one in with_selected(regression, some).effects for C in one[joint]]
-    own = significance_test(regression, {joint: np.array(columns)})
-    other = significance_test(regression, {joint: rows.made(regression, best.terms)})
-    price = (len(best.terms) - sum(one.freedom for one in some)) * np.log(len(regression.fit.e[joint]))
-    lead = other.gain - own.gain - price - 2 * np.log(rows.columns)
-    spread = float(np.std(other.gains - own.gains) * np.sqrt(len(own.gains)))
-    return text if lead > max(EQUAL, SURE * spread) else ""
 
 
 def _formula_of(

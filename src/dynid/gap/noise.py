@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.errors import LogTooShort
+from dynid.gap import tuning
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
 from dynid.signals.filters import Filter
@@ -81,7 +82,15 @@ class NoiseModel:
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""
-        return np.flatnonzero((self.burst > BURST) | (self.drift > DRIFT)).tolist()
+        return np.flatnonzero((self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)).tolist()
+
+    @property
+    def peak(self) -> Floats:
+        """Highest over median power of the noise's spectrum in the pass band, (n,); 1 where it is not whitened."""
+        # In turns per row: rows are kept at four times the cut-off.
+        z = np.exp(-2j * np.pi * np.outer(np.linspace(0.02, 0.2, 60), np.arange(1, self.order + 1)))
+        power = 1.0 / np.abs(1.0 - z @ self.ar.T) ** 2
+        return np.asarray(power.max(axis=0) / np.median(power, axis=0))
 
 
 @dataclass(frozen=True)
@@ -102,6 +111,14 @@ def find_repeats(segments: Sequence[SegmentRows]) -> list[RepeatPair]:
             if lag is not None:
                 pairs.append(RepeatPair(a, b, lag))
     return pairs
+
+
+def motions_of(count: int, pairs: Sequence[RepeatPair]) -> list[int]:
+    """Return the number of the motion that each of so many segments drives: that of the first that drives it."""
+    motion = list(range(count))
+    for pair in pairs:
+        motion[pair.second] = min(motion[pair.second], motion[pair.first])
+    return motion
 
 
 def lag_of(one: SegmentRows, other: SegmentRows, least: float) -> float | None:
@@ -149,7 +166,8 @@ def measure_noise(
     parts = [_difference(segments, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / segments[0].rate
     if seconds >= SHORTEST_REPEAT:
-        return _from_repeats(parts, segments[0].rate, seconds)
+        several = len(set(motions_of(len(segments), pairs))) > 1
+        return _from_repeats(parts, segments[0].rate, seconds, tuning.STOP_BAND if several else 0.0)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True)]
     parts = [(r, use) for r, use in parts if len(r) >= SHORTEST]
     if not parts:
@@ -158,6 +176,28 @@ def measure_noise(
             why="what is missing is judged against the noise",
         )
     return _from_spectrum(segments[0].log.filter, parts)
+
+
+def with_steps(noise: NoiseModel, segments: Sequence[SegmentRows]) -> NoiseModel:
+    """Return the noise with what steps of the torque's recording leave in the pass band.
+
+    Steps much larger than the noise are an error that repeats with the motion, which no repeat shows.
+
+    Source: Widrow and Kollar 2008, "Quantization noise", for how noise makes the error of steps white.
+
+    Args:
+        noise: of repeats or high frequencies.
+        segments: rows.
+    """
+    known = [s.log.torque_step for s in segments if len(s.log.torque_step) == len(noise.floor)]
+    if not known or not np.any(known):
+        return noise
+    chosen, step = segments[0].log.filter, np.max(known, axis=0)
+    white = min(1.0, 2.0 * chosen.cutoff / chosen.rate)
+    spread = noise.floor / np.sqrt(white) / np.where(step > 0, step, 1.0)
+    share = white + (1.0 - white) * np.exp(-2.0 * np.pi**2 * spread**2)
+    more = np.sqrt(1.0 + np.where(step > 0, share * step**2 / 12.0, 0.0) / noise.floor**2)
+    return replace(noise, sigma=more * noise.sigma, floor=more * noise.floor)
 
 
 def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair) -> tuple[Floats, Mask]:
@@ -188,7 +228,7 @@ def shifted(x: Floats, fraction: float) -> Floats:
     return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
 
 
-def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
+def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float, stop_band: float) -> NoiseModel:
     n = parts[0][0].shape[1]
     ar, sigma, floor, burst, drift = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
     for j in range(n):
@@ -196,7 +236,8 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         for e, use in parts:
             x = np.where(use[:, j], e[:, j], 0.0)
             covariance += [float(x[lag:] @ x[: len(x) - lag]) for lag in range(ORDER + 1)]
-        ar[j] = yule_walker(covariance)
+        # Why white noise on top: the stop band of the filter holds almost none, and would be whitened by as much.
+        ar[j] = yule_walker(covariance * np.where(np.arange(ORDER + 1) == 0, 1.0 + stop_band, 1.0))
         white = [whitened(e[:, j], ar[j])[use[ORDER:, j]] for e, use in parts]
         count = max(1, sum(len(w) for w in white))
         sigma[j] = np.sqrt(sum(float(w @ w) for w in white) / count)

@@ -11,13 +11,13 @@ import numpy as np
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, settled, stack_logs
 from dynid.gap.change import with_always_missing
+from dynid.gap.known_errors import reversal_columns, with_reversals
 from dynid.gap.matched_motion import subtract_matched_motion
-from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit
+from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit, with_steps
 from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import WhitenedRegression, few, torque_residuals, whitened_regression
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
 from dynid.model.regressor import model_torques
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
@@ -28,9 +28,6 @@ HELD_OUT = 0.2
 HELD_OUT_KEPT = 0.4
 #: Rows between training and held-out part that belong to neither, longer than residuals go on for [s].
 BETWEEN = 1.0
-#: Shapes of a reversal below about 1 cm/s are not judged: two more widths of the Coulomb sign join the baseline, this
-#: narrow one [rad/s] and one so many times wider than the model's, at least ``WIDE``.
-NARROW, WIDER, WIDE = 0.0025, 3.0, 8e-3
 #: Directions of an earlier identification's covariance below this share of the largest are those that its logs left
 #: open: nothing is known of them, and nothing holds them.
 OPEN = 1e-12
@@ -179,16 +176,9 @@ def _baseline(
 
 
 def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats]:
-    """Return the columns that are not judged, (2, M) per joint; none, (0, M), where there shall be none."""
-    motion = segment.motion
-    if not nuisance:
-        return [np.zeros((0, len(segment)))] * motion.n
-    found = []
-    for j in range(motion.n):
-        qd, sign = motion.qd[:, j], sign_of(motion, j)
-        wide = max(WIDE, WIDER * motion.robot.coulomb_shape.velocity[j])
-        found.append(segment.filtered(np.array([np.tanh(qd / NARROW) - sign, np.tanh(qd / wide) - sign])))
-    return found
+    """Return known errors of each joint, (7, M); none, (0, M), where there shall be none."""
+    n = segment.motion.n
+    return [reversal_columns(segment, j) if nuisance else np.zeros((0, len(segment))) for j in range(n)]
 
 
 def make_problem(
@@ -215,6 +205,8 @@ def make_problem(
         kept = replace(kept, covariance=ALIKE**2 * kept.covariance)
     repeats = find_repeats(segments)
     train, held, text = split(segments, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
+    first = unwhitened_fit(segments, train, kept, nuisance=False)[0] if kept is None else kept.theta
+    segments = with_reversals(segments, base, first)
     theta, residuals = unwhitened_fit(segments, train, kept)
     unexplained = None
     if kept is not None:
@@ -325,12 +317,13 @@ def _problem_since(
     train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
     held = [*(np.zeros(len(s), dtype=bool) for s in before), *held]
     every, old, new = [*before, *after], slice(0, len(before)), slice(len(before), None)
-    level = _rms(before, unwhitened_fit(before, train[old], None)[1], train[old])
+    every = with_reversals(every, base, kept.theta)
+    level = _rms(every[old], unwhitened_fit(every[old], train[old], None)[1], train[old])
     every, held_by = with_always_missing(every, kept.theta, level)
     repeats = [pair for pair in find_repeats(every) if every[pair.first].is_new == every[pair.second].is_new]
     theta, together = unwhitened_fit(every, train, None, held_by)
     alone = [r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]]
-    noise = measure_noise(every, alone, repeats, train)
+    noise = with_steps(measure_noise(every, alone, repeats, train), every)
     # Why not all: what has changed is in it too, and is looked for first.
     level = np.minimum(_rms(every, together, train), AT_FIRST * _rms(every, alone, train))
     noise = with_misfit(noise, cut(every, train), alone, level)
@@ -365,6 +358,7 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
         noise: measured from repeats or high frequencies.
         residuals: what a model leaves of the rows, one (M, n) per segment.
     """
+    noise = with_steps(noise, problem.segments)
     if not problem.since and problem.arm is None:
         return replace(problem, noise=noise)
     if problem.matched and noise.repeats:

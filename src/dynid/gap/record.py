@@ -52,6 +52,7 @@ class GapEffect:
         formula: the torque of ``effect: formula``.
         rival_keys: the same rivals as identifiers and 0-based joints.
         share: share of its joint's gap that is explained where that is a part; None where it is most, or not named.
+        probability: posterior probability of the name, against what has no name and against other names.
     """
 
     effect: str
@@ -72,6 +73,7 @@ class GapEffect:
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
     fitted_with: str = ""
+    probability: float = 1.0
 
     @property
     def message(self) -> str:
@@ -97,6 +99,7 @@ class GapEffect:
                 for name, value in self.values.items()
             },
             "p_value": self.p_value,
+            "probability": self.probability,
             "heldout_rms_before_nm": self.rms_before,
             "heldout_rms_after_nm": self.rms_after,
             **({"why_not": self.why_not} if self.why_not else {}),
@@ -151,6 +154,13 @@ class GapRecord:
         question: ``"numbers"``, ``"arm"`` or ``"changed"``; "" where it was not stored.
         asked: which questions were asked, what they brought, and why, in words.
         curves: each effect that is named, then each formula, on held-out rows of the joint that shows it most.
+        of: tells the parameters that were searched from others.
+        repeats: seconds of repeated motion that the noise comes from; 0 for a lower bound.
+        more: names of joints with more left than noise.
+        kept: error of the model as it was on the new logs [%]; None where its own logs were searched.
+        expected: error that was expected there [%].
+        kept_rms: error of each joint of that model there, (n,) [N m or N].
+        events: disturbances that happened once: log, joint, start and end [s], size and its unit.
     """
 
     robot: str
@@ -177,6 +187,13 @@ class GapRecord:
     question: str = ""
     asked: str = ""
     curves: tuple[HeldOutEffect, ...] = ()
+    of: str = ""
+    repeats: float = 0.0
+    more: tuple[str, ...] = ()
+    kept: float | None = None
+    expected: float | None = None
+    kept_rms: tuple[float, ...] = ()
+    events: tuple[dict[str, Any], ...] = ()
 
     def drawn(self) -> list[tuple[GapEffect, HeldOutEffect]]:
         """Return the named effects and formulas that have a torque of their own, each with its curve."""
@@ -200,6 +217,7 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
     from dynid.gap.verdict import unrepeatable
 
     verdict, names = analysis.verdict, robot.joint_names
+    noise_from, noise_note = _noise_texts(analysis, names)
     simulation = np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
     closest = [replace(_effect(one, analysis, robot), why_not=why, rms_after=None) for one, why in verdict.closest]
     return GapRecord(
@@ -216,7 +234,8 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
         improvement=analysis.improvement,
         simulation=simulation,
         heldout=analysis.problem.held_text,
-        **_noise_texts(analysis, names),
+        noise_from=noise_from,
+        noise_note=noise_note,
         not_repeatable=tuple(names[j] for j in unrepeatable(analysis.search)),
         cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
         logs=tuple(log.path for log in analysis.logs),
@@ -226,7 +245,26 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
         question=question,
         asked=asked,
         curves=tuple(_curves(analysis)),
+        repeats=analysis.search.problem.noise.repeats,
+        more=tuple(names[j] for j in verdict.remainder),
+        events=() if verdict.word.startswith("nothing") else tuple(_events(analysis, robot)),
     )
+
+
+def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
+    """Return what happened once, the loudest first."""
+    paths = {log.name: log.path for log in analysis.logs}
+    return [
+        {
+            "log": paths.get(one.log) or one.log,
+            "joint": robot.joint_names[one.joint],
+            "start": one.start,
+            "end": one.end,
+            "size": one.size,
+            "unit": robot.joints[one.joint].torque_unit,
+        }
+        for one in sorted(analysis.search.strays, key=lambda one: -one.power)
+    ]
 
 
 def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
@@ -291,11 +329,11 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         formula=one.effect.text if isinstance(one.effect, Formula) else "",
         share=partly,
         rival_keys=one.rivals,
-        fitted_with=one.fitted_with,
+        probability=one.probability,
     )
 
 
-def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
+def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]:
     problem = analysis.search.problem
     if problem.noise.repeats:
         source = f"{problem.noise.repeats:.0f} s of repeats"
@@ -310,14 +348,14 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> dict[str, str]:
         note = "same motion as the earlier logs: old and new are compared row by row"
     elif problem.noise.misfit:
         note = f"more than noise was unexplained before on {', '.join(names[j] for j in problem.noise.misfit)}"
-    return {"noise_from": source, "noise_note": note}
+    return source, note
 
 
 #: What of an effect is a mapping: stored as pairs, because a header is sorted.
 _MAPPINGS = ("values", "std_errors", "units")
 #: What of a record is a list of effects, and of words.
 _EFFECTS = ("named", "closest", "formulas")
-_WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues")
+_WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues", "more", "kept_rms", "events")
 #: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
 _IMPROVEMENT = ("before", "after", "ratio", "floor")
 #: And those of its curves.
@@ -326,7 +364,7 @@ _CURVE = ("t", "residual", "torque", "left", "against")
 
 def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
-    from dynid.files.artifact import Artifact, write_artifact
+    from dynid.files.artifact import write_artifact
 
     facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
     improvement, simulation, curves = facts.pop("improvement"), facts.pop("simulation"), facts.pop("curves")
@@ -335,7 +373,7 @@ def write_record(path: Path, record: GapRecord) -> None:
     facts |= {key: [_stored(one) for one in facts[key]] for key in _EFFECTS}
     facts |= {"curves": [one.follows for one in curves]}
     facts |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
-    write_artifact(path, Artifact(SCHEMA, {"record": facts}, arrays))
+    write_artifact(path, SCHEMA, {"record": facts}, arrays)
 
 
 def read_record(path: Path) -> GapRecord:
@@ -389,10 +427,19 @@ def contents() -> Contents:
         "rivals": Fact(words),
         "rival_keys": Fact(list[tuple[str, list[int]]]),
         "share": Fact(float | None),
+        "probability": Fact(float, least=0.0, needed=False),
     }
     record = {
         **dict.fromkeys(("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text),
         **dict.fromkeys(("not_repeatable", "logs", "clues", "curves"), Fact(words)),
+        "of": text,
+        "more": Fact(words),
+        "kept_rms": Fact(list[float], least=0.0),
+        "events": Fact(list[dict[str, Any]]),
+        **{f"events.*.{key}": Fact(float) for key in ("start", "end", "size")},
+        **{f"events.*.{key}": text for key in ("log", "joint", "unit")},
+        "repeats": Fact(float, least=0.0),
+        **dict.fromkeys(("kept", "expected"), Fact(float | None, least=0.0)),
         "mode": Fact(Literal["refit", "frozen"]),
         "verdict": Fact(Literal["named", "nothing_missing", "nothing_changed", "unexplained", "ambiguous"]),
         "question": Fact(Literal["numbers", "arm", "changed", ""]),

@@ -21,7 +21,6 @@ from dynid.gap.selected_effects import SelectedEffect, at_sizes, torque_in_rows,
 from dynid.gap.significance import SignificanceTest, significance_test, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import BODY_PARAMETERS
 
@@ -111,9 +110,13 @@ def refit(search: EffectSearch) -> tuple[list[SelectedEffect], WhitenedRegressio
         if not any(simpler):
             break
         selected = [new or old for new, old in zip(simpler, selected, strict=True)]
-    if search.delay_test is not None:
-        found.append(_delay(search.delay, search.delay_test))
-    return found, regression
+    return with_delay(search, found), regression
+
+
+def with_delay(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Return effects and the delay that was taken out of the logs, if any."""
+    late = [] if search.delay_test is None else [_delay(search.delay, search.delay_test)]
+    return [*effects, *late]
 
 
 def _delay(seconds: float, test: SignificanceTest) -> SelectedEffect:
@@ -318,7 +321,7 @@ def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect])
         if one not in shown:
             found.append(one)
             continue
-        others = _fitted_with(problem, shown, one)
+        others = [other for other in shown if other is not one]
         columns = _linearised(bare, one, np.array([one.values[name] for name in one.amplitudes]))
         own, wide = (significance_test(with_selected(rows, others), columns) for rows in (bare, judged))
         noise = np.maximum(np.diag(wide.covariance) - np.diag(own.covariance), 0.0)
@@ -348,7 +351,7 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
         if len(shapes) < 2 or search.problem.arm is not None:
             found.append(one)
             continue
-        rest = with_selected(bare, _fitted_with(search.problem, shown, one))
+        rest = with_selected(bare, [other for other in shown if other is not one])
         made = whitened_columns(rest, one.effect, one.joints, shapes)
         tests = [significance_test(rest, {j: C[k] for j, C in made.items()}) for k in range(len(shapes))]
         lead = np.array([test.gain for test in tests])
@@ -358,16 +361,6 @@ def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> 
         errors = {name: float(np.hypot(one.std_errors[name], x)) for name, x in zip(one.amplitudes, more, strict=True)}
         found.append(replace(one, std_errors=one.std_errors | errors))
     return found
-
-
-def _fitted_with(problem: GapProblem, shown: Sequence[SelectedEffect], one: SelectedEffect) -> list[SelectedEffect]:
-    """Return what the numbers of an effect were found jointly with: the other effects, and the formula for the rest."""
-    others = [other for other in shown if other is not one]
-    if not one.fitted_with:
-        return others
-    joint = one.test.joint
-    formula = Formula(one.fitted_with, [each.revolute for each in problem.base.robot.joints], joint)
-    return [*others, SelectedEffect(formula, (joint,), {}, one.test, 0.0)]
 
 
 def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:

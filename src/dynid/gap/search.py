@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.gap.change import change_test
+from dynid.gap.evidence import Rest
 from dynid.gap.late_torques import late_torques
 from dynid.gap.localisation import chi_square_between_reversals
-from dynid.gap.noise import measure_noise
+from dynid.gap.noise import measure_noise, motions_of
 from dynid.gap.problem import (
     GapProblem,
     KeptModel,
@@ -23,6 +24,7 @@ from dynid.gap.problem import (
 )
 from dynid.gap.rivals import settled_rivals
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
+from dynid.gap.selection import EvidenceSelection
 from dynid.gap.significance import (
     Key,
     SignificanceTest,
@@ -32,6 +34,7 @@ from dynid.gap.significance import (
     whitened_columns,
 )
 from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
+from dynid.gap.strays import Stray, find_strays
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
@@ -64,6 +67,8 @@ class EffectSearch:
         between_reversals: the same between reversals, where that is less: below 1 cm/s the velocity is not known well
             enough to say whether friction turns as the model says, (n,).
         visibility: largest visible share of each candidate.
+        rest: what is missing without a name; None where names were not chosen by evidence.
+        strays: short disturbances that do not repeat.
     """
 
     problem: GapProblem
@@ -74,6 +79,8 @@ class EffectSearch:
     after: Floats
     between_reversals: Floats
     visibility: dict[Key, float]
+    rest: Rest | None = None
+    strays: tuple[Stray, ...] = ()
 
 
 def search_effects(
@@ -107,7 +114,12 @@ def search_effects(
     # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
     guess = late_torques(problem) if problem.since else None
     for _ in range(MOST_SELECTIONS):
-        stepwise = StepwiseSelection(problem, options, progress, before, delay=abs(delay) < LONGEST_DELAY, late=guess)
+        more = abs(delay) < LONGEST_DELAY
+        stepwise: StepwiseSelection | EvidenceSelection
+        if by_evidence(problem):
+            stepwise = EvidenceSelection(problem, options, progress, delay=more, late=guess)
+        else:
+            stepwise = StepwiseSelection(problem, options, progress, before, delay=more, late=guess)
         late, guess = stepwise.run(), None
         if late is None and delay_test is not None and not settled and not problem.since:
             # Why although it is no effect any more: the rest is small compared with the noise, not with its own error.
@@ -126,9 +138,27 @@ def search_effects(
             break
     bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
     chi_before = (first.regression() if delay else bare).reduced_chi_square()
-    selected = settled_rivals(problem, stepwise.selected)
+    selected, rest = stepwise.selected, None
+    strays: tuple[Stray, ...] = ()
+    if isinstance(stepwise, EvidenceSelection):
+        rest = stepwise.evidence.rest()
+        strays = tuple(find_strays(stepwise.evidence, stepwise.rows, stepwise.added, problem.noise.unrepeatable))
+    else:
+        selected = settled_rivals(problem, selected)
     after, between = chi_squares(with_selected(bare, selected))
-    return EffectSearch(problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility)
+    return EffectSearch(
+        problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility, rest, strays
+    )
+
+
+def by_evidence(problem: GapProblem) -> bool:
+    """Return whether names are chosen by evidence.
+
+    Why not of one motion alone: there, every function of the state repeats with the phase of the motion, and what has
+    no name explains all that an effect does.
+    """
+    motions = set(motions_of(len(problem.segments), problem.repeats))
+    return problem.arm is None and not problem.since and len(motions) > 1
 
 
 def rest_of_delay(regression: WhitenedRegression) -> SignificanceTest:
@@ -187,14 +217,6 @@ def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) ->
     problem = held_near_possible(search.problem, with_selected(bare, selected))
     after, between = chi_squares(with_selected(problem.regression(), selected))
     return replace(search, problem=problem, selected=selected, after=after, between_reversals=between)
-
-
-def with_part(search: EffectSearch, one: SelectedEffect) -> EffectSearch:
-    """Return a search with an effect whose shape is held as it is, in place of the same one if it is there."""
-    held = replace(one, std_errors=dict.fromkeys(one.effect.steps, float("inf")))
-    selected = [*(other for other in search.selected if other.key != one.key), held]
-    after, between = chi_squares(with_selected(search.problem.regression(), selected))
-    return replace(search, selected=selected, after=after, between_reversals=between)
 
 
 def with_noise_of_fit(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ class SegmentRows:
         qd: velocities of the rows, (M, n) [rad/s or m/s].
         use: rows that count: not clipped, not at rest, (M, n).
         is_new: whether effects act here; not in earlier logs, when what has changed since is looked for.
+        coulomb: Coulomb friction of a first fit, which errors at reversals are shares of, (n,) [N m or N].
+        reversal: speed within which nobody knows how friction turns, (n,) [rad/s or m/s].
     """
 
     rows: ObservationRows
@@ -47,6 +49,8 @@ class SegmentRows:
     qd: Floats
     use: Mask
     is_new: bool = True
+    coulomb: Floats = field(default_factory=lambda: np.zeros(0))
+    reversal: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         """Return the number of rows."""

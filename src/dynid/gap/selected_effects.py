@@ -27,7 +27,7 @@ class SelectedEffect:
         values: amplitudes and shape parameters by name, once it is refitted.
         std_errors: their standard errors; infinite for shape parameters that the rows do not determine.
         z: how many standard errors its amplitudes are from zero, all of them together, when the shape is free too.
-        fitted_with: the formula that stood for the rest of its joint's gap when its numbers were found; "" for none.
+        probability: posterior probability of the name against what has no name and against other names.
     """
 
     effect: Effect
@@ -39,7 +39,7 @@ class SelectedEffect:
     values: dict[str, float] = field(default_factory=dict)
     std_errors: dict[str, float] = field(default_factory=dict)
     z: float = float("inf")
-    fitted_with: str = ""
+    probability: float = 1.0
 
     @property
     def name(self) -> str:

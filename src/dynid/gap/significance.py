@@ -222,7 +222,7 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     G, b = _normal_equations([np.sum(blocks[key], axis=0) for key in sorted(blocks)], k)
     known = regression.prior_products(P)
     whole, right = G.sum(axis=0) + known[:, :k], b.sum(axis=0) + known[:, k]
-    scale = np.sqrt(np.maximum(np.diagonal(whole), 1e-300))
+    scale = np.sqrt(np.maximum(np.diagonal(whole), 1e-200))
     G, b, right = G / np.outer(scale, scale), b / scale, right / scale
     whole = whole / np.outer(scale, scale) + 1e-9 * np.eye(k)
     beta = np.linalg.solve(whole, right)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.gap import tuning
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.refit import SURE_Z, HeldOutImprovement, possible
 from dynid.gap.search import EffectSearch, still_changed
@@ -28,6 +29,8 @@ SAMPLING = 0.3
 #: Share of a joint's excess that one, two, three or more names on it must explain, more where more freedom explains it;
 #: or ``NEGLIGIBLE`` may remain.
 SHARES = (0.70, 0.85, 0.92)
+#: Share of its joint's gap below which an effect by evidence is told as a part of it.
+PART = 0.9
 #: Chance below which an effect differs between logs and is no constant property of the arm.
 SAME = 1e-3
 #: A smaller companion of the same family on the same joint is the larger one's shape, not a second effect.
@@ -37,6 +40,7 @@ TRACE = 0.12
 #: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, with what
 #: the model has at the null, has told them apart already.
 OUTSIDE = 1.96
+LIKELY = "probably this effect"
 SMALL_DELAY = "the delay is shorter than the sampling can resolve"
 LITTLE = "it explains only"
 NOT_SMALLER = "it does not reduce the error on unseen data"
@@ -85,7 +89,7 @@ def judge(
         word = "ambiguous"
     elif named:
         word = "named"
-    elif remainder or (not pooled and ([why for _, why in closest if why != SMALL_DELAY] or unrepeatable(search))):
+    elif remainder or (not pooled and (any(_matters(*pair) for pair in closest) or unrepeatable(search))):
         word = "unexplained"
     else:
         word = "nothing_changed" if search.problem.since else "nothing_missing"
@@ -95,8 +99,18 @@ def judge(
     return GapVerdict(word, named, closest, remainder, different or groups, advice)
 
 
+def _matters(one: SelectedEffect, why: str) -> bool:
+    """Return whether what is refused says all the same that something is missing."""
+    return why != SMALL_DELAY and one.test.visible_rms >= tuning.MATERIAL
+
+
 def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
     """Return the joints with more left than noise, 0-based."""
+    if search.rest is not None:
+        large = np.array([one["all"] > tuning.MATERIAL_REST for one in search.rest.rms])
+        limit = tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
+        louder = search.rest.level < -np.log(limit)
+        return tuple(np.flatnonzero((large & (search.rest.odds > tuning.REST_SURE)) | louder).tolist())
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
     return tuple(np.flatnonzero(above).tolist())
@@ -107,6 +121,8 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 
     Where old and new logs are compared, all that they leave counts as noise, and such disturbances with it.
     """
+    if search.rest is not None:
+        return sorted({*search.problem.noise.unrepeatable, *(one.joint for one in search.strays)})
     covered = search.problem.noise.misfit if search.problem.pooled else ()
     return [j for j in search.problem.noise.unrepeatable if search.before[j] - 1 < 1 and j not in covered]
 
@@ -176,6 +192,9 @@ def explained_share(
 ) -> tuple[float, float]:
     """Return the share of its joint's gap that is explained, 1 where hardly anything is left, and the needed one."""
     j, n = one.test.joint, len(search.before)
+    if search.rest is not None:
+        left = search.rest.rms[j].get("all", 0.0) if j in joints_with_more(search) else 0.0
+        return one.test.visible_rms**2 / max(one.test.visible_rms**2 + left**2, 1e-12), PART
     on_joint = [f for f in effects if j in f.effect.rows(f.joints, n) and f.name != "torque_delay"]
     left, excess = search.after[j] - 1, search.before[j] - 1
     share = max(1 - left / excess, 0.0) if excess > 0 and left > NEGLIGIBLE else 1.0
@@ -206,6 +225,20 @@ def joints_text(where: Joints, joints: Sequence[str]) -> str:
     return " from ".join(joints[j] for j in where) or "the whole arm"
 
 
+def _exclude(search: EffectSearch, joints: Sequence[str]) -> str:
+    """Return which disturbances do not repeat, and what to do about them."""
+    said = []
+    for one in sorted(search.strays, key=lambda one: -one.power):
+        unit = search.problem.base.robot.joints[one.joint].torque_unit
+        said.append(
+            f"{joints[one.joint]} in {one.log} from {one.start:.1f} to {one.end:.1f} s (about {one.size:.2g} {unit})"
+        )
+    return (
+        f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record again or "
+        "leave that time out with --exclude."
+    )
+
+
 def advice_of(
     word: str,
     search: EffectSearch,
@@ -218,6 +251,8 @@ def advice_of(
     bound = not (search.problem.noise.repeats or search.problem.matched or search.problem.pooled)
     repeat = " Record each motion twice: without repeats the noise floor is only a lower bound." if bound else ""
     stray = unrepeatable(search)
+    if search.strays and word == "unexplained":
+        return _exclude(search, joints)
     if stray and word == "unexplained":
         names = ", ".join(joints[j] for j in stray)
         return (
@@ -233,6 +268,18 @@ def advice_of(
         left = f" More is missing on {', '.join(joints[j] for j in remainder)}." if remainder else ""
         return f"Add it with --apply, then check the result on a new log with dynid validate.{left}{repeat}"
     if word == "unexplained":
+        likely = next((one for one, why in closest if why.startswith(LIKELY)), None)
+        if likely is not None:
+            size = ", ".join(
+                f"{x} = {likely.values[x]:.3g} +- {likely.std_errors[x]:.2g} {likely.units[x]}"
+                for x in likely.amplitudes
+            )
+            return (
+                f"Probably {likely.name} on {joints_text(likely.joints, joints)}, {size} "
+                f"({100 * likely.probability:.0f} %); "
+                f"{100 * tuning.SURE:.0f} % are needed to name it. "
+                f"To be sure: {likely.effect.separate}.{repeat}"
+            )
         near = f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
         look = "where.png shows on which joint and in which part of its motion."
         return f"No effect of the catalogue explains it.{near} {look}{repeat}"

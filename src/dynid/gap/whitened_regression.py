@@ -101,6 +101,8 @@ class WhitenedRegression:
         prior: further rows [columns, value] on the baseline, such as what an earlier identification knows,
             (r, p + c + 1); None for none.
         effects: columns of selected effects.
+        bounded: number of columns at the end of the baseline that are known errors, each one standard deviation of what
+            it stands for.
         link_prior: whether the prior rows say how implausible an arm is. What frees the links then shows on other
             joints than its own.
     """
@@ -110,6 +112,7 @@ class WhitenedRegression:
     joints: tuple[WhitenedRows, ...]
     prior: Floats | None = None
     effects: tuple[EffectColumns, ...] = ()
+    bounded: int = 0
     link_prior: bool = False
 
     @cached_property
@@ -131,6 +134,11 @@ class WhitenedRegression:
     def size(self) -> int:
         """Number of baseline columns, p + c."""
         return int(self.joints[0].A.shape[1])
+
+    @property
+    def _errors(self) -> Ints:
+        """Which columns are known errors, (bounded,)."""
+        return np.arange(self.size - self.bounded, self.size)
 
     def with_effects(self, effects: Sequence[EffectColumns]) -> WhitenedRegression:
         """Return the regression with the columns of other effects."""
@@ -154,6 +162,7 @@ class WhitenedRegression:
             p = self.size
             gram[:p, :p] += self.prior[:, :-1].T @ self.prior[:, :-1]
             right[:p] += self.prior[:, :-1].T @ self.prior[:, -1]
+        gram[self._errors, self._errors] += 1.0
         length = np.sqrt(np.diag(gram))
         length = np.where(length > 0, length, 1.0)
         values, V = np.linalg.eigh(gram / np.outer(length, length))
@@ -230,10 +239,10 @@ class WhitenedRegression:
         if self.prior is not None:
             rest = self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[: self.size]
             total += float(rest @ rest)
-        return total
+        return total + float(np.sum(self.fit.theta[self._errors] ** 2))
 
     def prior_products(self, P: Floats) -> Floats:
-        """Return what the prior of links tells of candidates, whose columns are zero there before a fit.
+        """Return what bounds of known errors and the prior of links tell of candidates, whose columns are zero there.
 
         Args:
             P: products of the candidates' columns with the basis of all columns, (k, r).
@@ -242,11 +251,11 @@ class WhitenedRegression:
             Gram matrix of the projected columns in the prior rows, and products with what is left of these, (k, k + 1).
         """
         # Why not what an earlier identification knows: it is overconfident; tests of what has changed go by the logs.
-        if self.prior is None or not self.link_prior:
-            return np.zeros((len(P), len(P) + 1))
-        p = self.size
-        C = -self.prior[:, :-1] @ (self.fit.root[:p] @ P.T)
-        rest = self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[:p]
+        C, rest = -self.fit.root[self._errors] @ P.T, -self.fit.theta[self._errors]
+        if self.prior is not None and self.link_prior:
+            p = self.size
+            C = np.concatenate([C, -self.prior[:, :-1] @ (self.fit.root[:p] @ P.T)])
+            rest = np.append(rest, self.prior[:, -1] - self.prior[:, :-1] @ self.fit.theta[:p])
         return np.asarray(C.T @ np.column_stack([C, rest]))
 
     def reduced_chi_square(self) -> Floats:
@@ -277,7 +286,7 @@ def whitened_regression(
     Args:
         segments: rows; only those that count are used.
         noise: the noise of each joint.
-        nuisance: for each segment and joint, columns that are not judged, (c / n, M).
+        nuisance: for each segment and joint, known errors, each one standard deviation, (c / n, M).
         prior: further rows [columns, value] on the base parameters, (r, p + 1); None for none.
     """
     n, p = segments[0].W.shape[1:]
@@ -302,7 +311,7 @@ def whitened_regression(
     if prior is not None:
         wide = np.zeros((len(prior), p + n * count + 1))
         wide[:, :p], wide[:, -1] = prior[:, :-1], prior[:, -1]
-    return replace(empty, joints=tuple(joints), prior=wide)
+    return replace(empty, joints=tuple(joints), prior=wide, bounded=n * count)
 
 
 def torque_residuals(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, read_header, reading, write_artifact
+from dynid.files.artifact import read_artifact, read_header, reading, write_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
@@ -276,7 +276,7 @@ def save_model(path: Path, model: Model) -> None:
         parameters=list(model.parameter_names),
         operations=p.flops,
     )
-    write_artifact(path, Artifact(REGRESSOR.schema, header, arrays))
+    write_artifact(path, REGRESSOR.schema, header, arrays)
 
 
 def load_model(path: Path, robot: Robot) -> Model:
@@ -298,7 +298,7 @@ def load_model(path: Path, robot: Robot) -> Model:
 def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
     """Write fullregressor.npz."""
     facts, arrays = reduction_facts(reduction)
-    write_artifact(path, Artifact(FULL.schema, _header(model.robot, **facts), arrays))
+    write_artifact(path, FULL.schema, _header(model.robot, **facts), arrays)
 
 
 def load_reduction(path: Path) -> Reduction:

@@ -135,9 +135,10 @@ def prior_bodies(robot: Robot) -> tuple[Body, ...]:
         bodies = robot.prior.links
     else:
         spec, ends = cylinders_of(robot), link_cylinders(robot)
-        volumes = math.pi * spec.radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        radius = spec.radius
+        volumes = math.pi * radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         masses = volumes * (spec.density or 0.0) if spec.mass is None else volumes * spec.mass / volumes.sum()
-        bodies = tuple(cylinder_body(each, spec.radius, float(m)) for each, m in zip(ends, masses, strict=True))
+        bodies = tuple(cylinder_body(each, radius, float(m)) for each, m in zip(ends, masses, strict=True))
     return bodies if robot.tool is None else (*bodies[:-1], joined(bodies[-1], robot.tool))
 
 

@@ -15,7 +15,6 @@ import hashlib
 import os
 import platform
 import re
-import shutil
 import stat
 import subprocess
 from collections.abc import Callable, Sequence
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import programs
 from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.robot import Robot
@@ -364,9 +364,7 @@ def place() -> Path:
 
 def compiler() -> str | None:
     """Return the C compiler of this machine, None where there is none."""
-    found = shutil.which("cc") if os.name == "posix" else None
-    # Why: where the path of programs names the current folder, a cc that came with somebody's logs would run.
-    return found if found is not None and Path(found).is_absolute() else None
+    return programs.installed("cc") if os.name == "posix" else None
 
 
 def kept() -> ctypes.CDLL | None:
@@ -402,9 +400,10 @@ def _compiled() -> ctypes.CDLL | None:
         with scratch_folder(path.parent) as folder:
             made = folder / path.name
             words, patience = [program, *_FLAGS, "-o", str(made), "-x", "c", "-"], tuning.COMPILER_TIMEOUT_S
-            # Why: a compiler that is stopped leaves its temporary files behind.
-            given = {**os.environ, "TMPDIR": str(folder)}
-            subprocess.run(words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=patience, env=given)
+            subprocess.run(
+                words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=patience,
+                env=programs.environment(folder), cwd=folder,
+            )  # fmt: skip
             made.chmod(0o700)
             made.replace(path)
         return _loaded(path)

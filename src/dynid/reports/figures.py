@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.npz import written_whole
 from dynid.reports.chart import Curve, Panel, broken, chart, outline, reach, standalone
+from dynid.reports.style import own_style
 from dynid.robot import Robot
 from dynid.text import TITLE_LENGTH, label
 
@@ -56,6 +57,7 @@ QUANTITIES = (
 )
 
 
+@own_style()
 def new_figure(width: float, height: float, *, spaced: bool = True) -> Figure:
     """Return an empty figure of a size [inch] that a notebook draws by itself, without a window or pyplot.
 
@@ -77,13 +79,15 @@ def _notebook_figure() -> type[Figure]:
     class NotebookFigure(Figure):
         def _repr_png_(self) -> bytes:
             stream = BytesIO()
-            self.savefig(stream, format="png", dpi=100)
+            with own_style():
+                self.savefig(stream, format="png", dpi=100)
             return stream.getvalue()
 
     return NotebookFigure
 
 
 # ---------------------------------------------------------------- motion
+@own_style()
 def motion_figure(
     motion: EstimatedMotion,
     robot: Robot,
@@ -185,6 +189,7 @@ def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float
 
 
 # ---------------------------------------------------------------- files
+@own_style()
 def save(figure: Figure, stream: IO[Any], kind: str, **options: Any) -> None:  # noqa: ANN401
     """Write a figure as PNG or SVG.
 
@@ -202,12 +207,10 @@ def save(figure: Figure, stream: IO[Any], kind: str, **options: Any) -> None:  #
 
 def write_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG or SVG, as its suffix says; equal figures give equal bytes."""
-    import matplotlib as mpl
-
     kind = path.suffix[1:]
     figure.set_dpi(110)
     # Why: without a fixed salt and date two runs on the same log would give different SVG files.
-    with mpl.rc_context({"svg.hashsalt": "dynid"}), written_whole(path) as stream:
+    with own_style({"svg.hashsalt": "dynid"}), written_whole(path) as stream:
         save(figure, stream, kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return path
 

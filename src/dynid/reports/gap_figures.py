@@ -13,6 +13,7 @@ from dynid.gap.record import GapEffect
 from dynid.gap.refit import HeldOutImprovement
 from dynid.reports.charts import Floats, binned
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+from dynid.reports.style import own_style
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ WORST = 10.0
 SHOWN = 12.0
 
 
+@own_style()
 def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
     """Draw the mean square of the residual, in units of the noise's, over speed, position, load, time and direction."""
     from matplotlib.figure import Figure as NewFigure
@@ -59,6 +61,7 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
     return figure
 
 
+@own_style()
 def improvement_figure(
     improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
 ) -> Figure:
@@ -93,6 +96,7 @@ def improvement_figure(
     return figure
 
 
+@own_style()
 def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     """Draw an effect on held-out rows: the error over the worst stretch without and with it, and its curve in the data.
 

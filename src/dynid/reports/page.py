@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dynid.reports.evidence import Evidence
+from dynid.reports.gathered import Gathered
 from dynid.reports.sections.gap import gap
 from dynid.reports.sections.motion import excitation, residual, torque, unseen
 from dynid.reports.sections.parameters import parameters
 from dynid.reports.sections.physics import physics
-from dynid.reports.sections.verdict import lights, limits, next_steps, quality, run, sentences, verdict
+from dynid.reports.sections.verdict import limits, next_steps, quality, run, sentences, verdict
 from dynid.text import markdown, printable
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Section:
 
     title: str
     anchor: str
-    context: Callable[[Evidence], dict[str, Any]]
+    context: Callable[[Gathered], dict[str, Any]]
 
 
 #: In the order of the page.
@@ -50,16 +50,16 @@ SECTIONS = (
 )
 
 
-def page(evidence: Evidence) -> str:
+def page(gathered: Gathered) -> str:
     """Return the page of what was gathered."""
     from markupsafe import Markup
 
     environment = templates()
     parts = []
     for number, section in enumerate(SECTIONS, start=1):
-        body = environment.get_template(f"{section.anchor}.html").render(section.context(evidence))
+        body = environment.get_template(f"{section.anchor}.html").render(section.context(gathered))
         parts.append({"number": number, "title": section.title, "anchor": section.anchor, "body": Markup(body)})
-    return environment.get_template("page.html").render(robot=evidence.robot.name, parts=parts)
+    return environment.get_template("page.html").render(robot=gathered.robot.name, parts=parts)
 
 
 def templates() -> Environment:
@@ -85,16 +85,17 @@ def _shown(value: Any) -> Any:  # noqa: ANN401
     return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
-def summary(evidence: Evidence) -> str:
+def summary(gathered: Gathered) -> str:
     """Return a compact Markdown summary for a pull request."""
     marks = {"good": "🟢", "fair": "🟡", "bad": "🔴", "open": "⚪"}
-    lines = [f"### {markdown(evidence.robot.name)}", "", *(markdown(text) for text in sentences(evidence)), ""]
+    lines = [f"### {markdown(gathered.robot.name)}", "", *(markdown(text) for text in sentences(gathered)), ""]
     lines += ["| | | |", "| --- | --- | --- |"]
     lines += [
-        f"| {marks[light.state]} {light.shown} | {light.title} | {markdown(light.text)} |" for light in lights(evidence)
+        f"| {marks[light.state]} {light.shown} | {light.title} | {markdown(light.text)} |"
+        for light in gathered.judgement.lights
     ]
     lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
-    for joint, row in zip(evidence.robot.joints, evidence.result.joints, strict=True):
+    for joint, row in zip(gathered.robot.joints, gathered.result.joints, strict=True):
         held = "-" if row.heldout_rms is None else f"{row.heldout_rms:.3g} {joint.torque_unit}"
         lines.append(
             f"| {markdown(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"

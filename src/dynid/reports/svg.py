@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL, save
+from dynid.reports.style import own_style
 from dynid.text import html
 
 if TYPE_CHECKING:
@@ -51,8 +52,6 @@ _SHOWN = {
 @contextmanager
 def page_style(name: str) -> Iterator[None]:
     """Draw with the page's colours; ``name`` keeps the ids of several figures on one page apart."""
-    import matplotlib as mpl
-
     style: dict[Any, Any] = {
         "svg.fonttype": "none",
         "svg.hashsalt": name,
@@ -72,7 +71,7 @@ def page_style(name: str) -> Iterator[None]:
         "legend.facecolor": "none",
         "path.simplify_threshold": 0.3,
     }
-    with mpl.rc_context(style):
+    with own_style(style):
         yield
 
 

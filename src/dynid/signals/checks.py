@@ -88,7 +88,7 @@ def prepare(
         log = robot_columns(log, robot)
         few = check_amount([log], robot) if identify and alone else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
-    named = np.array([log.names[k] for k in matching_columns(log, robot)[0]] if log.names else [], dtype=str)
+    named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
     in_dh = log.dh
     log = _usable_velocity(robot_columns(log, robot), robot)
     log = with_rising_time(log, sort_time=sort_time)
@@ -437,7 +437,7 @@ def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
     Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
     """
     poses = rest_slices(log, robot)
-    if robot.torque.source not in ("joint_sensor", "gravity_free") or log.tau_unit == "A" or not poses:
+    if robot.torque.source not in ("joint_sensor", "unknown", "gravity_free") or log.tau_unit == "A" or not poses:
         return ()
     q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
     load = np.abs(expected_torque(q, robot))
@@ -471,7 +471,7 @@ def slopes(log: Log, robot: Robot) -> Floats:
         rows += alive.sum(axis=0)
         both += np.sum(v * log.qd[part], axis=0)
         own += np.sum(v * v, axis=0)
-    return np.where(rows >= tuning.LEAST_MOVING, both / np.where(own > 0.0, own, 1.0), np.nan)
+    return np.where(rows >= tuning.LEAST_SAMPLES, both / np.where(own > 0.0, own, 1.0), np.nan)
 
 
 def check_order(log: Log, robot: Robot) -> None:
@@ -486,7 +486,7 @@ def check_order(log: Log, robot: Robot) -> None:
         return
     low, high = extremes(log.qd)
     rows = np.sum([np.sum(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0) for _, v in speeds(log)], axis=0)
-    joints = np.flatnonzero((rows >= tuning.LEAST_MOVING) & (high > low))
+    joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (high > low))
     if len(joints) < 2:
         return
     k = len(joints)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
-from dynid.log import Log
+from dynid.log import COLUMNS, Log, has_rows
 from dynid.robot import Robot
 from dynid.scratch import empty, spans, taken
 from dynid.signals import tuning
@@ -104,9 +104,7 @@ def robot_columns(log: Log, robot: Robot) -> Log:
 
 
 def _chosen_columns(log: Log, columns: Sequence[int], robot: Robot) -> Log:
-    extra = {key: value[:, columns] if key == "q_ref" else value for key, value in log.extra.items()}
-    qd = log.qd[:, columns] if log.qd is not None else None
-    return replace(log, q=log.q[:, columns], tau=log.tau[:, columns], qd=qd, names=robot.joint_names, extra=extra)
+    return log.with_columns({key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names)
 
 
 def in_si(log: Log, robot: Robot) -> Log:
@@ -119,15 +117,14 @@ def in_si(log: Log, robot: Robot) -> Log:
         angular = name in ("rad", "deg", "rad/s", "deg/s", "rpm")
         return np.where(revolute == angular, table[name], 1.0)
 
-    position = factor(unit["position"], POSITION)
-    extra = {key: _mapped(value, position) if key == "q_ref" else value for key, value in log.extra.items()}
-    return replace(
-        log,
-        q=_mapped(log.q, position),
-        qd=_mapped(log.qd, factor(unit["velocity"], VELOCITY)) if log.qd is not None else None,
-        tau=_mapped(log.tau, np.array(EFFORT[unit["effort"]])),
+    factors = {
+        "position": factor(unit["position"], POSITION),
+        "velocity": factor(unit["velocity"], VELOCITY),
+        "effort": np.array(EFFORT[unit["effort"]]),
+    }
+    return log.with_columns(
+        {key: _mapped(x, factors[COLUMNS[key]]) for key, x in log.columns.items() if COLUMNS[key]},
         tau_unit="A" if in_amperes(log, robot) else "Nm",
-        extra=extra,
     )
 
 
@@ -147,14 +144,14 @@ def to_dh(log: Log, robot: Robot) -> Log:
     """
     if log.dh:
         return log
-    tau, unit = _with_gain(log, robot)
-    q, qd, reference = log.q, log.qd, log.extra.get("q_ref")
+    columns = {key: x for key, x in log.columns.items() if COLUMNS[key]}
+    gain, unit = _gain(log, robot)
+    if gain is not None:
+        columns |= {key: x * gain for key, x in columns.items() if COLUMNS[key] == "effort"}
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
         back = np.linalg.inv(matrix).T
-        q, tau = q @ back, tau @ matrix
-        qd = qd @ back if qd is not None else None
-        reference = reference @ back if reference is not None else None
+        columns = {key: x @ (matrix if COLUMNS[key] == "effort" else back) for key, x in columns.items()}
     elif log.motor_side:
         raise LogLayout(
             f"{log.name} holds motor positions and torques, but the robot file has no gear ratios",
@@ -162,14 +159,13 @@ def to_dh(log: Log, robot: Robot) -> Log:
             fix="add `coupling: {reduction: [...]}` to the robot file",
         )
     sign, offset, torque = _map(robot)
-    extra = dict(log.extra)
-    if reference is not None:
-        extra["q_ref"] = _mapped(reference, sign, offset)
-    return replace(
-        log, q=_mapped(q, sign, offset), tau=_mapped(tau, sign * torque),
-        qd=_mapped(qd, sign) if qd is not None else None,
-        tau_unit=unit, units={}, motor_side=False, dh=True, extra=extra,
-    )  # fmt: skip
+    change: dict[str, tuple[Floats, Floats | float]] = {
+        "position": (sign, offset),
+        "velocity": (sign, 0.0),
+        "effort": (sign * torque, 0.0),
+    }
+    columns = {key: _mapped(x, *change[COLUMNS[key]]) for key, x in columns.items()}
+    return log.with_columns(columns, tau_unit=unit, units={}, motor_side=False, dh=True)
 
 
 def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
@@ -186,17 +182,17 @@ def _map(robot: Robot) -> tuple[Floats, Floats, Floats]:
     return np.array(map_.sign), np.array(map_.offset), np.array(map_.torque_signs)
 
 
-def _with_gain(log: Log, robot: Robot) -> tuple[Floats, str]:
-    """Return torques where every gain is known, else the currents; with relative gains, currents of one size."""
+def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
+    """Return what makes torques of currents where every gain is known, and the unit then; relative ones leave [A]."""
     gain = robot.torque.gain
     if log.tau_unit != "A" or gain is None or any(value is None for value in gain):
-        return log.tau, log.tau_unit
-    return log.tau * np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"
+        return None, log.tau_unit
+    return np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"
 
 
 def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
     """Return the log with some of its rows, in the given order."""
-    extra = {key: taken(value, keep) if has_rows(value, log) else value for key, value in log.extra.items()}
+    extra = {key: taken(value, keep) if has_rows(value, len(log)) else value for key, value in log.extra.items()}
     qd = taken(log.qd, keep) if log.qd is not None else None
     return replace(log, t=taken(log.t, keep), q=taken(log.q, keep), tau=taken(log.tau, keep), qd=qd, extra=extra)
 
@@ -229,16 +225,11 @@ def changed(log: Log, change: Callable[[Log], Log]) -> Log:
 
 def _part_of(log: Log, part: slice) -> Log:
     """Return samples of a log that follow each other, without a copy."""
-    extra = {key: value[part] if has_rows(value, log) else value for key, value in log.extra.items()}
+    extra = {key: value[part] if has_rows(value, len(log)) else value for key, value in log.extra.items()}
     qd = log.qd[part] if log.qd is not None else None
     return replace(log, t=log.t[part], q=log.q[part], tau=log.tau[part], qd=qd, extra=extra)
 
 
 def _arrays(log: Log) -> dict[str, NDArray[Any]]:
     found = {"t": log.t, "q": log.q, "tau": log.tau} | ({} if log.qd is None else {"qd": log.qd})
-    return found | {f"extra {key}": value for key, value in log.extra.items() if has_rows(value, log)}
-
-
-def has_rows(value: object, log: Log) -> bool:
-    """Return whether a value of ``extra`` has one row per sample."""
-    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(log)
+    return found | {f"extra {key}": value for key, value in log.extra.items() if has_rows(value, len(log))}

@@ -8,7 +8,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -28,20 +28,23 @@ from dynid.scratch import empty, filled, release, samples_where, spans, taken
 from dynid.signals import tuning
 from dynid.signals.filters import (
     Filter,
-    VelocitySign,
     choose_cutoff,
     choose_filter,
-    choose_velocity_sign,
+    choose_sign_cutoffs,
+    coulomb_signs,
     decimate,
     despiked,
     lowpass_kernel,
     too_short,
+    velocity_kernel,
 )
 from dynid.signals.motion import runs
 
 Floats = NDArray[np.float64]
 #: Gives a signal of a log on a part of an even grid.
 OnGrid = Callable[[NDArray[Any], slice], NDArray[Any]]
+#: What makes the velocity of each joint, and that of its command, whose signs are taken in this shape.
+SignKernels = tuple[list[Floats], list[Floats], Coulomb]
 
 
 @dataclass(frozen=True)
@@ -161,16 +164,19 @@ def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Cou
     taps = kernels.shape[1]
     outputs = (count - taps) // step + 1
     per_block = max(1, tuning.FILTER_BLOCK // step)
-    velocity_sign = None
+    signs: SignKernels | None = None
     if coulomb is not None:
         some = on_grid(log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES))
-        velocity_sign = choose_velocity_sign(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
+        cutoffs = choose_sign_cutoffs(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
+        # Why the same for a command: it has no noise, but where it is a staircase its corners are no reversals.
+        own, of_command = ([velocity_kernel(f, chosen.rate, measured=m) for f in cutoffs] for m in (measured, False))
+        signs = own, of_command, coulomb
     # Why filled in place: of a long log, parts and joined arrays would not fit into memory together.
     joined: list[Any] = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        block = _block(log, on_grid, times(wanted), wanted, kernels, step, measured, velocity_sign)
+        block = _block(log, on_grid, times(wanted), wanted, kernels, step, measured, signs)
         joined = joined or [empty((outputs, *x.shape[1:]), x.dtype) for x in block]
         for whole, some in zip(joined, block, strict=True):
             whole[first:last] = some
@@ -189,7 +195,7 @@ def _block(
     kernels: Floats,
     step: int,
     measured: bool,
-    velocity_sign: VelocitySign | None,
+    signs: SignKernels | None,
 ) -> tuple[NDArray[Any], ...]:
     """Return the arrays of a segment, but for effects and elapsed time, on the part ``wanted`` of the even grid."""
     taps = kernels.shape[1]
@@ -210,8 +216,7 @@ def _block(
     if clipped is not None and (some := on_grid(clipped, wanted)).any():
         usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
     raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
-    # Why: a command has no noise, but where it is a staircase its corners are no reversals.
-    sign_of_command = None if command is None or velocity_sign is None else replace(velocity_sign, measured=False)
+    own, of_command, coulomb = signs or ((), (), None)
     commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid(command, wanted), kernels)
     return (
         grid[centres],
@@ -221,20 +226,27 @@ def _block(
         q[centres],
         raw_qd[centres],
         *(np.ascontiguousarray(x.T) for x in commanded),
-        _coulomb_sign(on_grid, log.qd if measured else log.q, wanted, kernels, step, velocity_sign),
-        _coulomb_sign(on_grid, command, wanted, kernels, step, sign_of_command),
+        _coulomb_sign(on_grid, log.qd if measured else log.q, wanted, kernels, step, own, coulomb),
+        _coulomb_sign(on_grid, command, wanted, kernels, step, of_command, coulomb),
     )
 
 
 def _coulomb_sign(
-    on_grid: OnGrid, x: Floats | None, wanted: slice, kernels: Floats, step: int, velocity_sign: VelocitySign | None
+    on_grid: OnGrid,
+    x: Floats | None,
+    wanted: slice,
+    kernels: Floats,
+    step: int,
+    velocity: Sequence[Floats],
+    coulomb: Coulomb | None,
 ) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without ``velocity_sign``."""
-    if velocity_sign is None or x is None:
+    """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without its shape."""
+    if coulomb is None or x is None:
         return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
-    start = max(0, wanted.start - velocity_sign.margin)
-    around = on_grid(x, slice(start, wanted.stop + velocity_sign.margin))
-    signs = velocity_sign.coulomb_sign(around)[wanted.start - start :][: wanted.stop - wanted.start]
+    margin = max(map(len, velocity)) // 2
+    start = max(0, wanted.start - margin)
+    around = on_grid(x, slice(start, wanted.stop + margin))
+    signs = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][: wanted.stop - wanted.start]
     return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
 
 
@@ -329,6 +341,8 @@ class ConditionedLog:
         sha256: hash of that file; "" for arrays.
         delay: by how much the torques were moved back [s].
         findings: what was noticed while the log was read, checked and conditioned.
+        torque_step: steps in which torques were recorded, 0 where they are finer than can be told, (n,) [N m, N or A];
+            none where it is not known.
     """
 
     segments: Sequence[Segment]
@@ -338,6 +352,18 @@ class ConditionedLog:
     sha256: str = ""
     delay: float = 0.0
     findings: tuple[Finding, ...] = ()
+    torque_step: Floats = field(default_factory=lambda: np.zeros(0))
+
+
+def coarse_steps(tau: Floats) -> Floats:
+    """Return the steps in which torques, (N, n), were recorded, 0 where nearly every value is another one, (n,)."""
+    found = np.zeros(tau.shape[1])
+    for j, x in enumerate(tau[: tuning.ENOUGH_SAMPLES].T):
+        steps = np.diff(np.sort(x))  # np.unique and np.median import masked arrays, which takes a quarter of a second
+        steps = np.sort(steps[steps > 0.0])
+        if 0 < len(steps) < len(x) / tuning.VALUES_OF_STEPS - 1:
+            found[j] = 0.5 * (steps[(len(steps) - 1) // 2] + steps[len(steps) // 2])
+    return found
 
 
 def condition_log(
@@ -385,6 +411,7 @@ def condition_log(
         sha256=log.sha256,
         delay=delay,
         findings=(*log.findings, *spikes),
+        torque_step=coarse_steps(log.tau),
     )
     return with_effects(conditioned, model)
 

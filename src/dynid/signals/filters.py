@@ -241,7 +241,11 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
     joint = robot.joints[noise.joint]
     what = f"{joint.name} position scatters by {noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
     if noise.harmless:
-        text = f"{what}: everything is filtered at {noise.cutoff:.3g} Hz, below which it does not bias the parameters"
+        text = (
+            f"{what}: everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
+            "the accelerations. The intervals of the physical set allow for that; those of the plain estimate may be "
+            "too narrow. Commanded positions in the log (--method iv) avoid it"
+        )
     else:
         text = (
             f"{what}: parameters are biased by it and their intervals are too narrow; record the commanded positions "
@@ -311,44 +315,25 @@ def white_noise(x: Floats) -> Floats:
     return np.asarray(1.4826 * median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain)
 
 
-@dataclass(frozen=True)
-class VelocitySign:
-    """How the sign of the velocity is taken: under which low-pass, for each joint.
+def coulomb_signs(x: Floats, kernels: Sequence[Floats], coulomb: Coulomb) -> Floats:
+    """Return the Coulomb sign of each joint, (N, n), from signals on an even grid.
 
-    Attributes:
+    Args:
+        x: positions [rad or m], or velocities [rad/s or m/s], (N, n).
+        kernels: for each joint what makes its velocity of them, from ``velocity_kernel``.
         coulomb: shape of the sign.
-        cutoffs: cut-off of each joint's velocity, (n,) [Hz].
-        rate: sample rate [Hz].
-        measured: whether it is taken of velocities, and not of positions.
     """
-
-    coulomb: Coulomb
-    cutoffs: tuple[float, ...]
-    rate: float
-    measured: bool
-
-    @property
-    def margin(self) -> int:
-        """Samples on either side that a sign depends on."""
-        return max(len(self._kernel(cutoff)) for cutoff in self.cutoffs) // 2
-
-    def _kernel(self, cutoff: float) -> Floats:
-        return _kernel(cutoff, self.rate, self.measured)
-
-    def coulomb_sign(self, x: Floats) -> Floats:
-        """Return the Coulomb signs, (N, n), of positions [rad or m], or velocities [rad/s or m/s], on an even grid."""
-        found = np.empty_like(x)
-        for j, cutoff in enumerate(self.cutoffs):
-            kernel = self._kernel(cutoff)
-            half = min(len(kernel) // 2, len(x) - 1)
-            # Why: reflected in its end points a motion goes on as fast as it was.
-            padded = np.pad(x[:, j], half, mode="reflect", reflect_type="odd")
-            found[:, j] = coulomb_sign(decimate(padded[None], kernel[None], 1)[0, 0], self.coulomb, j)
-        return found
+    found = np.empty_like(x)
+    for j, kernel in enumerate(kernels):
+        half = min(len(kernel) // 2, len(x) - 1)
+        # Why: reflected in its end points a motion goes on as fast as it was.
+        padded = np.pad(x[:, j], half, mode="reflect", reflect_type="odd")
+        found[:, j] = coulomb_sign(decimate(padded[None], kernel[None], 1)[0, 0], coulomb, j)
+    return found
 
 
-def choose_velocity_sign(x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool) -> VelocitySign:
-    """Choose for each joint the highest cut-off whose velocity noise is small against the velocity of the Coulomb sign.
+def choose_sign_cutoffs(x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool) -> list[float]:
+    """Return for each joint the highest cut-off whose velocity noise is small against that of the Coulomb sign [Hz].
 
     Args:
         x: positions [rad or m], or measured velocities [rad/s or m/s], (N, n).
@@ -360,17 +345,18 @@ def choose_velocity_sign(x: Floats, coulomb: Coulomb, rate: float, lowest: float
     trials = [lowest]
     while (trial := trials[-1] * tuning.SIGN_RATIO) <= min(tuning.SHARPEST_HZ, tuning.SIGN_OF_RATE * rate):
         trials.append(trial)
-    gains = [float(np.linalg.norm(_kernel(trial, rate, measured))) for trial in trials]
+    gains = [float(np.linalg.norm(velocity_kernel(trial, rate, measured=measured))) for trial in trials]
     chosen = []
     for noise, velocity in zip(white_noise(x), coulomb.velocity, strict=True):
         good = [
             f for f, gain in zip(trials, gains, strict=True) if gain * noise <= tuning.NOISE_OVER_COULOMB * velocity
         ]
         chosen.append(max(good, default=lowest))
-    return VelocitySign(coulomb, tuple(chosen), rate, measured)
+    return chosen
 
 
-def _kernel(cutoff: float, rate: float, measured: bool) -> Floats:
+def velocity_kernel(cutoff: float, rate: float, *, measured: bool) -> Floats:
+    """Return what makes a velocity below a cut-off [Hz] of positions, or of measured velocities, (taps,)."""
     lowpass = lowpass_kernel(cutoff, rate)
     return lowpass if measured else np.asarray(derivative_kernels(lowpass, rate)[1])
 

@@ -168,7 +168,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     count = sum(int(np.sum(swings(log, robot))) for log in logs)
     if count >= tuning.FEW_SWINGS_PER_PARAMETER * wanted:
         return ()
-    enough = seconds * tuning.GOOD_SWINGS_PER_PARAMETER * wanted / max(count, 1)
+    enough = seconds * wanted / max(count, 1)
     about = f"about {enough:.0f} s here" if count else "a motion of every joint"
     text = f"{seconds:.1f} s of motion; about {wanted} parameters need {about}"
     if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:

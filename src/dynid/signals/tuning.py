@@ -24,7 +24,7 @@ LEAST_RATE_HZ = 20.0
 SAMPLES_PER_PERIOD = 12.5
 #: Rate [Hz] that is comfortable for an arm, named in the advice. Evidence: none yet.
 GOOD_RATE_HZ = 50.0
-#: Fewer samples than this are no recording. Evidence: none yet.
+#: Fewer samples than this are no recording, and fewer in motion show nothing. Evidence: none yet.
 LEAST_SAMPLES = 20
 #: No clock shows a later time [s]: 30 000 years.
 LATEST_S = 1e12
@@ -69,7 +69,6 @@ FEW_SWINGS_PER_PARAMETER = 0.4
 #: Below this share, about one swing a joint, or with less motion [s], no prior makes an identification of it.
 #: Evidence: none yet.
 SWINGS_PER_PARAMETER, LEAST_MOTION_S = 0.1, 1.0
-GOOD_SWINGS_PER_PARAMETER = 1.0
 #: Base parameters of the rigid bodies per joint, on average; a seven-joint arm has 48.
 BASE_PER_JOINT = 7
 
@@ -125,8 +124,6 @@ SLOPE_AGREES = (0.8, 1.25)
 #: A wrong column correlates up to 0.73 with a joint of the same motion; a right one above 0.9 unless very noisy.
 WRONG_COLUMN = 0.75
 RIGHT_COLUMN = 0.9
-#: Fewer samples in motion show nothing. Evidence: none yet.
-LEAST_MOVING = 20
 
 #: Positions this far beyond a limit are no rounding of a data sheet [rad or m]. Evidence: none yet.
 BEYOND_LIMITS = 0.1
@@ -206,3 +203,5 @@ MANY_SIGNALS = 64
 FILTER_BLOCK = 1 << 16
 #: Samples whose spectrum is taken at once; a longer log has the mean of several [samples].
 SPECTRUM_SAMPLES = 1 << 20
+#: Samples for each value of a torque from which on it is recorded in steps; noise of a step alone leaves about ten.
+VALUES_OF_STEPS = 20

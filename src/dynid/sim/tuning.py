@@ -43,3 +43,11 @@ RANDOM_MOTIONS = 300
 #: Step of the physics [s] under hidden torques, and steps a sample of the log.
 #: evidence: with steps of 2.5 ms Bullet's own error passes the noise of the sensors.
 HIDDEN_STEP_S, HIDDEN_STEPS_A_SAMPLE = 1.25e-3, 4
+
+# ---------------------------------------------------------------- exported files along a recording
+#: Natural frequency of the controller that holds a simulated arm near a recorded motion [Hz]: so soft that what a model
+#: lacks moves the arm, so stiff that it does not drift away. evidence: none yet.
+SOFT_FREQUENCY_HZ = 1.0
+#: It is at least so stiff that the spread of the measured torque would bend it by this [rad or m]: light wrists carry
+#: more than their own inertia. evidence: without it the wrist of the LWR4+ strays by 1 rad and says nothing.
+SOFT_DEFLECTION = 0.1

@@ -94,15 +94,19 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
         np.sqrt(_REST_ACCELERATION * step / limits.acceleration).max(axis=1),
     )
     lengths = np.maximum(shortest, 1e-2) if times is None else np.diff(times)
+    best = np.full(len(lengths), np.inf)
     for _ in range(tuning.STRETCH_ROUNDS):
         trajectory = _spline(waypoints, lengths)
         stretch = _needed(trajectory, limits, lengths)
         if stretch.max() <= 1:
             return trajectory
+        # All intervals alike make every rate fit: the motion need not become longer than that.
+        best = min(best, lengths * stretch.max() * (1 + 1e-9), key=np.sum)
         lengths = lengths * np.maximum(stretch, 1.0) * (1 + 1e-6)
-    rates = [np.abs(trajectory.extrema(order)).max(axis=0) for order in (1, 2)]
-    total = max(np.max(rates[0] / limits.velocity), np.sqrt(np.max(rates[1] / limits.acceleration)), 1.0)
-    return _spline(waypoints, lengths * total * (1 + 1e-9))
+        # Why: a long interval lets the spline swing in its neighbours, which may drive each other up without end.
+        if lengths.sum() >= best.sum():
+            break
+    return _spline(waypoints, best)
 
 
 def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:

@@ -318,7 +318,27 @@ def _urdf_joints(urdf: Path) -> list[str]:
         root = ET.fromstring(limits.read_bytes(urdf, "urdf_bytes"))
     except (OSError, ET.ParseError, LookupError, ValueError) as error:
         raise WrongRobotFile(f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf") from None
+    for mesh in root.iter("mesh"):
+        _require_file(urdf, mesh.get("filename", ""))
     return [j.get("name", "") for j in root.iter("joint") if j.get("type") in ("revolute", "continuous", "prismatic")]
+
+
+def _require_file(urdf: Path, name: str) -> None:
+    """Raise where a mesh is a pipe or a device, whose end never comes, or nothing but a hole.
+
+    Raises:
+        WrongRobotFile: it is no regular file; one that is not there is PyBullet's to find.
+    """
+    for prefix in ("package://", "model://", "file://"):
+        name = name.removeprefix(prefix)
+    for folder in (urdf.resolve().parent, *urdf.resolve().parents):
+        place = folder / name
+        try:
+            if place.exists():
+                limits.check_holes(place)
+        except (OSError, ValueError) as error:
+            what = f"{urdf}: the mesh {name} cannot be read: {error}"
+            raise WrongRobotFile(what, where=str(urdf), fix="check the meshes of the URDF") from None
 
 
 def _urdf_names(robot: Robot, urdf: Path) -> list[str]:

@@ -11,6 +11,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import fields, replace
 from functools import wraps
@@ -259,9 +260,10 @@ def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> t
 
 def number(value: Any, name: str, wanted: str) -> float:  # noqa: ANN401
     """Return a finite number."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise refused(name, wanted, value)
-    return float(value)
+    with suppress(OverflowError):  # a whole number of 400 digits
+        if not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value):
+            return float(value)
+    raise refused(name, wanted, value)
 
 
 def whole(value: Any, name: str) -> int:  # noqa: ANN401

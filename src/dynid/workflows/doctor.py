@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dynid.drivers.ros import APT, master_uri, missing_modules, ping_master, ros_folders
+from dynid.programs import installed
 from dynid.version import __version__
 from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 
@@ -63,7 +64,7 @@ class Diagnosis:
 
 def doctor() -> Diagnosis:
     """Look at Python, packages, simulator, ROS, display, folders and configuration files."""
-    return Diagnosis((*_packages(), *_ros(), *_surroundings()))
+    return Diagnosis((*_packages(), *_ros(), *_ros2(), *_surroundings()))
 
 
 def version_of(package: str) -> str | None:
@@ -82,6 +83,7 @@ def version_lines() -> list[str]:
         f"numpy    {version_of('numpy') or 'absent'}",
         f"PyBullet {version_of('pybullet') or 'absent'}",
         f"ROS 1    {'present' if not missing_modules() else 'absent'} (rospy)",
+        f"ROS 2    {'present' if installed('ros2') else 'absent'} (not needed)",
     ]
 
 
@@ -105,6 +107,19 @@ def _ros() -> Iterator[Check]:
     answered = master_answers(uri)
     state = "answers" if answered else "does not answer"
     yield Check("ROS master", answered, f"{uri} {state}", "record: start rosmaster --core, or set ROS_MASTER_URI")
+
+
+def _ros2() -> Iterator[Check]:
+    """Say what of ROS 2 is there; nothing of dynid needs it."""
+    program, distribution = installed("ros2"), os.environ.get("ROS_DISTRO", "")
+    found = sorted(path.parents[1] for path in Path("/opt/ros").glob("*/bin/ros2"))
+    if program is not None:
+        value = f"{distribution} ({program})".strip()
+    elif found:
+        value = f"{', '.join(path.name for path in found)} is installed, not sourced: source {found[-1]}/setup.bash"
+    else:
+        value = "absent"
+    yield Check("ROS 2", None, f"{value}; its recordings are read without it (dynid explain record-ros2)")
 
 
 def master_answers(uri: str) -> bool:

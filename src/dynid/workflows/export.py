@@ -18,6 +18,7 @@ from dynid.workflows.results import base_model_of
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
+    from dynid.exporters.interface import Watched
     from dynid.model.base_model import BaseModel
     from dynid.workflows.arguments import ResultLike
 
@@ -37,6 +38,8 @@ class ExportOptions(Options):
         urdf: the user's own URDF, which keeps everything but its inertial blocks.
         allow_infeasible: write also bodies that cannot exist.
         residual_model: predict with the residual model of the result where the format can, which is code.
+        observer: write the observer of contacts, with its thresholds, into the C file.
+        draws: so many arms are drawn from the posterior and written to ``draws/`` in the formats of simulators.
     """
 
     parameters: str = option(
@@ -49,6 +52,8 @@ class ExportOptions(Options):
     residual_model: bool = option(
         True, "Let exported code use the result's residual model, or the parameters alone.", pair=True
     )
+    observer: bool = option(False, "Also write the momentum observer of contacts into the C file.")
+    draws: int = option(0, "Also write so many arms drawn from the posterior (URDF, MJCF, SDF).", bounds=(0, 10_000))
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,9 @@ class ExportedFile:
         leaves_out: what the format has no place for, one phrase each.
         agreements: comparisons with dynid's torques, one per engine that is installed.
         refused: what the engine said that refused the file, empty when none did.
+        elements: effects that it has elements for, one phrase each.
+        beside: what ``effects.py`` beside it adds, one phrase each.
+        not_tried: why the machine does not let it be loaded, empty when it does.
     """
 
     format: str
@@ -70,6 +78,9 @@ class ExportedFile:
     leaves_out: tuple[str, ...]
     agreements: tuple[Agreement, ...] = ()
     refused: str = ""
+    elements: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    not_tried: str = ""
 
     @property
     def agrees(self) -> bool:
@@ -100,7 +111,10 @@ class ExportedFile:
                 for each in self.agreements
             ],
             "refused": self.refused or None,
+            "not_tried": self.not_tried or None,
             "leaves_out": list(self.leaves_out),
+            "elements": list(self.elements),
+            "effects_py": list(self.beside),
         }
 
 
@@ -112,11 +126,13 @@ class ExportedModel:
         arm: what was written.
         files: one per format.
         findings: warnings.
+        drawn: files of arms drawn from the posterior, and at the end their ranges and correlations.
     """
 
     arm: IdentifiedArm
     files: tuple[ExportedFile, ...]
     findings: tuple[Finding, ...]
+    drawn: tuple[Path, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -132,7 +148,8 @@ class ExportedModel:
                 shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
                 rows.append((file.format, each.engine, each.what, shown))
             if not file.agreements:
-                rows.append((file.format, "-", "refused" if file.refused else "no program here to load it", "-"))
+                why = f"not tried: {file.not_tried}" if file.not_tried else "no program here to load it"
+                rows.append((file.format, "-", "refused" if file.refused else why, "-"))
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
 
     def __repr__(self) -> str:
@@ -151,7 +168,8 @@ class ExportedModel:
             "impossible_links": list(self.arm.full.impossible_links()),
             "origin": dict(self.arm.full.origin),
             "findings": [asdict(finding) for finding in self.findings],
-            "wrote": [str(file.path) for file in self.files],
+            "draws": [str(path) for path in self.drawn],
+            "wrote": [str(file.path) for file in self.files] + [str(path) for path in self.drawn[-1:]],
         }
 
 
@@ -190,7 +208,7 @@ def export(
     Example:
         dynid.export("out/kuka_lwr4plus", "arm.xml")
     """
-    from dynid.exporters import FORMATS
+    from dynid.exporters import EFFECTS, FORMATS
     from dynid.files.artifact import write_text
 
     options, progress = arguments.options(ExportOptions, options, changes), arguments.progress(progress)
@@ -202,6 +220,8 @@ def export(
     names = wanted or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
+    if options.observer and "c" not in names:
+        raise WrongUsage("--observer is for --format c", fix="add --format c")
     arm = identified_arm(result, names, options, base, progress)
     findings = possible(arm, names, options)
     progress.findings(findings)
@@ -215,7 +235,78 @@ def export(
         progress.stage("compare", place.name)
         files.append(proved(name, place, text, arm, seed))
         progress.findings(files[-1].findings())
-    return ExportedModel(arm, tuple(files), findings)
+    if beside_simulators(arm, names):
+        place = (path if wanted else path.parent) / EFFECTS_FILE
+        text = EFFECTS.text(arm)
+        (write or write_text)(place, text)
+        progress.stage("compare", place.name)
+        files.append(proved("effects", place, text, arm, seed))
+        progress.findings(files[-1].findings())
+    drawn: tuple[Path, ...] = ()
+    if options.draws:
+        drawn = write_draws(result, arm, options.draws, seed, path if wanted else path.parent, names, progress)
+    return ExportedModel(arm, tuple(files), findings, drawn)
+
+
+def write_draws(
+    result: Identification,
+    arm: IdentifiedArm,
+    count: int,
+    seed: int,
+    folder: Path,
+    formats: Sequence[str],
+    progress: Progress = SILENT,
+) -> tuple[Path, ...]:
+    """Write arms drawn from the posterior, and ``draws.json`` with ranges and correlations; return their paths.
+
+    Args:
+        result: the result.
+        arm: the exported arm that they are drawn about.
+        count: number of draws.
+        seed: of the draws.
+        folder: where ``draws/`` is made.
+        formats: formats of the export; those of simulators are written.
+        progress: reports what is written.
+
+    Raises:
+        WrongUsage: none of the formats is one of a simulator.
+    """
+    import json
+
+    from dynid.exporters import EFFECTS, FORMATS
+    from dynid.exporters.effects_file import HOSTS
+    from dynid.exporters.full_model import model_of
+    from dynid.files.artifact import write_text
+
+    hosts = [name for name in formats if name in HOSTS]
+    if not hosts:
+        raise WrongUsage("draws are written as URDF, MJCF or SDF", fix="add --format mjcf")
+    progress.stage("draw", f"{count} arms")
+    drawn, wrote = result.draws(count, seed), []
+    digits, beside = len(str(count)), beside_simulators(arm, hosts) and bool(arm.base.model.added)
+    for k, (x, theta) in enumerate(zip(drawn.x, drawn.theta, strict=True), start=1):
+        one = replace(arm, theta=theta, full=model_of(arm.base, drawn.names, x, arm.full.origin))
+        stem = folder / "draws" / f"{arm.file_stem}_{k:0{digits}d}"
+        texts = {f"{stem}{SUFFIXES[name]}": FORMATS[name].text(one) for name in hosts}
+        if beside:
+            texts[f"{stem}_{EFFECTS_FILE}"] = EFFECTS.text(one)
+        for name, text in texts.items():
+            write_text(Path(name), text)
+            wrote.append(Path(name))
+    facts = folder / "draws" / "draws.json"
+    write_text(facts, json.dumps(drawn.facts(), indent=1) + "\n")
+    return (*wrote, facts)
+
+
+#: The file of what simulators' files have no place for.
+EFFECTS_FILE = "effects.py"
+
+
+def beside_simulators(arm: IdentifiedArm, formats: Sequence[str]) -> bool:
+    """Return whether a file of one of these formats lacks something that ``effects.py`` has."""
+    from dynid.exporters.effects_file import wanted
+
+    return wanted(arm, tuple(formats))
 
 
 def format_of(path: Path) -> str:
@@ -270,6 +361,27 @@ def identified_arm(
         options.urdf,
         model_error=error,
         residual_model=options.residual_model,
+        watched=watched(result) if options.observer else None,
+    )
+
+
+def watched(result: Identification) -> Watched:
+    """Return what a controller needs to tell contacts from what the model does not know."""
+    import numpy as np
+
+    from dynid.estimation import tuning
+    from dynid.estimation.contacts import coulomb_sizes, inertial_columns, multiple
+    from dynid.exporters.interface import Watched
+
+    noise = result.noise if result.expected is None else result.expected.noise
+    speed = np.array(result.robot.coulomb_shape.velocity)
+    return Watched(
+        gain=tuning.OBSERVER_GAIN,
+        inertial=inertial_columns(result),
+        size=noise,
+        multiple=multiple(1.0, result.robot.n, 0.0),
+        holding=(1.0 + tuning.STATIC_SHARE) * coulomb_sizes(result),
+        slow=tuning.STICKING_SPEEDS * speed,
     )
 
 
@@ -339,11 +451,22 @@ def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
 
 def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:
     """Return a file's text with how well each engine that loads it agrees with dynid."""
-    from dynid.exporters import FORMATS, LoadingFailed
+    from dynid.exporters import EFFECTS, FORMATS, LoadingFailed, NotTried
+    from dynid.exporters.effects_file import HOSTS
+    from dynid.exporters.simulated import simulated
 
-    agreements, refused = [], ""
+    form = EFFECTS if name == "effects" else FORMATS[name]
+    agreements, refused, not_tried = [], "", ""
     try:
-        agreements = FORMATS[name].check(text, arm, seed)
+        agreements = form.check(text, arm, seed)
     except LoadingFailed as error:
         refused = str(error)
-    return ExportedFile(name, path, text, FORMATS[name].leaves_out(arm), tuple(agreements), refused)
+    except NotTried as error:
+        not_tried = str(error)
+    found = ExportedFile(name, path, text, form.leaves_out(arm), tuple(agreements), refused, not_tried=not_tried)
+    if name not in HOSTS:
+        return found
+    where = simulated(arm)
+    beside = tuple(where.in_effects_file(mjcf=name == "mjcf", names=arm.robot.joint_names))
+    elements = where.numbers + (where.elements if name == "mjcf" else ())
+    return replace(found, elements=elements, beside=beside)

@@ -44,19 +44,22 @@ class FleetOptions(Options):
 
     false_alarms: float = option(
         0.05,
-        "Expected share of false ones among the arms that are called changed, over all arms and days.",
+        "Of the arms that are called changed, so many may be unchanged ones, on average over all arms and days.",
         metavar="SHARE", shown="5%", read=share,
     )  # fmt: skip
     jobs: int | None = option(
-        None, "Number of processes that read results (default: the number of cores).", metavar="N", kind="count"
+        None, "How many results are read at a time (default: one per core).", metavar="N", kind="count"
     )
     scheduler: str | None = option(
-        None, "Address of a Dask scheduler, such as tcp://host:8786, whose workers read the results.", metavar="ADDRESS"
+        None, "Read the results on the workers of this Dask scheduler, such as tcp://host:8786.", metavar="ADDRESS"
     )
     memory: int | None = option(
-        None, "Memory of each worker of this machine, such as 4GB.", metavar="SIZE", read=bytes_or_none
+        None,
+        "Memory of each process that reads, such as 4GB (default: an equal share of the machine's).",
+        metavar="SIZE",
+        read=bytes_or_none,
     )
-    fail_if_changed: bool = option(False, "Exit 1 when an arm has changed.")
+    fail_if_changed: bool = option(False, "End with exit code 1 when an arm has changed.")
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,13 @@ from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 from dynid.workflows.gap_options import GapOptions, selection_options
 from dynid.workflows.gap_result import Gap, with_methods
-from dynid.workflows.logs import check_weight, checked_log, condition_logs, load_log
+from dynid.workflows.logs import LogOptions, check_weight, checked_log, condition_logs, load_log
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.counterbalance import Suspicion
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
     from dynid.signals.conditioned_log import ConditionedLog
     from dynid.workflows.arguments import LogsLike, ResultLike
+    from dynid.workflows.validate import Validation
 
 #: What each question asks, as the answer says it.
 ASKED = {
@@ -80,18 +84,28 @@ def find_gap(
     new = search.checked(recordings)
     before = search.checked(known) if question in ("auto", "changed") else []
     if question != "auto":
-        return search.ask(question, new, before, ASKED[question])
-    fitted = {sha for sha in result.log_sha256 if sha}
+        return search.judged(search.ask(question, new, before, ASKED[question]), new)
+    return search.judged(_answered(search, new, before), new)
+
+
+def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap:
+    """Return the answer to the question that the logs allow."""
+    fitted = {sha for sha in search.result.log_sha256 if sha}
     if any(log.sha256 in fitted for log in new):
         return search.of_the_arm(new, "the model was identified from these logs")
     if not before:
-        why = "the logs that the model was identified from were not found, so changes cannot be judged"
-        return search.of_the_arm(new, why)
+        why = "the logs that the model was identified from were not found"
+        found = search.of_the_arm(new, why)
+        if search.judged(found, new).verdict == found.verdict or not found.verdict.startswith("nothing"):
+            return found
+        # Why: new numbers for all parameters take in a load, and the model as it is does not.
+        changed = search.ask("changed", new, (), f"{why}, and the model as it is misses more than it expected.")
+        return changed if changed.named else found
     changed = search.ask("changed", new, before, ASKED["changed"])
     if changed.named:
         return changed
-    found = "Nothing has changed" if changed.verdict == "nothing_changed" else "No change could be named"
-    why = f"{changed.asked} {found}, so all {len(before) + len(new)} logs were searched"
+    told = "Nothing has changed" if changed.verdict == "nothing_changed" else "No change could be named"
+    why = f"{changed.asked} {told}, so all {len(before) + len(new)} logs were searched"
     return search.of_the_arm([*before, *new], why)
 
 
@@ -141,6 +155,7 @@ class _Search:
             conditioned: the recordings as ``conditioned`` returns them for this question, where they are at hand.
             words: whether what is left is put into words.
         """
+        from dynid.estimation.evidence import fingerprint
         from dynid.gap.analysis import analyse_gap, relative_error
         from dynid.gap.problem import kept_model
         from dynid.gap.record import record_of
@@ -162,7 +177,7 @@ class _Search:
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         made_from = str(self.result.path) if self.result.path.name else ""
-        record = record_of(analysis, self.base.robot, question, why, made_from)
+        record = replace(record_of(analysis, self.base.robot, question, why, made_from), of=fingerprint(self.result))
         return with_methods(
             record,
             analysis=analysis,
@@ -172,6 +187,56 @@ class _Search:
             signals=options,
         )
 
+    def kept(self, logs: Sequence[Log]) -> Validation | None:
+        """Return how well the model as it is predicts the worst of some logs; None where all of them were fitted."""
+        from dynid.workflows.validate import ValidateOptions, validate
+
+        known = {each.name for each in fields(LogOptions)} - {"cutoff", "delay"}
+        options = ValidateOptions(**{name: getattr(self.options, name) for name in known})
+        fitted = self.result.log_sha256
+        new = [log for log in logs if not log.sha256 or log.sha256 not in fitted]
+        replays = [validate(self.result, log, options, base=self.base) for log in new]
+        return max(replays, key=lambda each: each.relative_error_percent / (each.expected_percent or 1.0), default=None)
+
+    def judged(self, gap: Gap, new: Sequence[Log]) -> Gap:
+        """Return an answer beside how the model as it is does on the new logs: "nothing" only where that agrees."""
+        kept = self.kept(new)
+        if kept is not None:
+            rms = tuple(joint.rms for joint in kept.joints)
+            gap = replace(gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms)
+        if gap.named and gap.unseen_logs:
+            gap = self._proved(gap)
+        if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
+            gap = replace(gap, verdict="unexplained", advice="")
+        return gap
+
+    def _proved(self, gap: Gap) -> Gap:
+        """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
+        applied, unseen = gap.apply(), gap.unseen_logs
+        after = self._errors(applied, unseen, gap)
+        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
+        before = gap.improvement.before if known else self._errors(self.result, unseen, gap)
+        at = {name: j for j, name in enumerate(gap.joint_names)}
+        named = tuple(
+            replace(one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]]))
+            for one in gap.named
+        )
+        return replace(gap, named=named, improvement=replace(gap.improvement, before=before, after=after))
+
+    def _errors(self, result: Identification, logs: Sequence[Log], gap: Gap) -> NDArray[np.float64]:
+        """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
+        import numpy as np
+
+        from dynid.workflows.validate import ValidateOptions, validate
+
+        options = ValidateOptions(
+            cutoff=gap.signals.cutoff, exclude=self.options.exclude, velocity=self.options.velocity
+        )
+        replays = [validate(result, log, options) for log in logs]
+        counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
+        squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
+        return np.asarray(np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))))
+
     def _with_formulas(self, gap: Gap) -> Gap:
         """Return an answer with what is left put into words."""
         from dynid.gap.analysis import fit_formulas
@@ -180,6 +245,7 @@ class _Search:
         assert gap.analysis is not None
         analysis = fit_formulas(gap.analysis, self.progress)
         record = record_of(analysis, self.base.robot, gap.question, gap.asked, gap.made_from)
+        record = replace(record, of=gap.of)
         more = {key: getattr(gap, key) for key in ("searched", "recordings", "before", "signals")}
         return with_methods(record, analysis=analysis, **more)
 
@@ -325,16 +391,29 @@ def earlier_logs(
     options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
     result = arguments.result(result)
     new = {log.sha256 for log in arguments.logs(logs, result.robot, options, empty=True) if log.sha256}
-    before = [(Path(name), sha) for name, sha in zip(result.header.get("logs", []), result.log_sha256, strict=False)]
+    before = [(found_log(result, k), sha) for k, sha in enumerate(result.log_sha256)]
     own = new & {sha for _, sha in before}
     if own:
         if options.question == "changed":
             progress.stage("earlier", "the model was identified from a log given here, so that log shows no change")
         elif options.question == "auto":
             return []
-    there = [path for path, sha in before if sha not in new and path.is_file() and sha256(path) == sha]
+    there = [path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha]
     missing = [str(path) for path, sha in before if sha not in own and path not in there]
     if missing:
         text = f"missing, or changed since then: {', '.join(missing)}"
         progress.stage("earlier", f"logs that the model was identified from are {text}")
     return [load_log(path, result.robot, options, identify=False) for path in there]
+
+
+def found_log(result: Identification, number: int) -> Path:
+    """Return the path of a log that a result was identified from, wherever the result is opened from.
+
+    Args:
+        result: the result.
+        number: of the log.
+    """
+    named, beside = (list(result.header.get(key, [])) for key in ("logs", "logs_from_here"))
+    name = Path(named[number] if number < len(named) else "")
+    near = [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
+    return next((path for path in (name, *near, result.path.parent / name) if name.name and path.exists()), name)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
+    from dynid.judgement.judge import Judgement
 
 #: What the verdicts mean.
 VERDICTS = {
@@ -51,6 +52,28 @@ class Gap(GapRecord):
     recordings: tuple[Log, ...] = field(default=(), compare=False)
     before: tuple[Log, ...] = field(default=(), compare=False)
     signals: GapOptions = field(default=GapOptions(), compare=False)
+
+    @property
+    def unseen_logs(self) -> tuple[Log, ...]:
+        """The recordings that were held out as a whole; none where parts of recordings were."""
+        names = self.heldout.split(", ")
+        found = tuple(log for log in self.recordings if log.name in names)
+        return found if 0 < len(found) == len(names) < len(self.recordings) else ()
+
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of what was found: the first sentence, why, what to do next."""
+        from dynid.estimation.evidence import evidence_of, gap_evidence
+        from dynid.judgement.evidence import Evidence
+        from dynid.judgement.judge import judge
+
+        record = {each.name: getattr(self, each.name) for each in fields(GapRecord)}
+        record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
+        delay = 0.0 if self.searched is None else self.searched.delay
+        found = gap_evidence(record, asdict(self.improvement), delay)
+        known = Evidence() if self.searched is None else evidence_of(self.searched)
+        known = replace(known, result=known.result or self.made_from)
+        return judge(replace(known, asked="gap", gap=found))
 
     @property
     def noise_text(self) -> str:
@@ -109,14 +132,17 @@ class Gap(GapRecord):
 
     def summary(self) -> str:
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
+        judged = self.judgement
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
         sizes += [f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas]
         lines = [
-            self.verdict_text,
-            *([self.asked] if self.asked else []),
+            judged.sentence,
+            *judged.reasons,
+            *judged.warnings,
             *sizes,
             f"where: {self.where_text}",
             f"noise: {self.noise_text}",
+            *([self.asked] if self.asked else []),
             self.advice,
         ]
         return "\n".join(lines)
@@ -172,6 +198,9 @@ class Gap(GapRecord):
                 if name in CATALOGUE
             },
             "advice": self.advice,
+            "kept_relative_error_percent": self.kept,
+            "expected_relative_error_percent": self.expected,
+            "judgement": self.judgement.facts(),
         }
 
     def save(self, path: Path | str) -> Path:
@@ -249,6 +278,9 @@ class Gap(GapRecord):
     ) -> Identification:
         """Return the arm identified again with effects, from the logs that were searched, as the result before it was.
 
+        Recordings that were held out as a whole stay so: ``validate`` proves the result on them, with the error that
+        the search has shown.
+
         Args:
             effects: ``"best"`` for those that are named, a name such as ``"spring@7"``, or effects of this search.
             robot_file: where a copy of the robot file with the effects is written; None writes none.
@@ -296,8 +328,10 @@ class Gap(GapRecord):
         assert analysis is not None
         late = self.signals.delay if any(spec.effect == "torque_delay" for spec in specs) else before.delay
         signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
-        model, every = analysis.problem.base.model, (*self.before, *self.recordings)
-        logs = on_one_clock(condition_logs(self.recordings, model, signals))
+        unseen = {id(log) for log in self.unseen_logs}
+        fitted = [log for log in self.recordings if id(log) not in unseen]
+        model, every = analysis.problem.base.model, (*self.before, *fitted)
+        logs = on_one_clock(condition_logs(fitted, model, signals))
         earlier = condition_logs(self.before, model, replace(signals, delay=before.delay)) if self.before else []
         base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta, earlier)
         seen = Observations(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
+    from dynid.robot import Robot
     from dynid.workflows.arguments import LogsLike, ResultLike, RobotLike
 
 METHODS = ("auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge")
@@ -125,18 +128,17 @@ def identify(
         dynid.identify("kuka_lwr4plus", "run1.bag", holdout="run2.bag")
     """
     from dynid.estimation.estimate import estimate
+    from dynid.workflows.other_arm import other_arm
 
     options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
-    robot = with_prior(arguments.robot(robot), options)
+    update = None if update is None else arguments.result(update, "update")
+    robot, options = resolved(arguments.robot(robot), options, update)
     client = arguments.client(client)
     base = arguments.base_model(base)
-    update = None if update is None else arguments.result(update, "update")
     like = None if like is None else arguments.result(like, "like")
     if robot.torque.relative and options.feasible is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
         options = replace(options, feasible=False)
-    if update is not None:
-        options = signals_as(options, update)
     if isinstance(logs, Observations):
         seen = logs
     else:
@@ -162,6 +164,9 @@ def identify(
         seen,
         options,
     )
+    header |= noise_facts(found)
+    if other := other_arm(replace(found, header=header), seen.checked, progress):
+        header["other_arm"] = other
     progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
     progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
     scaled, raw = found.condition_number_scaled, found.condition_number
@@ -172,6 +177,17 @@ def identify(
         header=header,
         draw=torque_figure,
     )
+
+
+def noise_facts(found: Identification) -> dict[str, Any]:
+    """Return what the header of a new result says of the noise of its torques."""
+    from dynid.estimation.noise_floor import noise_floor
+
+    assert found.stack is not None
+    noise = noise_floor(found.stack, found.theta, found.model_error)
+    if noise is None:
+        return {}
+    return {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
 
 
 def torque_figure(result: Identification, joints: tuple[str, ...], residual_only: bool) -> Figure:
@@ -192,10 +208,25 @@ def torque_figure(result: Identification, joints: tuple[str, ...], residual_only
     return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
 
 
-def signals_as(options: IdentifyOptions, earlier: Identification) -> IdentifyOptions:
-    """Return options with the signals treated as in an earlier result, where nothing else was asked for."""
-    cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
-    return replace(options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay)
+def resolved(
+    robot: Robot, options: IdentifyOptions, earlier: Identification | None = None
+) -> tuple[Robot, IdentifyOptions]:
+    """Return the arm with the prior that is asked for, and options that name nothing that still has to be looked up.
+
+    Args:
+        robot: the arm.
+        options: how it is identified.
+        earlier: a result whose signals are treated alike, where nothing else was asked for.
+
+    Raises:
+        WrongUsage: a bound names a link that the arm does not have.
+        LogNotFound: the file of the prior is not there.
+    """
+    if earlier is not None:
+        cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
+        options = replace(options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay)
+    robot = with_prior(robot, options)
+    return robot, options if options.prior is None else replace(options, prior=robot.prior)
 
 
 def updated(
@@ -255,6 +286,10 @@ def save_result(folder: Path, result: Identification, facts: dict[str, Any] | No
 
     stack = result.stack
     assert stack is not None, "a result that was read from a file is written by its own method save"
+    # Why both: a log is found from any working folder, and where the folders were moved together.
+    beside = [os.path.relpath(path, folder) for path in result.header.get("logs", []) if path and Path(path).exists()]
+    if len(beside) == len(result.header.get("logs", [])):
+        facts = {**(facts or {}), "logs_from_here": beside}
     header = {**(facts or {}), **result.header}
     motions = prediction.predict_logs(stack, result.theta, result.model_error)
     motion = folder / "estimatedmotion.npz"
@@ -283,8 +318,9 @@ def answer_of(found: Identification) -> dict[str, Any]:
                 "rms_nm": j.rms,
                 "relative_error_percent": j.relative_percent,
                 "heldout_rms_nm": j.heldout_rms,
+                "noise_floor_nm": floor,
             }
-            for j in found.joints
+            for j, floor in zip_longest(found.joints, found.header.get("noise_floor_nm") or ())
         ],
         "parameters": found.parameter_rows(),
         "physically_consistent": found.in_force == "physical",
@@ -294,6 +330,7 @@ def answer_of(found: Identification) -> dict[str, Any]:
         "residual_model": found.residual_facts(),
         "links": found.links(),
         "findings": [asdict(f) for f in found.findings],
+        "judgement": found.judgement.facts(),
     }
 
 

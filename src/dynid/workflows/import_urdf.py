@@ -56,7 +56,11 @@ def robot_file(found: Imported, urdf: Path) -> str:
     head = (
         f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are the URDF's.\n"
         f"The frame of {found.tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].\n"
-        f"Forward kinematics agree with the URDF to {found.largest:.1e} m and rad."
+        f"Forward kinematics agree with the URDF to {found.largest:.1e} m and rad.\n"
+        "What the effort column of your logs is, a URDF does not say. Write one of these:\n"
+        "torque: {source: joint_sensor}     sensors behind the gears, as on KUKA LWR and iiwa, Franka\n"
+        "torque: {source: motor_torque}     from the motors' currents, in N m, as on UR and most industrial arms\n"
+        "torque: {source: motor_current}    in A, or in a unit that nobody knows (then with relative: true)"
     )
     return robot_text(found.robot, head)
 

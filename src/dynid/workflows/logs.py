@@ -292,7 +292,8 @@ def poor(found: Identification, base: BaseModel) -> bool:
     factors = found.factors
     left = np.linalg.norm(factors @ np.append(found.plain, -1.0), axis=1)
     size = np.linalg.norm(factors[:, :, -1], axis=1)
-    if np.any(left >= tuning.UNEXPLAINED * size) or {"W404", "W405"} & {finding.code for finding in found.findings}:
+    suspicious = {"W404", "W405", "W413"} & {finding.code for finding in found.findings}
+    if np.any(left >= tuning.UNEXPLAINED * size) or suspicious:
         return True
     if found.stack is None or base.robot.torque.source == "gravity_free":
         return False

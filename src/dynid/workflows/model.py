@@ -322,7 +322,7 @@ def base_model(
     folder = None if folder is None else arguments.path(folder, "folder")
     progress.stage("model")
     if folder is None:
-        return _in_memory(robot, options)
+        return in_memory(robot, options.samples, options.tolerance)
     reduced = reduce_model(derive_model(robot, folder), options)
     if reduced.found:
         made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
@@ -330,19 +330,20 @@ def base_model(
     return reduced.base
 
 
-def _in_memory(robot: Robot, options: ModelOptions) -> BaseModel:
+def in_memory(robot: Robot, samples: int = ModelOptions.samples, tolerance: float | None = None) -> BaseModel:
+    """Return the base model of an arm, derived once in this process; arguments as in ``ModelOptions``."""
     from dynid.model import tuning
     from dynid.model.base_model import BaseModel, key_of
     from dynid.model.reduce import base_parameters
     from dynid.model.regressor import Model, build_model
 
-    tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
-    key = f"{key_of(robot)}-{options.samples}-{tolerance}"
+    tolerance = tuning.DEPENDENT_COLUMN if tolerance is None else tolerance
+    key = f"{key_of(robot)}-{samples}-{tolerance}"
     if key not in _kept:
         model = build_model(robot)
         if len(_kept) >= KEPT:
             del _kept[next(iter(_kept))]
-        _kept[key] = BaseModel(model, base_parameters(model, samples=options.samples, tolerance=tolerance))
+        _kept[key] = BaseModel(model, base_parameters(model, samples=samples, tolerance=tolerance))
     found = _kept[key]
     return found if found.robot is robot else BaseModel(Model(robot, found.model.rigid), found.reduction)
 

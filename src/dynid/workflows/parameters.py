@@ -16,12 +16,12 @@ from dynid.workflows import arguments
 from dynid.workflows.arguments import one_thread, public
 from dynid.workflows.cluster import mapped
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
-from dynid.workflows.model import base_model
+from dynid.workflows.model import in_memory
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from dynid.estimation.stack import Delay, Stack
+    from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
     from dynid.workflows.arguments import LogsLike, RobotLike
 
@@ -35,7 +35,7 @@ class Observations:
         stack: the stacked rows, as triangular factors.
         logs: where the logs came from.
         log_sha256: hashes of their files.
-        delay: the estimated delay of the torques, None when nobody asked.
+        delay: the estimated delay of the torques and its standard error [s], None when nobody asked.
         applied_delay: what was corrected [s].
         findings: what was noticed in the logs.
         checked: the checked logs, for questions about the robot file; () when read from a file.
@@ -45,7 +45,7 @@ class Observations:
     stack: Stack
     logs: tuple[str, ...]
     log_sha256: tuple[str, ...]
-    delay: Delay | None
+    delay: tuple[float, float] | None
     applied_delay: float
     findings: tuple[Finding, ...]
     checked: tuple[Log, ...] = ()
@@ -77,16 +77,17 @@ class Observations:
             "cutoff_hz": self.cutoff,
             "kept_rate_hz": self.stack.logs[0].filter.kept_rate,
             "log_findings": [asdict(finding) for finding in self.findings],
-            "delay_s": self.delay.seconds if self.delay else self.applied_delay or None,
-            "delay_std_error_s": self.delay.std_error if self.delay else None,
+            "delay_s": self.delay[0] if self.delay else self.applied_delay or None,
+            "delay_std_error_s": self.delay[1] if self.delay else None,
             "delay_applied_s": self.applied_delay,
         }
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid parameters`` says."""
-        from dynid.estimation.least_squares import merge, solve
+        from dynid.estimation.least_squares import condition_number, merge, solve
 
-        solution, chosen, header = solve(merge(self.stack.whole[0])), self.stack.logs[0].filter, self.header()
+        R, chosen, header = merge(self.stack.whole[0]), self.stack.logs[0].filter, self.header()
+        solution = solve(R)
         return {
             "schema": "dynid/parameters/1",
             "robot": self.base.robot.name,
@@ -97,7 +98,7 @@ class Observations:
             **{key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
             "rank": solution.rank,
             "structural_rank": self.base.reduction.rank,
-            "condition_number": solution.condition_number,
+            "condition_number": condition_number(R, solution.rank),
             "condition_number_scaled": solution.condition_number_scaled,
             "findings": [*header["log_findings"], *(asdict(finding) for finding in self.weakly_excited())],
         }
@@ -168,7 +169,10 @@ def observe(
     robot = arguments.robot(robot)
     several = arguments.logs(logs, robot, options)
     client = arguments.client(client)
-    base = arguments.base_model(base) or base_model(robot, progress=progress)
+    base = arguments.base_model(base)
+    if base is None:
+        progress.stage("model")
+        base = in_memory(robot)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
@@ -264,7 +268,7 @@ def observed(
     noticed = tuple(finding for log in stack.logs for finding in log.findings)
     if scale_with_model(stack.base):
         stack = folded(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
-    found: Delay | None = None
+    found: tuple[float, float] | None = None
     late: tuple[Finding, ...] = ()
     if options.delay is None:
         stack, found, late = on_time(stack, progress)
@@ -288,7 +292,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         NotAnArtifact: it is damaged.
     """
     from dynid.estimation import observation_files
-    from dynid.estimation.stack import Delay, settled
+    from dynid.estimation.stack import settled
     from dynid.estimation.stack import stack_logs as folded
     from dynid.files.artifact import reading
 
@@ -301,7 +305,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
     with reading(path):
         logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
-        delay = None if error is None else Delay(float(header["delay_s"]), error)
+        delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
     progress.stage("log", f"from {path}: {', '.join(logs)}")
     stack = folded(settled(conditioned, base), base, progress)

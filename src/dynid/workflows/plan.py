@@ -219,7 +219,9 @@ class Plan:
         )
 
     def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
-        """Write trajectory.npz, and the same motion as CSV and as JointTrajectory in YAML beside it.
+        """Write trajectory.npz, and the same motion as CSV and for ROS beside it.
+
+        For ROS: a JointTrajectory as ROS 1 and as ROS 2 spell it, and the goal of a FollowJointTrajectory of ROS 2.
 
         Args:
             path: the .npz file.
@@ -228,9 +230,12 @@ class Plan:
         from dynid.files.trajectoryfile import write_csv, write_joint_trajectory, write_trajectory
 
         path = Path(path)
-        texts = [path.with_suffix(".csv"), path.with_suffix(".yaml")]
+        endings = (".csv", ".yaml", "_ros2.yaml", "_ros2_goal.yaml")
+        texts = [path.with_name(f"{path.stem}{ending}") for ending in endings]
         write_csv(texts[0], self.robot.joint_names, self.motion)
         write_joint_trajectory(texts[1], self.robot, self.motion)
+        write_joint_trajectory(texts[2], self.robot, self.motion, ros=2)
+        write_joint_trajectory(texts[3], self.robot, self.motion, ros=2, goal=True)
         write_trajectory(path, self.stored(inputs))
         return [path, *texts]
 

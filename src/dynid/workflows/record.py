@@ -55,25 +55,42 @@ def _quantity(unit: str, most: float) -> Callable[[Any, str], float]:
 class RecordOptions(Options):
     """How a motion is played and recorded."""
 
-    dry_run: bool = option(False, "Check everything, send nothing.")
-    listen_only: bool = option(False, "Record while another program moves the arm.")
-    repeat: int = option(1, "How often the motion is played.", bounds=(1, 1000), shown="")
-    speed: float = option("100%", "Share of the planned speed.", shown="", read=_quantity("%", 10.0))
+    dry_run: bool = option(False, "Check everything and end before the arm is moved.")
+    listen_only: bool = option(False, "Only record; another program moves the arm. Needs no TRAJECTORY.")
+    repeat: int = option(
+        1, "How many times the motion is played, each time into the same log.", bounds=(1, 1000), shown=""
+    )
+    speed: float = option(
+        "100%", "Speed of the motion, as a share of the planned one.", shown="", read=_quantity("%", 10.0)
+    )
     max_deviation: float = option(
-        "0.15rad", "Stop when a joint is further from its plan [rad or m].", shown="", read=_quantity("rad", 1e3)
+        "0.15rad",
+        "Stop the arm when a joint is further than this from where the plan wants it [rad or m].",
+        shown="",
+        read=_quantity("rad", 1e3),
     )
     master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).", metavar="T")
     command_topic: str | None = option(None, "Topic or action of the commands (default: the driver's).", metavar="T")
     timeout: float = option(
-        "2s", "How long master and topic may stay silent [s].", shown="", read=_quantity("s", 86400.0)
+        "2s",
+        "How long to wait for the ROS master and for messages before giving up [s].",
+        shown="",
+        read=_quantity("s", 86400.0),
     )
-    accept_unreviewed: bool = option(False, "Play a motion that nobody has confirmed.", deliberate=True)
-    go_to_start: bool = option(False, "Approach the first pose slowly from where the arm stands.", deliberate=True)
+    accept_unreviewed: bool = option(False, "Play a motion whose preview nobody has confirmed.", deliberate=True)
+    go_to_start: bool = option(
+        False, "First move slowly from where the arm stands to the beginning of the motion.", deliberate=True
+    )
     zero_torques: bool = option(
         False, "Zero the torque sensors before the motion (Kinova, in the candle pose).", deliberate=True
     )
-    duration: float | None = option(None, "Length of a recording with --listen-only [s].", metavar="S", kind="positive")
+    duration: float | None = option(
+        None,
+        "End a recording with --listen-only after so many seconds [s] (default: when the messages stop).",
+        metavar="S",
+        kind="positive",
+    )
 
 
 class Operator(Protocol):

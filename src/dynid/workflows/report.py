@@ -11,7 +11,7 @@ from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
-    from dynid.reports.sections.verdict import Light
+    from dynid.judgement.judge import Judgement
     from dynid.workflows.arguments import ResultLike
 
 
@@ -21,15 +21,15 @@ class Report:
 
     Attributes:
         robot: name of the arm.
-        verdict: three sentences.
-        lights: what is good and what is not, at a glance.
+        verdict: the answer, why, and what to beware of, in sentences.
+        judgement: what is good and what is not, and what to do next.
         html: the page; it needs no network and runs no script.
         markdown: the summary.
     """
 
     robot: str
     verdict: tuple[str, ...]
-    lights: tuple[Light, ...]
+    judgement: Judgement
     html: str = field(repr=False)
     markdown: str = field(repr=False)
 
@@ -48,14 +48,17 @@ class Report:
             "schema": "dynid/report/1",
             "robot": self.robot,
             "verdict": list(self.verdict),
-            "lights": {light.name: light.state for light in self.lights},
+            "lights": {light.name: light.state for light in self.judgement.lights},
+            "judgement": self.judgement.facts(),
         }
 
     def _repr_html_(self) -> str:
         from dynid.text import html
 
         sentences = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
-        lights = "".join(f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>" for light in self.lights)
+        lights = "".join(
+            f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>" for light in self.judgement.lights
+        )
         return f"{sentences}<ul>{lights}</ul>"
 
 
@@ -74,17 +77,17 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     Example:
         dynid.report("out/kuka_lwr4plus").save("out/kuka_lwr4plus")
     """
-    from dynid.reports.evidence import gather
+    from dynid.reports.gathered import gather
     from dynid.reports.page import page, summary
-    from dynid.reports.sections.verdict import lights, sentences
+    from dynid.reports.sections.verdict import sentences
 
     result = arguments.result(result)
     arguments.progress(progress).stage("report")
-    evidence = gather(result)
+    gathered = gather(result)
     return Report(
         result.robot.name,
-        tuple(sentences(evidence)),
-        tuple(lights(evidence)),
-        page(evidence),
-        summary(evidence),
+        tuple(sentences(gathered)),
+        gathered.judgement,
+        page(gathered),
+        summary(gathered),
     )

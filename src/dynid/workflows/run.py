@@ -28,21 +28,19 @@ if TYPE_CHECKING:
 class RunOptions(Options):
     """Which jobs of a batch file run, and where."""
 
-    jobs: int | None = option(
-        None, "Number of jobs that run at a time (default: the number of cores).", metavar="N", kind="count"
-    )
+    jobs: int | None = option(None, "How many jobs run at a time (default: one per core).", metavar="N", kind="count")
     scheduler: str | None = option(
         None,
-        "Address of a Dask scheduler, such as tcp://host:8786, whose workers run the jobs instead of this machine.",
+        "Run the jobs on the workers of this Dask scheduler, such as tcp://host:8786, instead of on this machine.",
         metavar="ADDRESS",
     )
     memory: int | None = option(
         None,
-        "Memory of each worker of this machine, such as 4GB; one that takes more is ended, and its job fails "
+        "Memory that one job may take, such as 4GB; a job that takes more is ended and fails "
         "(default: an equal share of the machine's).",
         metavar="SIZE", read=bytes_or_none,
     )  # fmt: skip
-    dashboard: bool = option(False, "Show Dask's dashboard of the workers on http://127.0.0.1:8787; needs bokeh.")
+    dashboard: bool = option(False, "Show the jobs in a browser, on http://127.0.0.1:8787; needs the package bokeh.")
     only: tuple[str, ...] = option(
         (), "Run only the job of this name; may be given several times.", metavar="NAME", repeatable=True
     )

@@ -92,7 +92,7 @@ def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
         return given
     try:
         points = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != robot.n or len(points) < 2 or not np.all(np.isfinite(points)):
         raise arguments.refused("waypoints", f"at least 2 rows of {robot.n} numbers", given)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import SameRecording
+from dynid.judgement.evidence import Evidence, Unseen
 from dynid.options import option
 from dynid.progress import Progress
 from dynid.table import Table
@@ -28,15 +29,12 @@ if TYPE_CHECKING:
     from dynid.estimation.residual_model import ModelError
     from dynid.estimation.result import Identification
     from dynid.estimation.rows import ObservationRows
+    from dynid.judgement.judge import Judgement
     from dynid.model.base_model import BaseModel
     from dynid.model.regressor import Observer
     from dynid.robot import Robot
     from dynid.signals.conditioned_log import ConditionedLog
     from dynid.workflows.arguments import LogLike, ResultLike
-
-
-#: A torque error within this factor of the expected one is as expected.
-CAME_TRUE = 1.5
 
 
 @dataclass(frozen=True)
@@ -65,6 +63,8 @@ class Validation:
         expected_percent: the relative error that the result's posterior expects on this motion [%]; None without one.
         same_motion: whether the log repeats a fitted motion, which tells the noise and not what other motions show.
         start_ns: what the time of the log counts from [ns since 1970], 0 where it does not say.
+        of: tells the parameters that predicted from others.
+        known: what is known of the model without this log.
     """
 
     robot: Robot
@@ -78,20 +78,25 @@ class Validation:
     expected_percent: float | None = None
     same_motion: bool = False
     start_ns: int = 0
+    of: str = ""
+    known: Evidence = field(default_factory=Evidence)
 
-    def expectation(self) -> str:
-        """Return whether the error that was expected of this motion came true; "" where none was."""
-        if not self.expected_percent:
-            return ""
-        ratio = self.relative_error_percent / self.expected_percent
-        word = "as" if 1 / CAME_TRUE <= ratio <= CAME_TRUE else "worse than" if ratio > 1 else "better than"
-        return f"expected error on this motion {self.expected_percent:.2f} %: the result is {word} expected"
+    @property
+    def seen(self) -> Unseen:
+        """The log as evidence."""
+        torque = self.robot.torque
+        gains = torque.gain if torque.relative and torque.gain else (1.0,) * self.robot.n
+        rms = tuple(joint.rms / (gain or 1.0) for joint, gain in zip(self.joints, gains, strict=True))
+        percent, name = self.relative_error_percent, Path(self.log).name
+        return Unseen(name, percent, rms, self.same_motion, self.expected_percent, True, self.log)
 
-    def worth(self) -> str:
-        """Return what the figure can be taken for: the accuracy on another motion, or only the noise floor."""
-        if self.same_motion:
-            return "this log repeats a fitted motion: the error is the noise floor, not the accuracy on other motions"
-        return "this motion differs from the fitted ones: the error is the accuracy on unseen motion"
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of the model with this log: lights, the first sentence, what to do next."""
+        from dynid.judgement.judge import judge
+
+        earlier = tuple(each for each in self.known.unseen if each.log != self.log)
+        return judge(replace(self.known, asked="replay", unseen=(*earlier, self.seen)))
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
@@ -106,9 +111,9 @@ class Validation:
             }
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
+        judged = self.judgement
         total = f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
-        said = (total, self.worth(), *([self.expectation()] if self.expected_percent else []))
-        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", said)
+        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", (judged.sentence, *judged.reasons, total))
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a pandas DataFrame."""
@@ -161,6 +166,7 @@ class Validation:
             ],
             "baseline": self.baseline,
             "cutoff_hz": self.cutoff,
+            "judgement": self.judgement.facts(),
         }
         found: dict[str, Any] = in_amperes(answer, self.robot)
         return found
@@ -207,6 +213,8 @@ class Validation:
             "log_sha256": [self.log_sha256],
             "torque_from": "identified",
             "same_motion": self.same_motion,
+            "expected_percent": self.expected_percent,
+            "of": self.of,
         }
         prediction.save(path, [self.motion], header)
         return path
@@ -274,6 +282,7 @@ def validate(
     """
     from dynid.estimation import prediction
     from dynid.estimation.estimate import log_motion
+    from dynid.estimation.evidence import evidence_of, fingerprint
     from dynid.estimation.stack import LogRows, scaled
     from dynid.signals.motion import same_motion
 
@@ -302,7 +311,10 @@ def validate(
     joints, total = prediction.check(motion, baseline, base.robot.joint_names)
     where = str(log.source or log.name)
     cutoff, start = replayed.filter.cutoff, int(log.extra.get("start_ns", 0))
-    return Validation(base.robot, where, log.sha256, tuple(joints), total, what, motion, cutoff, expected, again, start)
+    return Validation(
+        base.robot, where, log.sha256, tuple(joints), total, what, motion, cutoff, expected, again, start,
+        fingerprint(result), evidence_of(result),
+    )  # fmt: skip
 
 
 def urdf_of(result: Identification, base: BaseModel) -> str:

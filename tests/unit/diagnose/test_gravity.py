@@ -162,3 +162,12 @@ def _turned(model, q):
         [np.cos(x), np.sin(x)] if joint.nq == 2 else [x] for joint, x in zip(list(model.joints)[1:], q, strict=True)
     ]
     return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("scale", [0.02, -0.001])
+def test_a_motor_reading_of_unknown_scale_is_not_called_without_gravity(scale):
+    """Readings of motors follow the weight at another size; ``relative: true`` is what such a log needs."""
+    log = prepare(lwr_log(), lwr())
+    with pytest.raises(GravityRemoved, match="their scale is unknown") as found:
+        check_gravity(replace(log, tau=scale * log.tau), lwr())
+    assert "relative: true" in found.value.fix

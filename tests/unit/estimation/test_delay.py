@@ -6,7 +6,7 @@ from test_stack import motion, truth
 
 import dynid
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import estimate_delay, on_time, stack_logs
+from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
@@ -39,19 +39,19 @@ def late(base, delay, seconds=30.0):
 @pytest.mark.parametrize("delay", [0.020, 0.006, -0.010])
 def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
     log = late(base, delay)
-    found = estimate_delay(stacked(base, log))
-    assert found.clear
-    assert found.seconds == pytest.approx(delay, abs=max(4 * found.std_error, 0.06 * abs(delay)))
-    left = estimate_delay(stacked(base, without_delay(log, found.seconds)))
-    assert abs(left.seconds) < 1e-3
+    found, std_error = estimate_delay(stacked(base, log))
+    assert is_clear(found, std_error)
+    assert found == pytest.approx(delay, abs=max(4 * std_error, 0.06 * abs(delay)))
+    left, _ = estimate_delay(stacked(base, without_delay(log, found)))
+    assert abs(left) < 1e-3
 
 
 def test_logs_whose_torques_are_late_are_stacked_on_time_without_reading_them_again(base):
     log, prompt = late(base, 0.012), late(base, 0.0)
-    rows, found, findings = on_time(stacked(base, log))
+    rows, (found, _), findings = on_time(stacked(base, log))
     applied = rows.logs[0].delay
     assert applied == pytest.approx(0.012, abs=1e-3)
-    assert found.seconds == pytest.approx(applied, abs=1e-3)
+    assert found == pytest.approx(applied, abs=1e-3)
     assert [finding.code for finding in findings] == ["W321"]
     clean = stacked(base, prompt)
     left, best = (relative_error(each.whole[0], weighted(*each.whole).theta) for each in (rows, clean))
@@ -65,7 +65,7 @@ def test_a_delay_that_is_given_is_not_estimated(base):
 
 
 def test_torques_on_time_are_not_moved(base):
-    assert not estimate_delay(stacked(base, late(base, 0.0))).clear
+    assert not is_clear(*estimate_delay(stacked(base, late(base, 0.0))))
 
 
 def test_the_torque_of_a_later_time_is_taken_and_the_end_is_cut(base):

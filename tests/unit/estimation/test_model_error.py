@@ -8,7 +8,7 @@ from test_stack import simulated, stacked, truth
 
 from dynid.estimation import tuning
 from dynid.estimation.estimators import irls, wls
-from dynid.estimation.posterior import physical_posterior
+from dynid.estimation.posterior import physical_posterior, prior_covariance
 from dynid.estimation.residual_model import (
     GROUPS,
     _inverse_root,
@@ -53,7 +53,7 @@ def found(base):
 
 def test_eliminating_the_columns_is_the_joint_solution_of_all_unknowns(base, found):
     stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0)
+    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
     size = np.array([0.1, 0.2, 0.3])
     left, heads = rows.eliminated(size)
     theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
@@ -78,7 +78,7 @@ def test_eliminating_the_columns_is_the_joint_solution_of_all_unknowns(base, fou
 
 def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found):
     stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0)
+    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
     p = len(estimate.theta)
     prior = np.diag(1 / (1.0 + np.abs(estimate.theta)) ** 2)
     size = best_size(rows, np.eye(p), np.zeros(p), prior)
@@ -154,7 +154,7 @@ def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(b
 def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, found):
     """Instruments find other parameters than least squares of the same rows."""
     stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0)
+    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
     left, _ = rows.centred(other).eliminated(np.full(3, 1e-9))
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(other, rel=1e-5, abs=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.rows import dense_rows, joint_factors, reversal_effects
+from dynid.estimation.rows import dense_rows, joint_factors, reversal_effects, whitened, whitened_factors
 from dynid.signals.filters import lowpass_kernel
 
 TRUTH = np.array([1.5, 0.8, 2.0])
@@ -36,16 +36,15 @@ def fitted(rows):
     return weighted(*joint_factors(rows)).theta
 
 
-def whitened(rows):
-    found = reversal_effects(rows, *joint_factors(rows))
-    return found.whitened(rows)
+def without_reversals(rows):
+    return whitened(rows, reversal_effects(rows, *joint_factors(rows)))
 
 
 def errors(**what):
     both = []
     for seed in range(10):
         rows = [recording(seed, **what)]
-        both.append([fitted(rows) - TRUTH, fitted(whitened(rows)) - TRUTH])
+        both.append([fitted(rows) - TRUTH, fitted(without_reversals(rows)) - TRUTH])
     return np.abs(np.mean(both, axis=0))
 
 
@@ -60,7 +59,7 @@ def test_reversals_as_modelled_keep_their_weight():
     squares = []
     for seed in range(20):
         rows = [recording(seed)]
-        squares.append([(fitted(x) - TRUTH) ** 2 for x in (rows, whitened(rows))])
+        squares.append([(fitted(x) - TRUTH) ** 2 for x in (rows, without_reversals(rows))])
     plain, without = np.mean(squares, axis=0)
     assert np.all(without < 1.1 * plain)
 
@@ -69,7 +68,7 @@ def test_factors_of_whitened_rows_are_those_of_walking_over_them():
     rows = [recording(late=0.02)]
     factors, counts = joint_factors(rows)
     effects = reversal_effects(rows, factors, counts)
-    ours, walked = effects.factors(factors)[0], joint_factors(effects.whitened(rows))[0][0]
+    ours, walked = whitened_factors(factors, effects)[0], joint_factors(whitened(rows, effects))[0][0]
     assert np.allclose(ours.T @ ours, walked.T @ walked, rtol=1e-9, atol=1e-9 * np.linalg.norm(walked) ** 2)
 
 
@@ -82,5 +81,5 @@ def test_pieces_that_follow_each_other_are_whitened_like_the_whole():
     whole = recording(late=0.02)
     cuts = np.array_split(np.arange(len(whole.tau)), 7)
     pieces = [whole.part(int(k[0]), int(k[-1]) + 1, follows=i > 0, block=0) for i, k in enumerate(cuts)]
-    one, many = (fitted(whitened(x)) for x in ([whole], pieces))
+    one, many = (fitted(without_reversals(x)) for x in ([whole], pieces))
     assert np.allclose(one, many, rtol=1e-3)

@@ -16,7 +16,7 @@ from export_cases import made
 
 from dynid.errors import NotAnArtifact, TooLarge, WrongRobotFile
 from dynid.exporters import FORMATS, Provenance
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import read_artifact, write_artifact
 from dynid.files.robotfile import parse_robot
 from dynid.limits import limit
 from dynid.model.base_model import BaseModel, load_model, save_model
@@ -121,7 +121,7 @@ def test_matlab_is_the_same_code_under_every_name(name, plain):
         assert text.isascii()
         assert not re.search(r"[^\n -~]", text)
         lines = text.split("\n")
-        function = re.fullmatch(r"function out = ([A-Za-z][A-Za-z0-9_]*)\(what, q, qd, qdd\)", lines[0])[1]
+        function = re.fullmatch(r"function out = ([A-Za-z][A-Za-z0-9_]*)\(what, q, qd, qdd, memory\)", lines[0])[1]
         return [re.sub(r"%(?!s', what).*", "", line.replace(f"'{function}:", "'arm:")).rstrip() for line in lines[1:]]
 
     assert code(named(name)) == code(plain)
@@ -189,7 +189,7 @@ def test_a_stored_model_with_other_variables_is_damaged(name, tmp_path):
     save_model(path, build_model(robot))
     stored = read_artifact(path)
     inputs = [name, *stored.header["program_inputs"][1:]]
-    write_artifact(path, Artifact(stored.schema, {**stored.header, "program_inputs": inputs}, stored.arrays))
+    write_artifact(path, stored.schema, {**stored.header, "program_inputs": inputs}, stored.arrays)
     with pytest.raises(NotAnArtifact, match="damaged"):
         load_model(path, robot)
 

@@ -94,6 +94,19 @@ def test_the_changed_file_has_the_identified_torques(tmp_path):
     assert all(agreement.largest < 1e-6 for agreement in found)
 
 
+def test_an_empty_frame_weighs_nothing_in_pybullet(tmp_path):
+    """Tool frames and flanges have no inertial block; PyBullet's own answer is 1 kg."""
+    frames = """  <joint name="flange" type="fixed"><parent link="hand"/><child link="tool0"/></joint>
+  <link name="tool0"/>
+  <joint name="tip" type="fixed"><parent link="tool0"/><child link="tcp"/><origin xyz="0 0 0.4"/></joint>
+  <link name="tcp"></link>
+</robot>"""
+    _path, source = own(tmp_path, OWN.replace("</robot>", frames))
+    found = FORMATS["urdf"].check(FORMATS["urdf"].text(source), source)
+    assert {each.engine.split()[0] for each in found} == {"Pinocchio", "PyBullet"}
+    assert all(each.largest < 1e-8 for each in found)
+
+
 def test_a_fixed_part_that_is_heavier_than_the_link_is_emptied(tmp_path):
     """The link carries the whole identified body then, and the torques stay right."""
     _path, source = own(tmp_path, OWN.replace('<mass value="0.2"/>', '<mass value="50"/>'))

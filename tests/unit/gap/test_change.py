@@ -113,7 +113,10 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
         held = problem.held_by
         prior = np.zeros((len(held), A.shape[1]))
         prior[:, : held.shape[1] - 1] = held[:, :-1]
-        x = np.linalg.lstsq(np.vstack([A, prior]), np.append(y, held[:, -1]), rcond=1e-9)[0]
+        # Known errors are one standard deviation each.
+        known = np.eye(A.shape[1])[held.shape[1] - 1 :]
+        value = np.concatenate([y, held[:, -1], np.zeros(len(known))])
+        x = np.linalg.lstsq(np.vstack([A, prior, known]), value, rcond=1e-9)[0]
         return np.array([[np.sum((rows[:, -1] - rows[:, :-1] @ x) ** 2) for rows in group] for group in groups])
 
     counts = np.array([[len(rows) for rows in era] for era in eras]).sum(axis=0)

@@ -27,7 +27,7 @@ def counterbalance(regression, joint):
 
 
 def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fit(clean):
-    regression = clean.regression()
+    regression = clean.regression(nuisance=False)
     rows = reduced(regression)
     theta = np.linalg.lstsq(rows.R, rows.r, rcond=None)[0]
     np.testing.assert_allclose(theta, regression.fit.theta[: len(theta)], rtol=1e-5, atol=1e-7)
@@ -37,7 +37,7 @@ def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fi
 
 def test_with_the_prior_as_rows_the_fit_is_the_best_possible_arm(twolinks, clean):
     """Laplace's parabola has its least value where the objective has it."""
-    regression = clean.regression()
+    regression = clean.regression(nuisance=False)
     arm = PossibleArm(twolinks.base.reduction.K, constraints_of(twolinks.base), constraints_of(twolinks.base))
     rows = reduced(regression)
     best = arm.K @ fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)[0].x

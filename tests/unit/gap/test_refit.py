@@ -7,7 +7,7 @@ import pytest
 
 import twolink
 from dynid.gap.analysis import on_one_clock
-from dynid.gap.formulas import fitted_formula, held_out_effect
+from dynid.gap.formulas import held_out_effect
 from dynid.gap.refit import held_out_improvement, refit, unsure_of_reversals, unsure_of_shape
 from dynid.gap.search import judged_search, search_effects
 from dynid.gap.selected_effects import SelectedEffect
@@ -73,26 +73,6 @@ def weak(search):
     regression = search.problem.regression()
     columns = {j: C[0] for j, C in whitened_columns(regression, effect, (1,), [shape]).items()}
     return SelectedEffect(effect, (1,), shape, significance_test(regression, columns), 0.0)
-
-
-def test_another_wave_of_friction_is_weighed_beside_the_formula_that_its_numbers_were_found_beside(twolinks, on_joint):
-    """Alone, jointly with a rest that is larger, the other wave fits better than the right one."""
-    rest = "a sin(2 q2) |qd2| sign(qd1)"
-
-    def law(t, q, qd, qdd):
-        sign = np.tanh(qd[:, 1] / twolink.SMOOTH)
-        speed = np.abs(qd[:, 1]) * np.tanh(qd[:, 0] / twolink.SMOOTH)
-        return on_joint(1, 0.2 * np.cos(2 * q[:, 1]) * sign + np.sin(2 * q[:, 1]) * speed)
-
-    search = replace(searched(twolinks, law, ("position_friction",)), selected=[])
-    one = weak(search)
-    formula = fitted_formula(search.problem, [one], rest, 1)
-    _, found = refit(replace(search, selected=[formula, one]))[0]
-    alone, jointly = (unsure_of_shape(search, [replace(found, fitted_with=text)])[0] for text in ("", rest))
-    for name, true in (("a", 0.2), ("b", 0.0)):
-        assert jointly.std_errors[name] == pytest.approx(found.std_errors[name])
-        assert abs(found.values[name] - true) < 3 * found.std_errors[name]
-    assert max(alone.std_errors[name] / jointly.std_errors[name] for name in ("a", "b")) > 3
 
 
 SHAPES = {

@@ -36,7 +36,7 @@ def search(
     problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, pooled=pooled, since=since, arm=None)
     between = after if between is None else between
     return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
-                           between_reversals=np.array(between), delay=delay)  # fmt: skip
+                           between_reversals=np.array(between), delay=delay, rest=None, strays=())  # fmt: skip
 
 
 def said(found, *fitted, ratio=0.8, withdrawn=()):

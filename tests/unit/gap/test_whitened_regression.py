@@ -10,7 +10,7 @@ from dynid.gap.noise import ORDER, NoiseModel
 
 @pytest.fixture(scope="module")
 def regression(clean):
-    return clean.regression()
+    return clean.regression(nuisance=False)
 
 
 def stacked(regression):
@@ -89,7 +89,7 @@ def test_rows_are_whitened_by_what_the_noise_predicts_of_them(clean):
 
 
 def test_rows_that_are_held_out_are_not_searched(clean):
-    regression = clean.regression()
+    regression = clean.regression(nuisance=False)
     searched = np.concatenate([s.t for s in clean.segments])[regression.joints[0].index]
     held = np.concatenate([np.where(m, s.t, np.nan) for s, m in zip(clean.segments, clean.held, strict=True)])
     assert not set(searched.tolist()) & set(held[np.isfinite(held)].tolist())

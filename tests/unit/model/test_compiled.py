@@ -49,7 +49,7 @@ def test_only_many_samples_are_worth_a_compilation_and_the_next_process_finds_it
 
 
 def test_numpy_goes_on_without_a_compiler(cache, monkeypatch):
-    monkeypatch.setattr(program.shutil, "which", lambda name: None)
+    monkeypatch.setattr(program.programs, "installed", lambda name: None)
     for _ in range(3):
         assert program.interpreter(10 * tuning.SAMPLES_WORTH_COMPILING) is None
     assert not cache.exists()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NewerSchema, NotAnArtifact
-from dynid.files.artifact import Artifact, read_artifact, write_artifact
+from dynid.files.artifact import read_artifact, write_artifact
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import (
@@ -66,25 +66,23 @@ def test_a_program_with_operations_that_read_ahead_is_damaged(robot, tmp_path):
     path = tmp_path / "regressor.npz"
     save_model(path, build_model(robot))
     artifact = read_artifact(path)
-    write_artifact(
-        path, Artifact(artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000})
-    )
+    write_artifact(path, artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000})
     with pytest.raises(NotAnArtifact, match="damaged"):
         load_model(path, robot)
 
 
 def test_a_newer_file_asks_for_an_upgrade(robot, tmp_path):
     path = tmp_path / "regressor.npz"
-    write_artifact(path, Artifact("dynid/regressor/9", {}, {}))
+    write_artifact(path, "dynid/regressor/9", {}, {})
     with pytest.raises(NewerSchema):
         load_model(path, robot)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
     path = tmp_path / "x.npz"
-    write_artifact(path, Artifact("dynid/x/1", {"a": 1}, {}))
+    write_artifact(path, "dynid/x/1", {"a": 1}, {})
     before = path.read_bytes()
     with pytest.raises(TypeError):
-        write_artifact(path, Artifact("dynid/x/1", {"a": object()}, {}))
+        write_artifact(path, "dynid/x/1", {"a": object()}, {})
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["x.npz"]

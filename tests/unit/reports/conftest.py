@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding
+from dynid.estimation.evidence import evidence_of
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.robotfile import load_robot
+from dynid.judgement import evidence
+from dynid.judgement.judge import judge
 from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
-from dynid.reports.evidence import Evidence, Unseen, relative_percent
+from dynid.reports.gathered import Gathered, Unseen, relative_percent
 
 NASTY = '<b>x & "y"</b>'
 
@@ -40,7 +43,7 @@ def motion(robot):
 
 
 @pytest.fixture(scope="module")
-def evidence(tmp_path_factory):
+def gathered(tmp_path_factory):
     robot = load_robot("scara")
     robot = replace(robot, name=NASTY, joints=(replace(robot.joints[0], name=NASTY), *robot.joints[1:]))
     model = build_model(robot)
@@ -83,4 +86,5 @@ def evidence(tmp_path_factory):
     header |= {"cutoff_hz": 5.0, "log_sha256": ["ab" * 32]}
     stored = replace(found, header=header, path=folder / "parameters.npz")
     other = Unseen(NASTY, unseen, *relative_percent(unseen))
-    return Evidence(stored, seen, (other,), np.logspace(0, -2, p), None)
+    replayed = replace(evidence_of(stored), unseen=(evidence.Unseen(NASTY, other.percent),))
+    return Gathered(stored, judge(replayed), seen, (other,), np.logspace(0, -2, p), None)

@@ -115,9 +115,9 @@ def test_singular_values_stand_at_their_decades():
     np.testing.assert_allclose(heights[3] - heights[0], np.log10(2000) * (heights[1] - heights[0]), atol=0.3)
 
 
-def test_bars_are_standard_errors_in_percent_cut_at_300(evidence):
+def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
     """0.01 over the value; a parameter that is not determined, or zero, has no bar."""
-    found = evidence.result
+    found = gathered.result
     shown = np.isfinite(found.std_error) & (found.theta != 0)
     assert not shown.all()
     svg = error_chart(found, "errors")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import Artifact, write_artifact
+from dynid.files.artifact import write_artifact
 from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
@@ -19,8 +19,8 @@ NASTY = '<b>x & "y"</b>'
 
 
 @pytest.fixture
-def record(evidence):
-    names = evidence.robot.joint_names
+def record(gathered):
+    names = gathered.robot.joint_names
     n = len(names)
     one = GapEffect("load_friction", (0,), names[:1], names[0], {"a": 0.05}, {"a": 0.002}, {"a": ""}, 2e-5,
                     names[0], 0.9, 0.36, "N m")  # fmt: skip
@@ -33,7 +33,7 @@ def record(evidence):
         robot=NASTY, mode="refit", verdict="named", named=(one,),
         closest=(replace(one, effect="stribeck", why_not=NASTY, rivals=("end_stop on x",)),),
         alternatives=(("spring", "end_stop"),), advice=NASTY, joint_names=names,
-        torque_units=tuple(joint.torque_unit for joint in evidence.robot.joints), joints=joints,
+        torque_units=tuple(joint.torque_unit for joint in gathered.robot.joints), joints=joints,
         improvement=improvement, simulation=np.zeros((2, n)), heldout="the last", noise_from="repeats", noise_note="",
         not_repeatable=(names[0],), cannot_judge={"base_tilt": (), "spring": (0, 1)}, logs=(NASTY,), made_from="a",
         curves=(curve,),
@@ -52,8 +52,8 @@ def test_a_search_comes_back_from_its_file(record, tmp_path):
     assert same == record
 
 
-def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, evidence):
-    html = page(replace(evidence, gap=record, motion=None, unseen=(), singular_values=None))
+def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, gathered):
+    html = page(replace(gathered, gap=record, motion=None, unseen=(), singular_values=None))
     section = html[html.index('id="gap"') : html.index('id="physics"')]
     for text in ("friction that grows with the load", "0.9 → 0.36", "−60 %", "&lt; 0.1 %", "a = 0.05 ± 0.002"):
         assert text in section, text
@@ -63,7 +63,7 @@ def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, 
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
-    write_artifact(tmp_path / "gap.npz", Artifact(SCHEMA, {"answer": {}}, {}))
+    write_artifact(tmp_path / "gap.npz", SCHEMA, {"answer": {}}, {})
     with pytest.raises(NotAnArtifact):
         read_record(tmp_path / "gap.npz")
 

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid.diagnose.diagnosis import driver_columns
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
-from dynid.files.logs import read_log
+from dynid.files.convert import write_log
+from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
-from dynid.log import Log
+from dynid.log import COLUMNS, Log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
 from dynid.signals.checks import prepare
-from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
+from dynid.signals.columns import in_si, matching_columns, robot_columns, take_samples, to_dh
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 TWO = Robot("two", "standard", (Joint("a"), Joint("b", type="prismatic", limits=Limits((0.0, 0.3)))))
@@ -135,3 +137,49 @@ def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
     for q, joint in zip(log.q.T, robot.joints, strict=True):
         low, high = joint.limits.position
         assert low - 0.01 <= q.min() <= q.max() <= high + 0.01
+
+
+@pytest.mark.parametrize(("like", "quantity"), [("q", "position"), ("qd", "velocity"), ("tau", "effort")])
+def test_a_new_column_is_one_line_in_the_table(like, quantity, monkeypatch, tmp_path):
+    monkeypatch.setitem(COLUMNS, "wished", quantity)
+    coupling = Coupling(((2.0, 0.0), (1.0, 4.0)))
+    units = {"position": "deg", "velocity": "rpm", "effort": "mA"}
+    spec = driver(map=JointMap((-1.0, 1.0), (0.5, 0.1), (1.0, -1.0)), units=units)
+    robot = replace(TWO, driver=spec, coupling=coupling, torque=TorqueSource("motor_current", (3.0, 5.0)))
+    log = raw(names=("b", "a"))
+    log = replace(log, extra={"wished": getattr(log, like), "start_ns": 7})
+    for read in (log, read_npz_log(log.save(tmp_path / "log.npz"))):
+        found = converted(read, robot)
+        np.testing.assert_array_equal(found.extra["wished"], getattr(found, like))
+        np.testing.assert_array_equal(getattr(found, like), getattr(converted(log, robot), like))
+    write_log(log, tmp_path / "log.csv")
+    np.testing.assert_array_equal(read_log(tmp_path / "log.csv", robot=robot).extra["wished"], log.extra["wished"])
+    with pytest.raises(LogLayout, match=r"array 'wished' is \(5, 1\), expected \(5, 2\)"):
+        replace(log, extra={"wished": log.q[:, :1]})
+
+
+def test_other_numbers_of_each_sample_are_kept(tmp_path):
+    more = {"warm": np.arange(5.0), "forces": np.ones((5, 6)), "start_ns": 7, "four": np.ones(4)}
+    again = read_npz_log(raw(names=("a", "b"), extra=more).save(tmp_path / "log.npz"))
+    assert set(again.extra) == {"warm", "forces"}
+    assert take_samples(again, np.array([3, 1])).extra["warm"].tolist() == [3.0, 1.0]
+    write_log(again, tmp_path / "log.csv")
+    header, *rows = (tmp_path / "log.csv").read_text().splitlines()
+    assert header.endswith("tau_a,tau_b,warm," + ",".join(f"forces_{k}" for k in range(6)))
+    assert rows[2].endswith(",2.0" + 6 * ",1.0")
+
+
+@pytest.mark.parametrize("samples", [7, 500])
+def test_a_checked_log_may_be_cut_by_hand(samples):
+    """Also where it has as many samples as joints."""
+    robot = gen2()
+    log = prepare(gen2_log(), robot)
+    inside = np.arange(len(log)) < samples
+    extra = {key: x[inside] if isinstance(x, np.ndarray) else x for key, x in log.extra.items()}
+    cut = replace(log, t=log.t[inside], q=log.q[inside], tau=log.tau[inside], qd=None, extra=extra)
+    whole, names = driver_columns(log, robot)
+    found, same = driver_columns(take_samples(cut, np.arange(3)), robot)
+    assert (len(names), same) == (robot.n, names)
+    np.testing.assert_array_equal(found.q, whole.q[:3])
+    with pytest.raises(LogLayout, match=r"array '(clipped|qd_reported)' is \(3000, 7\)"):
+        replace(cut, extra=log.extra)

@@ -7,7 +7,7 @@ from dynid.log import Log
 from dynid.robot import Coulomb, Joint, Robot
 from dynid.signals import tuning
 from dynid.signals.conditioned_log import condition
-from dynid.signals.filters import choose_filter, choose_velocity_sign, lowpass_kernel, white_noise
+from dynid.signals.filters import choose_filter, choose_sign_cutoffs, lowpass_kernel, white_noise
 
 RATE = 1000.0
 SIGN = Coulomb("smooth", (0.01,))
@@ -31,12 +31,12 @@ def test_white_noise_is_found_on_top_of_a_motion():
 def test_the_velocity_is_as_sharp_as_its_noise_allows(noise):
     rng = np.random.default_rng(0)
     q = np.sin(2 * np.pi * T)[:, None] + noise * rng.standard_normal((len(T), 1))
-    chosen = choose_velocity_sign(q, SIGN, RATE, 5.0, measured=False)
-    spectrum = np.fft.rfft(lowpass_kernel(chosen.cutoffs[0], RATE), 1 << 14)
+    (chosen,) = choose_sign_cutoffs(q, SIGN, RATE, 5.0, measured=False)
+    spectrum = np.fft.rfft(lowpass_kernel(chosen, RATE), 1 << 14)
     slope = 2 * np.pi * np.fft.rfftfreq(1 << 14, 1 / RATE) * np.abs(spectrum)
     spread = noise * np.sqrt(np.mean(slope**2))
-    assert spread < 1.2 * tuning.NOISE_OVER_COULOMB * 0.01 or chosen.cutoffs[0] == 5.0
-    assert chosen.cutoffs[0] > 70 or 2**1.5 * spread > tuning.NOISE_OVER_COULOMB * 0.01
+    assert spread < 1.2 * tuning.NOISE_OVER_COULOMB * 0.01 or chosen == 5.0
+    assert chosen > 70 or 2**1.5 * spread > tuning.NOISE_OVER_COULOMB * 0.01
 
 
 def test_a_filtered_sign_turns_when_the_joint_does():

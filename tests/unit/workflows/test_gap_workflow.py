@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.robot import Known
 from dynid.workflows.gap_options import joint_indices
 from dynid.workflows.gap_result import Gap
+from dynid.workflows.identify import save_result
+from dynid.workflows.results import load_run
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0
@@ -72,7 +75,13 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
     again = Gap.load(tmp_path / "gap.npz")
     assert repr(again) == repr(gap)
     assert again.summary() == gap.summary()
-    assert plain(again.facts()) == plain(gap.facts())
+    facts, expected = plain(again.facts()), plain(gap.facts())
+    read, judged = (each.pop("judgement") for each in (facts, expected))
+    assert facts == expected
+    # What is known of the arm beside the search is in other files.
+    assert (read["sentence"], read["reasons"], read["lights"][-1]) == (
+        judged["sentence"], judged["reasons"], judged["lights"][-1],
+    )  # fmt: skip
     assert again.chosen("spring") == gap.named
     with pytest.raises(WrongUsage, match="read from a file"):
         again.apply()
@@ -263,3 +272,98 @@ def test_an_odd_arm_can_be_asked_about_alone(springy):
     found = find_gap(result, logs, GapOptions(ask="arm"))
     assert (found.question, found.mode) == ("arm", "refit")
     assert {one.effect for one in found.named} <= {"counterbalance"}
+
+
+# ---------------------------------------------------------------- earlier logs, wherever the result is opened from
+def in_folder(log, folder):
+    """Write a log as a folder of text files, as a driver's recorder does."""
+    folder.mkdir(parents=True)
+    for name, values in (("time", log.t), ("position", log.q), ("torque", log.tau)):
+        np.savetxt(folder / f"{name}.txt", values)
+    return folder
+
+
+def stored(arm, tmp_path, monkeypatch):
+    """A result in a folder of its own, identified from two logs in folders, with paths relative to where one stood."""
+    monkeypatch.chdir(tmp_path)
+    paths = [in_folder(log(plan, plan), tmp_path / "logs" / f"run{plan}") for plan in (1, 2)]
+    given = [path.relative_to(tmp_path) for path in paths]
+    save_result(tmp_path / "out" / "arm", identify(arm, given))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    return load_run(tmp_path / "out" / "arm")
+
+
+def test_earlier_logs_are_found_in_folders_and_from_another_working_folder(arm, tmp_path, monkeypatch):
+    result = stored(arm, tmp_path, monkeypatch)
+    assert [len(each) for each in earlier_logs(result, [])] == [len(log(1, 1)), len(log(2, 2))]
+
+
+def test_earlier_logs_are_found_where_all_folders_were_moved_together(arm, tmp_path, monkeypatch):
+    (tmp_path / "a").mkdir()
+    stored(arm, tmp_path / "a", monkeypatch)
+    (tmp_path / "a").rename(tmp_path / "b")
+    monkeypatch.chdir(tmp_path)
+    assert len(earlier_logs(tmp_path / "b" / "out" / "arm", [])) == 2
+
+
+def test_nothing_is_never_said_of_a_model_that_misses_more_than_it_expected(arm, tmp_path, monkeypatch):
+    """The earlier logs are gone, and new numbers for all parameters take in a load of 2 kg at the elbow's link."""
+    result = stored(arm, tmp_path, monkeypatch)
+    for file in (tmp_path / "logs").rglob("*.txt"):
+        file.unlink()
+    loaded = []
+    for k in range(2):
+        one = log(3, 30 + k)
+        _, q, qd, qdd = twolink.motion(3)
+        loaded.append(replace(one, tau=one.tau + 0.3 * twolink.torque(q, qd, qdd)))
+    found = find_gap(result, loaded, effects="payload,spring")
+    assert not found.verdict.startswith("nothing")
+    assert found.kept > 3 * found.expected
+    assert not found.judgement.sentence.startswith("Nothing")
+
+
+# ---------------------------------------------------------------- numbers shown are numbers reproduced
+HIDDEN = {
+    "spring": lambda q, qd, tau: 2.0 * q[:, 1],
+    "asymmetric_viscous": lambda q, qd, tau: 0.8 * np.abs(qd[:, 1]),
+    "load_friction": lambda q, qd, tau: 0.08 * np.abs(tau[:, 1]) * np.tanh(qd[:, 1] / 0.01),
+    "torque_ripple": lambda q, qd, tau: 0.8 * np.cos(12.0 * q[:, 1]),
+}
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(arm, effect):
+    logs = []
+    for plan in (1, 2, 3):
+        for k in range(2):
+            t, q, qd, qdd = twolink.motion(plan)
+            tau = twolink.torque(q, qd, qdd)
+            tau[:, 1] += HIDDEN[effect](q, qd, tau)
+            noise = 0.05 * np.random.default_rng(10 * plan + k).standard_normal(q.shape)
+            logs.append(Log(t=t, q=q, tau=tau + noise, names=("shoulder", "elbow"), source=Path(f"run{plan}{k}.csv")))
+    found = find_gap(identify(arm, logs[:4], feasible=False), logs, effects=effect)
+    assert [one.effect for one in found.named] == [effect]
+    assert len(found.unseen_logs) == 2
+    applied = found.apply()
+    replays = [validate(applied, each, cutoff=found.signals.cutoff) for each in found.unseen_logs]
+    for j in range(2):
+        rms = np.sqrt(np.mean([each.joints[j].rms ** 2 for each in replays]))
+        np.testing.assert_allclose(found.improvement.after[j], rms, rtol=1e-3)
+    assert found.named[0].rms_after == found.improvement.after[1]
+
+
+def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
+    """A bump of 15 N m at 7 s of one of four runs."""
+    logs = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
+    bump = 15.0 * np.exp(-(((logs[1].t - 7.0) / 0.15) ** 2))
+    hit = logs[1].tau + np.column_stack([0.0 * bump, bump])
+    logs = [replace(each, source=Path(f"run{k}.csv")) for k, each in enumerate(logs)]
+    logs[1] = replace(logs[1], tau=hit)
+    found = find_gap(identify(arm, logs, feasible=False), logs, effects=EFFECTS)
+    assert found.events[0]["joint"] == "elbow"
+    assert found.events[0]["log"] == "run1.csv"
+    assert found.events[0]["start"] < 7.0 < found.events[0]["end"]
+    assert found.judgement.sentence.startswith("Something happened once")
+    assert any("run1.csv --exclude" in step.command for step in found.judgement.steps)

@@ -5,15 +5,17 @@ import re
 import numpy as np
 
 from dynid import report
-from dynid.reports.evidence import gather
+from dynid.reports.gathered import gather
 from dynid.workflows.identify import save_result
 from dynid.workflows.results import load_run
 
 
 def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
     made = report(result)
-    assert len(made.verdict) == 3
-    assert [light.name for light in made.lights] == ["fit", "unseen motion", "knowledge", "physics"]
+    assert made.verdict[0] == result.judgement.sentence
+    assert [light.name for light in made.judgement.lights] == [
+        "fit", "unseen motion", "knowledge", "physics", "complete",
+    ]  # fmt: skip
     assert [label.split(" of ")[0] for label in re.findall(r'role="img" aria-label="([^"]*)"', made.html)] == [
         "singular values", "range", "standard error", *["measured and estimated torque"] * 2, *["mean and spread"] * 4,
         "the arm from two sides with an ellipsoid for each link&#x27;s mass and inertia",
@@ -41,14 +43,14 @@ def test_the_page_and_the_summary_are_saved_beside_each_other(result, tmp_path):
     assert made.save(tmp_path) == [tmp_path / "report.html", tmp_path / "summary.md"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == made.html
     assert (tmp_path / "summary.md").read_text(encoding="utf-8") == made.markdown
-    assert made.facts()["lights"] == {light.name: light.state for light in made.lights}
+    assert made.facts()["lights"] == {light.name: light.state for light in made.judgement.lights}
 
 
 def test_a_notebook_shows_the_verdict(result):
     made = report(result)
     shown = made._repr_html_()
-    assert shown.count("<p>") == 3
-    assert shown.count("<li>") == 4
+    assert shown.count("<p>") == len(made.verdict)
+    assert shown.count("<li>") == 5
 
 
 def test_files_in_the_working_directory_are_not_taken_for_those_of_a_new_result(result, tmp_path, monkeypatch):

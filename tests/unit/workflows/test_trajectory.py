@@ -29,7 +29,7 @@ def test_a_plan_keeps_the_limits_of_the_robot_file_with_their_margin(lwr, plan):
 
 def test_a_saved_plan_is_read_again_and_reviewed_only_when_it_was_accepted(plan, tmp_path):
     wrote = plan.save(tmp_path / "trajectory.npz")
-    assert [path.suffix for path in wrote] == [".npz", ".csv", ".yaml"]
+    assert [path.suffix for path in wrote] == [".npz", ".csv", ".yaml", ".yaml", ".yaml"]
     found = dynid.load(tmp_path / "trajectory.npz")
     assert np.array_equal(found.motion.qdd, plan.motion.qdd)
     assert not found.reviewed

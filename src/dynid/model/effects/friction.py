@@ -191,7 +191,7 @@ class NonlinearViscous(Effect):
     shape_units: ClassVar[dict[str, str]] = {"p": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
     nulls: ClassVar[dict[str, float]] = {"p": 1.0}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (1.3, 1.6, 2.0, 2.5, 3.0))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (0.3, 0.5, 0.7, 1.3, 1.6, 2.0, 2.5, 3.0))
     units: ClassVar[dict[str, str]] = {"a": "N m (s/rad)^p"}
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:

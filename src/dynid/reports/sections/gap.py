@@ -6,8 +6,8 @@ from typing import Any
 
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.reports.evidence import Evidence
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
+from dynid.reports.gathered import Gathered
 from dynid.reports.svg import Picture, drawn
 from dynid.text import shell
 
@@ -20,11 +20,11 @@ VERDICTS = {
 }
 
 
-def gap(evidence: Evidence) -> dict[str, Any]:
+def gap(gathered: Gathered) -> dict[str, Any]:
     """Return what gap.npz says, nothing when the search was not run."""
-    record = evidence.gap
+    record = gathered.gap
     if record is None:
-        return {"gap": None, "search": f"{shell('dynid', 'gap', evidence.result.path)} LOG"}
+        return {"gap": None, "search": f"{shell('dynid', 'gap', gathered.result.path)} LOG"}
     return {
         "gap": record,
         "verdict": VERDICTS.get(record.verdict, record.verdict),

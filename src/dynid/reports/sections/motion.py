@@ -14,14 +14,14 @@ from dynid.reports.charts import (
     spectrum_chart,
     torque_chart,
 )
-from dynid.reports.evidence import Evidence
+from dynid.reports.gathered import Gathered
 from dynid.reports.svg import Picture
 from dynid.text import shell
 
 
-def excitation(evidence: Evidence) -> dict[str, Any]:
+def excitation(gathered: Gathered) -> dict[str, Any]:
     """Return singular values of the stack, and how far each joint moved."""
-    values, motion, robot = evidence.singular_values, evidence.motion, evidence.robot
+    values, motion, robot = gathered.singular_values, gathered.motion, gathered.robot
     pictures = []
     if values is not None:
         label = "singular values of the stack with normalised columns"
@@ -41,25 +41,25 @@ def excitation(evidence: Evidence) -> dict[str, Any]:
                 "A joint whose blue bar is short taught little: its inertia and friction come from few, small signals.",
             )
         )
-    return {"pictures": pictures, "found": evidence.result, "size": len(evidence.result.names)}
+    return {"pictures": pictures, "found": gathered.result, "size": len(gathered.result.names)}
 
 
-def torque(evidence: Evidence) -> dict[str, Any]:
+def torque(gathered: Gathered) -> dict[str, Any]:
     """Return torques of the logs that were fitted, with the table of joints."""
-    pictures = [] if evidence.motion is None else [_torques(evidence, evidence.motion, "fitted logs")]
-    units = [joint.torque_unit for joint in evidence.robot.joints]
-    return {"pictures": pictures, "joints": list(zip(evidence.result.joints, units, strict=True))}
+    pictures = [] if gathered.motion is None else [_torques(gathered, gathered.motion, "fitted logs")]
+    units = [joint.torque_unit for joint in gathered.robot.joints]
+    return {"pictures": pictures, "joints": list(zip(gathered.result.joints, units, strict=True))}
 
 
-def unseen(evidence: Evidence) -> dict[str, Any]:
+def unseen(gathered: Gathered) -> dict[str, Any]:
     """Return validations beside the result, else the rows that were held out."""
-    shown = [(each, _torques(evidence, each.motion, f"unseen: {each.name}")) for each in evidence.unseen]
-    validate = f"{shell('dynid', 'validate', evidence.result.path)} LOG"
-    return {"unseen": shown, "found": evidence.result, "joints": evidence.robot.joint_names, "validate": validate}
+    shown = [(each, _torques(gathered, each.motion, f"unseen: {each.name}")) for each in gathered.unseen]
+    validate = f"{shell('dynid', 'validate', gathered.result.path)} LOG"
+    return {"unseen": shown, "found": gathered.result, "joints": gathered.robot.joint_names, "validate": validate}
 
 
-def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture:
-    robot = evidence.robot
+def _torques(gathered: Gathered, motion: EstimatedMotion, title: str) -> Picture:
+    robot = gathered.robot
     return Picture(
         tuple(
             torque_chart(motion, robot, j, f"measured and estimated torque of {name}, {title}")
@@ -70,9 +70,9 @@ def _torques(evidence: Evidence, motion: EstimatedMotion, title: str) -> Picture
     )
 
 
-def residual_model(evidence: Evidence) -> dict[str, Any]:
+def residual_model(gathered: Gathered) -> dict[str, Any]:
     """Return what the residual model holds of each joint's torque, table and picture; nothing where there is none."""
-    found = evidence.result
+    found = gathered.result
     if found.model_error is None:
         return {"held": [], "holding": []}
     picture = Picture(
@@ -88,10 +88,10 @@ def residual_model(evidence: Evidence) -> dict[str, Any]:
     return {"held": rows, "holding": [picture], "groups": [*GROUP_NAMES, "all", "left"]}
 
 
-def residual(evidence: Evidence) -> dict[str, Any]:
+def residual(gathered: Gathered) -> dict[str, Any]:
     """Return averages of the residual over four quantities, one row per joint, and what the residual model holds."""
-    motion, robot = evidence.motion, evidence.robot
-    model = residual_model(evidence)
+    motion, robot = gathered.motion, gathered.robot
+    model = residual_model(gathered)
     if motion is None:
         return {"pictures": [], **model}
     one = Picture(

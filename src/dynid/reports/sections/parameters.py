@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.reports.charts import error_chart
-from dynid.reports.evidence import Evidence
+from dynid.reports.gathered import Gathered
 from dynid.reports.svg import Picture
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import with_error
@@ -19,16 +19,16 @@ ROUNDING = 1e-12
 LETTERS = {"alone": "A", "combined": "C", "none": "–"}
 
 
-def parameters(evidence: Evidence) -> dict[str, Any]:
+def parameters(gathered: Gathered) -> dict[str, Any]:
     """Return the grid of classes, a picture of the errors, and the table of base parameters."""
-    reduction, robot = evidence.result.reduction, evidence.robot
+    reduction, robot = gathered.result.reduction, gathered.robot
     grid = []
     for joint, name in enumerate(robot.joint_names, start=1):
         cells = [_cell(reduction.names, reduction.class_of, f"{kind}{joint}") for kind in LINK_PARAMETERS]
         grid.append((name, cells))
     label = "standard error of each base parameter in percent of its value"
     errors = Picture(
-        (error_chart(evidence.result, label),),
+        (error_chart(gathered.result, label),),
         "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %. Grey bars belong to "
         "parameters that are zero as far as the torques can tell.",
         "Blue bars above the dashed line (10 %): do not quote those values without their error.",
@@ -38,7 +38,7 @@ def parameters(evidence: Evidence) -> dict[str, Any]:
         "grid": grid,
         "counts": {kind: len(getattr(reduction, kind)) for kind in LETTERS},
         "letters": LETTERS,
-        "rows": rows(evidence),
+        "rows": rows(gathered),
         "pictures": [errors],
     }
 
@@ -51,9 +51,9 @@ def _cell(names: tuple[str, ...], class_of: Callable[[str], str], name: str) -> 
     return kind, LETTERS[kind], f"{name}: {kind}"
 
 
-def rows(evidence: Evidence) -> list[dict[str, Any]]:
+def rows(gathered: Gathered) -> list[dict[str, Any]]:
     """Return one row per base parameter."""
-    found, reduction, units = evidence.result, evidence.result.reduction, evidence.result.base.model.units
+    found, reduction, units = gathered.result, gathered.result.reduction, gathered.result.base.model.units
     table = []
     for i, name in enumerate(found.names):
         error, value, prior = (float(x[i]) for x in (found.std_error, found.theta, found.prior))

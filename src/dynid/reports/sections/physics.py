@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import second_moments
-from dynid.reports.evidence import Evidence
 from dynid.reports.figures import ESTIMATED, MEASURED, RESIDUAL
+from dynid.reports.gathered import Gathered
 from dynid.reports.inertia_ellipsoids import Ellipsoid, ellipsoid_drawing
+from dynid.reports.style import own_style
 from dynid.reports.svg import Picture, drawn
 from dynid.robot import Robot
 
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def physics(evidence: Evidence) -> dict[str, Any]:
+def physics(gathered: Gathered) -> dict[str, Any]:
     """Return a picture of the bodies and one row per link."""
-    links = evidence.result.links()
+    links = gathered.result.links()
     rows = [
         {
             "link": link["link"],
@@ -34,7 +35,7 @@ def physics(evidence: Evidence) -> dict[str, Any]:
         }
         for link in links
     ]
-    return {"pictures": [ellipsoids(evidence.robot, links)], "rows": rows, "found": evidence.result}
+    return {"pictures": [ellipsoids(gathered.robot, links)], "rows": rows, "found": gathered.result}
 
 
 def tensor(link: dict[str, Any]) -> Floats:
@@ -77,6 +78,7 @@ def colour(link: dict[str, Any]) -> str:
     return ESTIMATED if sum(origin == "data" for origin in link["origin"].values()) >= 5 else RESIDUAL
 
 
+@own_style()
 def outlines(robot: Robot, links: list[dict[str, Any]]) -> Figure:
     """Draw the same without PyBullet: the outlines of the ellipsoids in two planes of frame 0."""
     from matplotlib.figure import Figure as NewFigure

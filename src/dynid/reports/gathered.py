@@ -18,6 +18,7 @@ from dynid.robot import Robot
 
 if TYPE_CHECKING:
     from dynid.gap.record import GapRecord
+    from dynid.judgement.judge import Judgement
 
 Floats = NDArray[np.float64]
 
@@ -42,11 +43,12 @@ class Unseen:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Gathered:
     """One run.
 
     Attributes:
         result: the result.
+        judgement: what is said of it.
         motion: estimated and measured motion of the fitted logs; None when its file is gone.
         unseen: validations found beside the result.
         singular_values: of the normalised stack of the fitted logs, None when its file is gone.
@@ -54,6 +56,7 @@ class Evidence:
     """
 
     result: Identification
+    judgement: Judgement
     motion: EstimatedMotion | None = None
     unseen: tuple[Unseen, ...] = ()
     singular_values: Floats | None = None
@@ -65,7 +68,7 @@ class Evidence:
         return self.result.robot
 
 
-def gather(result: Identification) -> Evidence:
+def gather(result: Identification) -> Gathered:
     """Return what a report shows of a result: from the files beside it, or from memory where it was not saved.
 
     Raises:
@@ -76,19 +79,22 @@ def gather(result: Identification) -> Evidence:
 
     if not result.path.name:
         if result.stack is None:
-            return Evidence(result)
-        return Evidence(result, _fitted_motion(result.stack, result.theta), (), _spectrum(result.stack.whole[0]))
+            return Gathered(result, result.judgement)
+        fitted = _fitted_motion(result.stack, result.theta)
+        return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
     folder, robot = result.path.parent, result.robot
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
     record = read_record(gap) if gap.is_file() else None
     if record is not None:
         robot.require_joints(record.joint_names, gap)
-    return Evidence(
+    return Gathered(
         result=result,
         motion=_motion(motion, robot)[0] if motion.is_file() else None,
         unseen=tuple(_unseen(file, robot) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
         singular_values=_singular_values(stack, result) if stack.is_file() else None,
         gap=record,
+        # Why last: it takes the files beside the result for those of this arm.
+        judgement=result.judgement,
     )
 
 

@@ -1,0 +1,122 @@
+"""Contacts: false alarms on clean recordings that were not fitted, the smallest push that is found, and its delay.
+
+    PYTHONPATH=src python benchmarks/contacts.py ../shared/data > benchmarks/contacts.md
+
+Recordings and pairs are those of real_arms.py. A push is a torque of 0.5 s with edges of 50 ms that is added to one
+joint's measured torque at 60 % of the log, where it counts against the drive's; the smallest that raises an alarm there
+at 1/h is found by halving. Simulated arms (PyBullet, truth of trajectories/lwr4plus_truth.yaml) have 0.5 kg more at
+the flange, or friction 20 % lower than when they were identified, as after an hour of work.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dynid import IdentifyOptions, contacts, identify, load_robot
+from dynid.errors import DynidError
+from dynid.sim.arm import track
+from dynid.sim.plant import plant_of
+from dynid.sim.sines import SineSpec, sines
+from real_arms import pairs
+
+
+def pushed(log, joint: int, size: float):
+    """Return a log with a push, and when it begins [s]."""
+    start = log.t[0] + 0.6 * (log.t[-1] - log.t[0])
+    shape = np.clip((log.t - start) / 0.05, 0, 1) * np.clip((start + 0.5 - log.t) / 0.05, 0, 1)
+    tau = log.tau.copy()
+    # Why minus: what pushes with the drive leaves it less to do.
+    tau[:, joint] -= size * shape
+    return replace(log, tau=tau, sha256=""), start
+
+
+def smallest(result, log, joint: int) -> tuple[float, float]:
+    """Return the smallest push that is found on a joint [N m], and the delay of one twice as large [s]."""
+
+    def delay(size: float) -> float:
+        there, start = pushed(log, joint, size)
+        name = result.robot.joint_names[joint]
+        hits = [c.start - start for c in contacts(result, there).external.contacts if c.joint == name]
+        hits = [late for late in hits if -0.2 <= late <= 0.7]
+        return min(hits, default=np.inf)
+
+    low, high = 0.0, 1.0
+    while not np.isfinite(delay(high)) and high < 500:
+        low, high = high, 2 * high
+    for _ in range(4):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if np.isfinite(delay(middle)) else (middle, high)
+    return high, delay(2 * high)
+
+
+def recorded(data: Path) -> None:
+    print("| fitted | clean | seconds | alarms at 1/h | at 10/h | largest torque over threshold at 1/h |")
+    print("| --- | --- | --: | --: | --: | --: |")
+    kept, total, alarms = {}, 0.0, np.zeros(2, dtype=int)
+    for pair in pairs(data):
+        try:
+            result = identify(pair.robot, pair.fitted, IdentifyOptions(holdout=None))
+        except DynidError:
+            continue
+        for name, log in pair.unseen:
+            found = [contacts(result, log, false_alarms=rate).external for rate in ("1/h", "10/h")]
+            seconds = float(log.t[-1] - log.t[0])
+            total, count = total + seconds, [len(each.contacts) for each in found]
+            alarms += count
+            share = float((np.abs(found[0].torque) / found[0].threshold).max())
+            print(f"| {pair.name} | {name} | {seconds:.0f} | {count[0]} | {count[1]} | {share:.2f} |", flush=True)
+            kept.setdefault(pair.name.split(" ")[0], (pair.name, result, name, log))
+    print(f"| all | | {total:.0f} | {alarms[0]} | {alarms[1]} | |")
+    print(f"\nTo be expected in {total:.0f} s: {total / 3600:.2f} at 1/h, {total / 360:.2f} at 10/h.\n")
+    print("| fitted | pushed | smallest push found per joint [N m] | delay of a push twice as large [s] |")
+    print("| --- | --- | --- | --- |")
+    for name, result, unseen, log in kept.values():
+        rows = [smallest(result, log, joint) for joint in range(result.robot.n)]
+        pushes, delays = (", ".join(f"{row[k]:.2g}" for row in rows) for k in (0, 1))
+        print(f"| {name} | {unseen} | {pushes} | {delays} |", flush=True)
+
+
+def simulated() -> None:
+    robot = load_robot("kuka_lwr4plus")
+    plant, rng = plant_of(robot), np.random.default_rng(0)
+    spec = SineSpec(20.0, 20.0, 0.5, 0.6, 0.4, 0.05)
+
+    def log(changed, motion):
+        with changed.arm(robot, 1.25e-3) as arm:
+            done = track(arm, motion, 4)
+        return replace(changed.sensors.measure(done, robot.joint_names, rng), dh=True)
+
+    result = identify(robot, [log(plant, sines(robot, spec, 1.25e-3, rng)) for _ in range(2)])
+    last = plant.bodies[-1].parameters() + np.array([0.5, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+    from dynid.model.parameters import body_of
+
+    part = {key: tuple(0.8 * x for x in getattr(plant.friction, key)) for key in ("viscous", "coulomb")}
+    cases = {
+        "as identified": plant,
+        "0.5 kg more": replace(plant, bodies=(*plant.bodies[:-1], body_of(last))),
+        "friction 20 % lower": replace(plant, friction=replace(plant.friction, **part)),
+    }
+    print("\n| simulated LWR4+ | seconds | contacts at 1/h | joints | rougher than expected, largest |")
+    print("| --- | --: | --: | --- | --: |")
+    for name, changed in cases.items():
+        motions = [sines(robot, spec, 1.25e-3, rng) for _ in range(3)]
+        found = [contacts(result, log(changed, motion)).external for motion in motions]
+        joints = sorted({c.joint for each in found for c in each.contacts})
+        rougher = max(float(each.rougher.max()) for each in found)
+        count = sum(len(each.contacts) for each in found)
+        print(f"| {name} | 60 | {count} | {', '.join(joints) or '-'} | {rougher:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+    print("# Contacts\n")
+    print(__doc__.split("\n\n")[2].strip(), "\n")
+    recorded(Path(sys.argv[1]))
+    simulated()
+    print(
+        "\nAn arm that has changed is not told as so many touches: from 15 % of a log above the threshold on, the answer is that the arm"
+    )
+    print("has changed since it was identified (`arm_changed` in the JSON).")

@@ -1,0 +1,1217 @@
+"""Cases for ``dynid gap`` from physics alone: arms, motions, recorders and hidden things that share nothing with it.
+
+    python benchmarks/gap_stranger.py --seeds 101-103 --cases 0-59 [--only single] [--out lines.jsonl] [--table FILE.md]
+
+Pinocchio computes all torques. An arm of 3 to 7 random bodies follows a motion under a controller; its torque is rigid
+bodies, rotors, viscous and Coulomb friction, and what is hidden. A recorder adds coloured and quantised noise. Each
+case is a folder as a user would have it (robot file, logs) with ``truth.json``. *Visible size*: what least squares with
+the true rigid body, rotor and friction columns leave of the hidden thing in data without noise, over the noise below
+10 Hz, on the joint that shows it most. Sets: clean, single, double, outside (nothing of the catalogue), changed (the
+model comes from logs before the change). Seeds 1 to 19 are for development, 100 and above for proof. Finished cases are
+kept as JSON lines by commit, seed and case.
+"""
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from scipy import signal
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from resumable import commit
+
+#: One cycle of 15 cases; four cycles are a seed.
+CYCLE = (
+    "single", "clean", "stribeck", "changed", "double", "single", "outside", "clean", "single", "changed",
+    "stribeck", "single", "clean", "double", "outside",
+)  # fmt: skip
+STEP, BAND, THIN = (
+    0.001,
+    10.0,
+    40,
+)  # s of the fine grid; Hz below which sizes count; fine samples per row of least squares
+CATALOGUED = (
+    "torque_offset", "viscous", "coulomb", "motor_inertia", "asymmetric_viscous", "nonlinear_viscous", "load_friction",
+    "torque_gain", "torque_constant", "warmup_friction", "torque_drift", "position_friction", "gear_friction", "torque_ripple",
+    "spring", "end_stop", "joint_coupling", "torque_crosstalk", "joint_elasticity", "backlash", "encoder_offset",
+    "presliding_hysteresis", "base_tilt", "torque_delay", "tool_force",
+)  # fmt: skip
+OUTSIDE = ("ringing", "dead_band", "snag", "push", "coarse", "saturation", "gravity_part", "wander", "odd_product")
+CHANGES = (
+    "payload", "coulomb_change", "viscous_change", "torque_offset", "torque_gain", "base_tilt", "tool_force", "encoder_offset",
+    "stribeck", "spring", "load_friction", "torque_ripple", "torque_crosstalk", "nothing", "nothing",
+)  # fmt: skip
+WHOLE = ("base_tilt", "torque_delay", "tool_force", "payload", "gravity_part", "push")
+LEFT_OUT = {"torque_offset": "offset", "viscous": "viscous", "coulomb": "coulomb"}
+ONE_CLOCK = ("warmup_friction", "torque_drift")
+#: Largest plausible amplitude of laws whose amplitude has a scale of its own.
+LARGEST = {
+    "torque_gain": 0.4, "torque_constant": 0.4, "encoder_offset": 0.2, "base_tilt": 0.15, "torque_delay": 0.03, "backlash": 0.02,
+    "joint_elasticity": 0.05, "load_friction": 0.4, "torque_crosstalk": 0.4, "gravity_part": 0.5, "saturation": 0.6,
+}  # fmt: skip
+
+
+@dataclass
+class Arm:
+    """A serial arm with random bodies, in Pinocchio; friction and rotors stand beside."""
+
+    rows: np.ndarray  # (n, 4) a, alpha, d, theta offset
+    convention: str
+    gravity: np.ndarray
+    model: pin.Model
+    tip: int
+    rotors: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    offset: np.ndarray
+    width: np.ndarray  # rad/s of a reversal
+    speed: np.ndarray
+    travel: np.ndarray
+    torque: np.ndarray
+    data: object = field(default=None)
+
+    @property
+    def n(self):
+        return len(self.rows)
+
+
+@dataclass
+class States:
+    """Motion of the links on the fine grid; ``t`` is the clock of the session."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+@dataclass
+class Hidden:
+    """One hidden thing: law, joint, amplitude, shape."""
+
+    name: str
+    joint: int
+    size: float
+    shape: dict
+    visible: float = 0.0
+
+
+# --- the arm --------------------------------------------------------------------------------------
+
+
+def turn_x(angle):
+    """Return a rotation about x."""
+    return np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+
+
+def draw_arm(rng):
+    """Return a random arm with bodies plausible for its size."""
+    n, reach = int(rng.integers(3, 8)), rng.uniform(0.6, 1.6)
+    standard = rng.random() < 0.5
+    twists, parallel = [], 0
+    for _ in range(n):
+        flat = parallel < 1 and rng.random() < 0.3
+        parallel = parallel + 1 if flat else 0
+        twists.append(0.0 if flat else rng.choice([-1, 1]) * np.pi / 2)
+    if rng.random() < 0.2:
+        twists[int(rng.integers(n))] = rng.choice([-1, 1]) * np.deg2rad(rng.choice([30, 40, 55, 60]))
+    share = rng.uniform(0.5, 1.5, n) * np.linspace(1.3, 0.5, n)
+    length = reach * share / share.sum()
+    along_x = rng.random(n) < 0.5
+    a = np.where(along_x, length, rng.choice([0, 0.03, 0.06], n) * (rng.random(n) < 0.4))
+    d = np.where(along_x, rng.choice([0, 0.1, -0.08], n) * (rng.random(n) < 0.5), length)
+    rows = np.round(np.column_stack([a, twists, d, rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2], n)]), 12)
+    rows[:, [0, 2]] = np.round(rows[:, [0, 2]], 3)
+    mount = rng.choice(["floor", "floor", "floor", "floor", "wall", "ceiling"])
+    gravity = {"floor": [0, 0, -9.81], "ceiling": [0, 0, 9.81], "wall": [9.81, 0, 0]}[mount]
+    mass = rng.uniform(6, 45) * reach**1.5
+    weights = share * np.linspace(1.6, 0.4, n) * rng.uniform(0.7, 1.3, n)
+    model, parent, put = pin.Model(), 0, pin.SE3.Identity()
+    model.gravity.linear = np.array(gravity, float)
+    for i in range(n):
+        ai, twist, di, _ = rows[i]
+        if not standard:  # a and twist belong to the axis before
+            put = pin.SE3(turn_x(twist), np.array([ai, 0, 0])) * pin.SE3(np.eye(3), np.array([0, 0, di]))
+        parent = model.addJoint(parent, pin.JointModelRZ(), put, f"j{i + 1}")
+        if standard:
+            put = pin.SE3(turn_x(twist), np.array([ai, 0, di]))
+            reachto = np.array([ai, 0, di])
+        else:
+            after = rows[i + 1] if i + 1 < n else np.array([0, 0, length[i] / 2, 0])
+            reachto = np.array([after[0], 0, after[2]])
+        centre = rng.uniform(0.2, 0.7) * reachto + rng.normal(0, 0.02 * reach, 3)
+        m = mass * weights[i] / weights.sum()
+        sides = np.array([max(np.linalg.norm(reachto), 0.08), *rng.uniform(0.05, 0.12, 2) * reach])
+        box = m / 12 * (np.sum(sides**2) - sides**2)
+        axes = pin.rpy.rpyToMatrix(*rng.uniform(-np.pi, np.pi, 3))
+        model.appendBodyToJoint(parent, pin.Inertia(m, centre, axes @ np.diag(box) @ axes.T), pin.SE3.Identity())
+    end = put if standard else pin.SE3.Identity()
+    tip = model.addFrame(pin.Frame("tip", parent, 0, end, pin.FrameType.OP_FRAME))
+    arm = Arm(
+        rows, "standard" if standard else "modified", np.array(gravity, float), model, tip,
+        *np.zeros((5, n)), rng.uniform(0.8, 2.8, n), rng.uniform(0.7, 2.2, n), np.zeros(n), model.createData(),
+    )  # fmt: skip
+    arm.mount = str(mount)
+    poses = rng.uniform(-1, 1, (200, n)) * arm.travel
+    moved = arm.speed * rng.uniform(-1, 1, (200, n))
+    rigid = np.array([pin.rnea(model, arm.data, q, v, 3 * v) for q, v in zip(poses, moved, strict=True)])
+    inertia = np.mean([np.diag(pin.crba(model, arm.data, q)) for q in poses], axis=0)
+    arm.rotors = inertia * rng.uniform(0.05, 0.5, n)
+    load = np.sqrt(np.mean(rigid**2, axis=0)) + 0.02 * np.sqrt(np.mean(rigid**2))
+    arm.coulomb = load * rng.uniform(0.01, 0.06, n)
+    arm.viscous = load * rng.uniform(0.02, 0.1, n) / arm.speed
+    arm.offset = rng.normal(0, 0.01, n) * load
+    arm.width = np.exp(rng.uniform(np.log(0.0015), np.log(0.008), n))
+    arm.torque = 3 * load + np.max(np.abs(rigid), axis=0)
+    return arm
+
+
+def rigid_torque(arm, q, v, a, model=None):
+    """Return the torques of the bodies alone, (N, n) [N m]."""
+    model = model or arm.model
+    turned, data = q + arm.rows[:, 3], model.createData()
+    return np.array([pin.rnea(model, data, *row) for row in zip(turned, v, a, strict=True)])
+
+
+def friction(arm, v):
+    """Return viscous and Coulomb friction with their offset, (N, n) [N m]."""
+    return arm.viscous * v + arm.coulomb * np.tanh(v / arm.width) + arm.offset
+
+
+# --- the motion -----------------------------------------------------------------------------------
+
+
+def draw_reference(rng, arm, kind, seconds):
+    """Return the commanded motion on the fine grid, (N, n) [rad], inside travel and speed of the arm."""
+    t, n = np.arange(0, seconds, STEP), arm.n
+    q = np.zeros((len(t), n))
+    for j in range(n):
+        if kind == "harmonics":
+            base, most = rng.uniform(0.05, 0.15), int(rng.integers(3, 7))
+            for h in range(1, most + 1):
+                q[:, j] += rng.normal() / h**0.7 * np.sin(2 * np.pi * base * h * t + rng.uniform(0, 2 * np.pi))
+        elif kind == "chirp":
+            low, high = rng.uniform(0.03, 0.1), rng.uniform(0.4, 1.0)
+            phase = 2 * np.pi * (low * t + (high - low) * t**2 / 2 / seconds)
+            q[:, j] = np.sin(phase + rng.uniform(0, 6)) / (1 + 2 * t / seconds)
+            q[:, j] += 0.5 * np.sin(2 * np.pi * rng.uniform(0.05, 0.2) * t)
+        elif kind == "sweeps":
+            period = rng.uniform(5, 14)
+            q[:, j] = signal.sawtooth(2 * np.pi * (t / period + rng.random()), 0.5) + 0.3 * np.sin(
+                2 * np.pi * rng.uniform(0.2, 0.6) * t
+            )
+        else:  # moves from pose to pose with pauses
+            knots, at, value = [0.0], [rng.uniform(-1, 1)], 0.0
+            while knots[-1] < seconds:
+                value = rng.uniform(-1, 1)
+                knots += [knots[-1] + rng.uniform(0.7, 2.5)]
+                at += [value]
+                knots += [knots[-1] + rng.uniform(0.05, 0.5)]
+                at += [value]
+            k = np.clip(np.searchsorted(knots, t, "right") - 1, 0, len(knots) - 2)
+            s = (t - np.array(knots)[k]) / np.diff(knots)[k]
+            q[:, j] = np.array(at)[k] + np.diff(at)[k] * s**3 * (10 - 15 * s + 6 * s**2)
+    soft = signal.butter(2, 3.0, fs=1 / STEP, output="sos")
+    q = signal.sosfiltfilt(soft, q - q.mean(0), axis=0)
+    q *= rng.uniform(0.5, 1.0, n) * arm.travel / np.abs(q).max(0)
+    fast = np.abs(np.gradient(q, STEP, axis=0)).max(0) / (arm.speed * rng.uniform(0.4, 1.0, n))
+    hard = np.abs(np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)).max(0) / 12.0
+    q /= np.maximum(1, np.maximum(fast, hard))
+    return q + rng.uniform(-0.3, 0.3, n) * arm.travel
+
+
+def smooth_states(q, step, t0=0.0):
+    """Return positions of a coarse grid as States on the fine one: a quintic spline, so that all derivatives agree."""
+    t = np.arange(len(q)) * step
+    spline = make_interp_spline(t, q, k=5)
+    fine = np.arange(round((t[-1] + 1e-9) / STEP) + 1) * STEP
+    fine = fine[fine <= t[-1]]
+    return States(t0 + fine, spline(fine), spline(fine, 1), spline(fine, 2))
+
+
+def drive(arm, reference, rng, pull):
+    """Let the arm follow a motion under its controller: integrate it forward, linearly implicit, and return positions.
+
+    Args:
+        pull: torques of hidden things along the reference, (N, n) [N m].
+    """
+    every = 2
+    step, ref = every * STEP, reference[::every]
+    speed = np.gradient(ref, step, axis=0)
+    accel = np.gradient(speed, step, axis=0)
+    ahead = rng.uniform(0.8, 1.0) * rigid_torque(arm, ref, speed, accel)
+    mass = np.mean([np.diag(pin.crba(arm.model, arm.data, q)) for q in ref[::500] + arm.rows[:, 3]], 0) + arm.rotors
+    omega = 2 * np.pi * arm.stiff
+    kp, kd = mass * omega**2, 2 * 0.8 * mass * omega
+    shake = signal.lfilter([1], [1, -0.98], rng.normal(0, 1, ref.shape), axis=0) * 0.0006 * arm.torque
+    pull = pull[::every] if pull is not None else np.zeros_like(ref)
+    q, v = ref[0].copy(), speed[0].copy()
+    out, turn = np.empty_like(ref), arm.rows[:, 3]
+    for i in range(len(ref)):
+        out[i] = q
+        weight = pin.nonLinearEffects(arm.model, arm.data, q + turn, v)
+        inertia = pin.crba(arm.model, arm.data, q + turn)
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T + np.diag(arm.rotors)
+        sign = np.tanh(v / arm.width)
+        rub = arm.viscous * v + arm.coulomb * sign + arm.offset
+        steep = arm.viscous + arm.coulomb / arm.width * (1 - sign**2)
+        torque = (
+            ahead[i] + kp * (ref[i] - q) + kd * (speed[i] - v) + shake[i] - weight - rub - pull[min(i, len(pull) - 1)]
+        )
+        left = inertia + np.diag(step * (steep + kd) + step**2 * kp)
+        v = v + np.linalg.solve(left, step * (torque - step * kp * v))
+        q = q + step * v
+    if not np.all(np.isfinite(out)) or np.abs(out - ref).max() > 1.0:
+        raise RuntimeError("the controller lost the arm")
+    return signal.sosfiltfilt(signal.butter(3, 30.0, fs=1 / step, output="sos"), out, axis=0)
+
+
+# --- hidden things --------------------------------------------------------------------------------
+
+
+def draw_hidden(name, joint, rng, arm, ref):
+    """Return a law with its shape drawn, and an amplitude to begin with."""
+    q = ref.q[:, joint]
+    span = np.ptp(q)
+    typical = arm.coulomb[joint]
+    size, shape = typical * rng.choice([-1, 1]), {}
+    if name == "stribeck":
+        size = typical
+        shape = {"vs": np.exp(rng.uniform(np.log(0.02), np.log(0.12))), "d": rng.uniform(0.6, 2.5)}
+    elif name == "nonlinear_viscous":
+        shape = {"p": rng.choice([rng.uniform(0.3, 0.6), rng.uniform(1.6, 3.0)])}
+    elif name in ("position_friction", "gear_friction", "torque_ripple"):
+        low, high = (0.7, 2.5) if name == "position_friction" else (8, 50)
+        shape = {"k": np.exp(rng.uniform(np.log(low), np.log(high))), "phase": rng.uniform(0, 2 * np.pi)}
+    elif name == "spring":
+        shape = {"cubic": bool(rng.random() < 0.35), "rest": rng.uniform(-0.5, 0.5) * span}
+    elif name == "end_stop":
+        side = rng.choice([-1, 1])
+        shape = {
+            "side": int(side),
+            "q1": np.quantile(q, rng.uniform(0.65, 0.85) if side > 0 else rng.uniform(0.15, 0.35)),
+        }
+    elif name == "warmup_friction":
+        size, shape = typical, {"tw": rng.uniform(20, 150), "ratio": rng.uniform(0, 1) / arm.speed[joint]}
+    elif name == "torque_drift":
+        size, shape = size / 100, {"tc": rng.choice([1e6, rng.uniform(40, 200)])}
+    elif name == "joint_coupling":
+        other = joint + 1 if joint == 0 or (joint + 1 < arm.n and rng.random() < 0.5) else joint - 1
+        shape = {"other": int(other), "ratio": rng.uniform(0, 1.5) * arm.speed[other], "viscous": True}
+    elif name == "torque_crosstalk":
+        shape = {"other": int(rng.choice([k for k in range(arm.n) if k != joint]))}
+        size = rng.choice([-1, 1]) * 0.02
+    elif name in ("torque_gain", "torque_constant", "base_tilt", "encoder_offset"):
+        size = 0.02 * rng.choice([-1, 1])
+        shape = {"angle": rng.uniform(0, 2 * np.pi)} if name == "base_tilt" else {}
+    elif name in ("load_friction", "gravity_part"):
+        size = 0.03
+    elif name == "joint_elasticity":
+        size = 0.003 / arm.torque[joint]
+    elif name == "backlash":
+        size, shape = 0.002, {"hertz": rng.uniform(25, 40), "damping": rng.uniform(0.2, 0.5)}
+    elif name == "presliding_hysteresis":
+        size, shape = (
+            typical,
+            {"delta": np.exp(rng.uniform(np.log(0.004), np.log(0.06))), "elements": int(rng.choice([1, 1, 4]))},
+        )
+    elif name == "torque_delay":
+        size = 0.002
+    elif name == "tool_force":
+        direction = rng.normal(size=3)
+        size, shape = 2.0, {"direction": (direction / np.linalg.norm(direction)).tolist()}
+    elif name == "payload":
+        size, shape = 0.5, {"centre": rng.uniform(-0.08, 0.08, 3).tolist()}
+    elif name in ("viscous", "coulomb", "motor_inertia"):
+        size = {"viscous": arm.viscous, "coulomb": arm.coulomb, "motor_inertia": arm.rotors}[name][joint]
+    elif name in ("coulomb_change", "viscous_change"):
+        size = typical * rng.choice([1, 1, -0.2]) / (arm.speed[joint] if name == "viscous_change" else 1)
+    elif name == "ringing":
+        size, shape = arm.rotors[joint], {"hertz": rng.uniform(4, 9), "damping": rng.uniform(0.01, 0.05)}
+    elif name == "dead_band":
+        size = 0.02 * arm.torque[joint]
+    elif name == "snag":
+        shape = {
+            "q0": np.quantile(q, rng.uniform(0.2, 0.8)),
+            "w": rng.uniform(0.02, 0.08) * span,
+            "side": int(rng.choice([-1, 1])),
+        }
+    elif name == "push":
+        direction = rng.normal(size=3)
+        shape = {
+            "direction": (direction / np.linalg.norm(direction)).tolist(),
+            "seconds": rng.uniform(0.2, 1.0),
+            "place": rng.random(),
+        }
+        size = 5.0
+    elif name == "coarse":
+        size = 0.5
+    elif name == "saturation":
+        size = 0.1
+    elif name == "wander":
+        shape = {"seed": int(rng.integers(1 << 30)), "seconds": rng.uniform(1, 6)}
+    elif name == "odd_product":
+        shape = {"kind": int(rng.integers(3)), "other": int((joint + 1) % arm.n)}
+        size = typical / arm.speed[joint] * rng.choice([-1, 1])
+    return Hidden(
+        name, joint, float(size), {k: v if isinstance(v, (list, bool, int)) else float(v) for k, v in shape.items()}
+    )
+
+
+def tip_force(arm, q, force):
+    """Return the torques that hold a force at the tip, fixed in the world, (N, n) [N m]."""
+    data, out = arm.model.createData(), np.zeros_like(q)
+    for i in range(0, len(q), 10):
+        pin.computeJointJacobians(arm.model, data, q[i] + arm.rows[:, 3])
+        pin.updateFramePlacements(arm.model, data)
+        jac = pin.getFrameJacobian(arm.model, data, arm.tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        out[i] = -jac[:3].T @ force
+    return CubicSpline(np.arange(0, len(q), 10), out[::10], axis=0)(np.arange(len(q)))
+
+
+def bristles(v, hidden, sign):
+    """Return friction before sliding over its Coulomb level: one Dahl bristle, or four that slip one after the other."""
+    delta, z = hidden.shape["delta"], 0.0
+    out, moves = np.empty(len(v)), v * STEP
+    if hidden.shape["elements"] == 1:
+        for i, (move, s) in enumerate(zip(moves.tolist(), sign.tolist(), strict=True)):
+            rate = abs(move) / delta
+            z = z + (s - z) * rate / (1 + rate) if rate else z
+            out[i] = z
+        return out
+    total = np.zeros(len(v))
+    for reach in delta * np.array([0.4, 1.0, 2.0, 3.5]):
+        z = 0.0
+        for i, move in enumerate(moves.tolist()):
+            z = min(1.0, max(-1.0, z + move / reach))
+            out[i] = z
+        total += out / 4
+    return total
+
+
+def play(load, inertia, hidden):
+    """Return how far the link lies behind the motor, with its derivatives: a gap with elastic flanks, integrated finely."""
+    half, omega = abs(hidden.size), 2 * np.pi * hidden.shape["hertz"]
+    x, w, parts = half * np.sign(load[0]), 0.0, 4
+    out = np.empty((len(load), 3))
+    h = STEP / parts
+    for i, (pull, mass) in enumerate(zip(load.tolist(), inertia.tolist(), strict=True)):
+        stiff, damp = mass * omega**2, 2 * hidden.shape["damping"] * mass * omega
+        for _ in range(parts):
+            over = x - half if x > half else x + half if x < -half else 0.0
+            contact = stiff * over + damp * w if over else 0.0
+            w += h * (pull - contact) / mass
+            x += h * w
+        out[i] = x, w, (pull - contact) / mass
+    return out
+
+
+def add_hidden(arm, s, tau, rigid, q_seen, hidden):
+    """Return the torques and the positions that encoders see with one hidden thing, both (N, n)."""
+    j, a, p, t = hidden.joint, hidden.size, hidden.shape, s.t
+    q, v = s.q[:, j], s.v[:, j]
+    sign = np.tanh(v / arm.width[j])
+    tau, name = tau.copy(), hidden.name
+    if name == "stribeck":
+        tau[:, j] += a * np.exp(-((np.abs(v) / p["vs"]) ** p["d"])) * sign
+    elif name in ("torque_offset",):
+        tau[:, j] += a
+    elif name in ("viscous", "viscous_change"):
+        tau[:, j] += a * v
+    elif name in ("coulomb", "coulomb_change"):
+        tau[:, j] += a * sign
+    elif name == "motor_inertia":
+        tau[:, j] += a * s.a[:, j]
+    elif name == "asymmetric_viscous":
+        tau[:, j] += a * np.abs(v)
+    elif name == "nonlinear_viscous":
+        tau[:, j] += a * sign * np.abs(v) ** p["p"]
+    elif name == "load_friction":
+        tau[:, j] += a * np.abs(rigid[:, j]) * sign
+    elif name == "torque_gain":
+        tau[:, j] *= 1 + a
+    elif name == "torque_constant":
+        tau[:, j] *= 1 + a * np.abs(v)
+    elif name == "warmup_friction":
+        tau[:, j] += a * np.exp(-t / p["tw"]) * (sign + p["ratio"] * v)
+    elif name == "torque_drift":
+        tau[:, j] += a * p["tc"] * -np.expm1(-t / p["tc"])
+    elif name in ("position_friction", "gear_friction"):
+        tau[:, j] += a * np.cos(p["k"] * q - p["phase"]) * sign
+    elif name == "torque_ripple":
+        tau[:, j] += a * np.cos(p["k"] * q - p["phase"])
+    elif name == "spring":
+        tau[:, j] += a * (q - p["rest"]) ** (3 if p["cubic"] else 1)
+    elif name == "end_stop":
+        tau[:, j] += a * np.maximum(0, p["side"] * (q - p["q1"]))
+    elif name == "joint_coupling":
+        other = s.v[:, p["other"]]
+        tau[:, j] += a * (other + p["ratio"] * np.tanh(other / arm.width[p["other"]]))
+    elif name == "torque_crosstalk":
+        tau[:, j] += a * rigid[:, p["other"]]
+    elif name == "joint_elasticity":
+        bend = abs(a) * rigid[:, j]  # the encoder sits on the motor, which leads the link
+        q_seen = q_seen.copy()
+        q_seen[:, j] += bend
+        lead = np.gradient(bend, STEP)
+        rub = arm.viscous[j] * lead + arm.coulomb[j] * (np.tanh((v + lead) / arm.width[j]) - sign)
+        tau[:, j] += arm.rotors[j] * np.gradient(lead, STEP) + rub
+    elif name == "backlash":
+        data = arm.model.createData()
+        masses = [pin.crba(arm.model, data, row + arm.rows[:, 3])[j, j] for row in s.q[::50]]
+        inertia = np.interp(np.arange(len(q)), np.arange(0, len(q), 50), masses)
+        lag = play(rigid[:, j], inertia, hidden)  # s is the motor's motion here
+        behind = [s.q.copy(), s.v.copy(), s.a.copy()]
+        for k in range(3):
+            behind[k][:, j] -= lag[:, k]
+        tau += rigid_torque(arm, *behind) - rigid
+    elif name == "encoder_offset":
+        q_seen = q_seen.copy()
+        q_seen[:, j] += a
+    elif name == "presliding_hysteresis":
+        tau[:, j] += (
+            a * (bristles(v, hidden, sign) - sign)
+            if a <= arm.coulomb[j]
+            else a * bristles(v, hidden, sign) - arm.coulomb[j] * sign
+        )
+    elif name == "base_tilt":
+        tilted = arm.model.copy()
+        axis = np.cross(arm.gravity / 9.81, [np.cos(p["angle"]), np.sin(p["angle"]), 0.3])
+        tilted.gravity.linear = pin.exp3(a * axis / np.linalg.norm(axis)) @ arm.gravity
+        tau += rigid_torque(arm, s.q, s.v, s.a, tilted) - rigid
+    elif name == "torque_delay":
+        late = np.arange(len(t)) * STEP - abs(a)
+        tau = CubicSpline(np.arange(len(t)) * STEP, tau, axis=0)(np.maximum(late, 0))
+    elif name == "tool_force":
+        tau += tip_force(arm, s.q, abs(a) * np.array(p["direction"]))
+    elif name == "payload":
+        loaded = arm.model.copy()
+        ball = pin.Inertia(abs(a), np.array(p["centre"]), 0.4 * abs(a) * 0.04**2 * np.eye(3))
+        loaded.appendBodyToJoint(arm.n, ball, loaded.frames[arm.tip].placement)
+        tau += rigid_torque(arm, s.q, s.v, s.a, loaded) - rigid
+    elif name == "ringing":
+        omega, zeta = 2 * np.pi * p["hertz"], p["damping"]
+        num, den = signal.bilinear([-1, 0, 0], [1, 2 * zeta * omega, omega**2], 1 / STEP)
+        ring = abs(a) * np.gradient(np.gradient(signal.lfilter(num, den, s.a[:, j]) / 1.0, STEP), STEP) / omega**2
+        tau[:, j] += ring
+    elif name == "dead_band":
+        tau[:, j] -= np.clip(tau[:, j], -abs(a), abs(a))
+    elif name == "snag":
+        tau[:, j] += a * np.exp(-(((q - p["q0"]) / p["w"]) ** 2)) * (p["side"] * v > 0)
+    elif name == "push":
+        if p.get("now", True):
+            x = ((t - t[0]) / np.ptp(t) - 0.1 - 0.8 * p["place"]) * np.ptp(t) / p["seconds"]
+            pulse = np.where((x > 0) & (x < 1), np.sin(np.pi * x) ** 2, 0.0)
+            tau += pulse[:, None] * tip_force(arm, s.q, a * np.array(p["direction"]))
+    elif name == "saturation":
+        most = np.abs(tau[:, j]).max() * (1 - min(abs(a), 0.9))
+        tau[:, j] = np.clip(tau[:, j], -most, most)
+    elif name == "gravity_part":
+        tau -= a * rigid_torque(arm, s.q, 0 * s.v, 0 * s.a)
+    elif name == "wander":
+        noise = np.random.default_rng([p["seed"], int(1000 * t[0])]).normal(size=len(t))
+        slow = signal.lfilter([1], [1, -np.exp(-STEP / p["seconds"])], noise)
+        tau[:, j] += a * slow / slow.std() * (0.3 + np.abs(sign))
+    elif name == "odd_product":
+        other = s.q[:, p["other"]]
+        tau[:, j] += a * [v * np.cos(2 * other), s.v[:, p["other"]] * v, np.abs(v) * np.sin(3 * q)][p["kind"]]
+    return tau, q_seen
+
+
+def torques(arm, s, hidden):
+    """Return the torques and the positions that perfect sensors would see, both (N, n), and the torques without hidden things."""
+    rigid = rigid_torque(arm, s.q, s.v, s.a)
+    plain = rigid + arm.rotors * s.a + friction(arm, s.v)
+    tau, seen = plain, s.q
+    for one in sorted(hidden, key=lambda one: one.name in ("torque_gain", "torque_delay", "dead_band", "saturation")):
+        tau, seen = add_hidden(arm, s, tau, rigid, seen, one)
+    return tau, seen, plain
+
+
+# --- how visible it is ----------------------------------------------------------------------------
+
+
+def low(x, band=BAND):
+    """Return signals of the fine grid below a frequency."""
+    return signal.sosfiltfilt(signal.butter(2, band, fs=1 / STEP, output="sos"), x, axis=0)
+
+
+class Yardstick:
+    """Least squares with all true columns on motions, to say what a model absorbs of a hidden thing."""
+
+    def __init__(self, arm, motions, noise, left_out):
+        n, data, rows = arm.n, arm.model.createData(), []
+        for s in motions:
+            sharp = low(np.tanh(s.v / 0.01))[::THIN]
+            for i, (q, v, a) in enumerate(zip(s.q[::THIN] + arm.rows[:, 3], s.v[::THIN], s.a[::THIN], strict=True)):
+                wide = [np.diag(a), np.diag(v), np.diag(sharp[i]), np.eye(n)]
+                for kind, j in left_out:
+                    wide[{"motor_inertia": 0, "viscous": 1, "coulomb": 2, "torque_offset": 3}[kind]][j, j] = 0
+                rows.append(
+                    np.hstack([pin.computeJointTorqueRegressor(arm.model, data, q, v, a), *wide]) / noise[:, None]
+                )
+        u, size, _ = np.linalg.svd(np.vstack(rows), full_matrices=False)
+        self.known, self.noise, self.n = u[:, size > 1e-7 * size[0]], noise, n
+
+    def visible(self, parts, absorb=True):
+        """Return the size of what is left of torques on the motions, over the noise, for each joint."""
+        y = (np.vstack([part[::THIN] for part in parts]) / self.noise).ravel()
+        if absorb:
+            y = y - self.known @ (self.known.T @ y)
+        return np.sqrt(np.mean(y.reshape(-1, self.n) ** 2, axis=0))
+
+
+def unexplained(arm, s, hidden):
+    """Return what hidden things add to what a perfect model of the plain arm says of the positions that are seen, (N, n)."""
+    tau, seen, plain = torques(arm, s, hidden)
+    if seen is not s.q:
+        q = s.q + low(seen - s.q)
+        extra_v, extra_a = (
+            np.gradient(q - s.q, STEP, axis=0),
+            np.gradient(np.gradient(q - s.q, STEP, axis=0), STEP, axis=0),
+        )
+        v, a = s.v + extra_v, s.a + extra_a
+        plain = rigid_torque(arm, q, v, a) + arm.rotors * a + friction(arm, v)
+    return low(tau - plain)
+
+
+def scaled(arm, motions, yard, hidden, wanted, absorb):
+    """Return a hidden thing as large as wanted where that is plausible, with its visible size; None where it cannot be seen."""
+    one = hidden
+    for _ in range(4):
+        one = replace(one, visible=float(yard.visible([unexplained(arm, s, [one]) for s in motions], absorb).max()))
+        if one.name == "coarse" or not np.isfinite(one.visible) or one.visible < 1e-6:
+            break
+        if abs(one.visible / wanted - 1) < 0.05:
+            break
+        most = LARGEST.get(one.name, np.inf)
+        if one.name == "joint_elasticity":
+            most /= arm.torque[one.joint]
+        one = replace(
+            one, size=float(np.sign(one.size) * min(abs(one.size) * np.clip(wanted / one.visible, 0.02, 50), most))
+        )
+    return one
+
+
+# --- the recorder ---------------------------------------------------------------------------------
+
+
+def draw_recorder(rng, n):
+    """Return what a recorder does to signals."""
+    rate = float(rng.choice([100, 125, 200, 250, 500, 1000]))
+    return {
+        "rate": rate,
+        "torque_noise": rng.uniform(0.006, 0.025, n),
+        "memory": np.exp(-1 / rate / np.exp(rng.uniform(np.log(0.0005), np.log(0.02), n))),
+        "torque_step": rng.uniform(0.2, 1.0, n),
+        "bits": int(rng.integers(16, 21)),
+        "position_noise": rng.uniform(0, 0.6),
+        "skew": str(rng.choice(["none", "bus", "late"])),
+        "skew_samples": rng.uniform(0, 0.3),
+        "velocity": str(rng.choice(["none", "filtered", "filtered"])),
+        "velocity_band": rng.uniform(8, 40),
+        "jitter": float(rng.choice([0, 0, 0, 0.02])),
+        "same_start": bool(rng.random() < 0.5),
+        "clock": str(rng.choice(["each", "session"])),
+        "format": "csv" if rate <= 250 and rng.random() < 0.6 else "npz",
+    }
+
+
+def record(rng, recorder, scale, s, tau, seen, begin):
+    """Return time, positions, velocities and torques as the recorder writes them."""
+    rate, n = recorder["rate"], tau.shape[1]
+    fine = s.t - s.t[0]
+    t = np.arange(0, fine[-1] - begin - 0.01, 1 / rate)
+    at = begin + t + recorder["jitter"] / rate * rng.normal(size=len(t)).clip(-3, 3)
+    q, torque = np.empty((len(t), n)), np.empty((len(t), n))
+    skew = recorder["skew_samples"] / rate
+    for j in range(n):
+        late = skew * j / max(1, n - 1) if recorder["skew"] == "bus" else 0.0
+        older = skew if recorder["skew"] == "late" else 0.0
+        q[:, j] = CubicSpline(fine, seen[:, j])(np.clip(at + late, 0, fine[-1]))
+        torque[:, j] = CubicSpline(fine, tau[:, j])(np.clip(at + late - older, 0, fine[-1]))
+    white = rng.normal(size=torque.shape)
+    coloured = np.empty_like(white)
+    for j, phi in enumerate(recorder["memory"]):
+        coloured[:, j] = signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], white[:, j])
+    sd = recorder["torque_noise"] * scale
+    noisy = torque + sd * (0.8 * coloured + 0.6 * rng.normal(size=torque.shape))
+    coarse = recorder.get("coarse")
+    step = recorder["torque_step"] * sd if coarse is None else coarse
+    noisy = np.round(noisy / step) * step
+    line = 2 * np.pi / 2 ** recorder["bits"]
+    q = np.round((q + recorder["position_noise"] * line * rng.normal(size=q.shape)) / line) * line
+    v = None
+    if recorder["velocity"] == "filtered":
+        keep = np.exp(-2 * np.pi * recorder["velocity_band"] / rate)
+        slopes = np.diff(q, axis=0, prepend=q[:1]) * rate
+        v = signal.lfilter([1 - keep], [1, -keep], slopes, axis=0)
+    stamp = t + begin + (s.t[0] if recorder["clock"] == "session" else 0.0)
+    return stamp, q, v, noisy
+
+
+def noise_floor(arm, recorder, scale, s, tau, rng):
+    """Return the noise of each joint below 10 Hz: that of the torques and what noisy positions do to the model, (n,) [N m]."""
+    _, q, _, noisy = record(rng, recorder, scale, s, tau, s.q, 0.0)
+    plain = {**recorder, "torque_noise": 1e-9 + 0 * scale, "bits": 40, "position_noise": 0.0, "coarse": None}
+    _, exact, _, clean = record(np.random.default_rng(0), {**plain, "jitter": 0.0}, scale, s, tau, s.q, 0.0)
+    rate = recorder["rate"]
+    band = signal.butter(2, BAND, fs=rate, output="sos")
+    models = []
+    for positions in (q, exact):
+        kept = signal.sosfiltfilt(band, positions, axis=0)
+        speed = np.gradient(kept, 1 / rate, axis=0)
+        accel = np.gradient(speed, 1 / rate, axis=0)
+        slow = max(1, int(rate // 50))
+        models.append(rigid_torque(arm, kept[::slow], speed[::slow], accel[::slow]) + arm.rotors * accel[::slow])
+    error = signal.sosfiltfilt(band, noisy - clean, axis=0)[::slow] - (models[0] - models[1])
+    return np.sqrt(np.mean(error[10:-10] ** 2, axis=0))
+
+
+def write_log(path, recorder, stamp, q, v, tau):
+    """Write a log as a user has it: a table, or arrays."""
+    names = [f"axis_{j + 1}" for j in range(q.shape[1])]
+    if recorder["format"] == "npz":
+        np.savez(path.with_suffix(".npz"), t=stamp, q=q, tau=tau, **({} if v is None else {"qd": v}))
+        return path.with_suffix(".npz").name
+    head = [
+        "t",
+        *(f"q_{name}" for name in names),
+        *(f"qd_{name}" for name in names if v is not None),
+        *(f"tau_{name}" for name in names),
+    ]
+    columns = [stamp[:, None], q, *([] if v is None else [v]), tau]
+    np.savetxt(path.with_suffix(".csv"), np.hstack(columns), "%.9g", ",", header=",".join(head), comments="")
+    return path.with_suffix(".csv").name
+
+
+def write_robot(path, arm, left_out):
+    """Write the robot file that a user would have: geometry, limits and which friction there is."""
+    lines = [
+        "name: stranger",
+        f"convention: {arm.convention}",
+        f"gravity: {arm.gravity.tolist()}",
+        f"mount: {arm.mount}",
+        "joints:",
+    ]
+    for j, (a, twist, d, turn) in enumerate(arm.rows):
+        friction_ = [w for k, w in LEFT_OUT.items() if (k, j) not in left_out]
+        lines += [
+            f"  - name: axis_{j + 1}",
+            f"    a: {a}",
+            f"    twist: {twist:.15g}",
+            f"    d: {d}",
+            f"    theta_offset: {turn:.15g}",
+            f"    limits: {{velocity: {arm.speed[j] * 1.2:.3f}, torque: {arm.torque[j]:.3f}}}",
+            f"    friction: [{', '.join(friction_)}]",
+            *(["    motor_inertia: false"] if ("motor_inertia", j) in left_out else []),
+        ]
+    path.write_text("\n".join([*lines, "driver: {kind: generic}"]) + "\n")
+
+
+# --- a case ---------------------------------------------------------------------------------------
+
+
+def wanted_size(rng):
+    """Return a visible size: most above the noise, some below."""
+    low_, high = [(1, 4), (0.5, 1), (0.3, 0.5)][int(rng.choice(3, p=[0.6, 0.25, 0.15]))]
+    return float(np.exp(rng.uniform(np.log(low_), np.log(high))))
+
+
+def pick(kind, rng, k):
+    """Return names to hide for a set, in a fixed rotation so that a seed meets most of them."""
+    turn = int(rng.integers(100))
+    if kind == "single":
+        return [CATALOGUED[(7 * k + turn) % len(CATALOGUED)]]
+    if kind == "double":
+        return list(rng.choice(["stribeck", *CATALOGUED], 2, replace=False))
+    if kind == "outside":
+        return [OUTSIDE[(k + turn) % len(OUTSIDE)]]
+    if kind == "changed":
+        return [CHANGES[(k + turn) % len(CHANGES)]]
+    return ["stribeck"] if kind == "stribeck" else []
+
+
+def make_case(folder, seed, k):
+    """Make one case: robot file, logs and truth.json."""
+    for attempt in range(10):
+        try:
+            return _make_case(folder, seed, k, attempt)
+        except RuntimeError:
+            continue
+    raise RuntimeError(f"seed {seed} case {k}: no arm could be driven")
+
+
+def _make_case(folder, seed, k, attempt):
+    rng = np.random.default_rng([28, seed, k, attempt])
+    kind = CYCLE[k % len(CYCLE)]
+    arm = draw_arm(rng)
+    arm.stiff = rng.uniform(2.5, 6.0)
+    seconds = rng.uniform(15, 28)
+    kinds = ["harmonics", *rng.choice(["harmonics", "harmonics", "harmonics", "moves", "chirp", "sweeps"], 2)]
+    references = [draw_reference(rng, arm, str(one), seconds) for one in kinds]
+    rigids = [smooth_states(ref, STEP) for ref in references]
+    nominal = [replace(s, t=s.t + 40.0 * i) for i, s in enumerate(rigids)]
+    recorder = draw_recorder(rng, arm.n)
+    tau0 = torques(arm, nominal[0], [])[0]
+    scale = np.sqrt(np.mean(tau0**2, axis=0)) + 0.02 * np.sqrt(np.mean(tau0**2))
+    noise = noise_floor(arm, recorder, scale, nominal[0], tau0, rng)
+    names = pick(kind, rng, k)
+    if "coarse" in names:
+        recorder["coarse"] = np.minimum(0.5, 0.6 * scale)  # weak joints would be silent
+    hidden, left_out = [], set()
+    for name in names if names != ["nothing"] else []:
+        wanted, best = wanted_size(rng) if kind != "outside" else rng.uniform(1, 4), None
+        if name == "coarse":
+            hidden.append(Hidden("coarse", 0, 0.5, {}))
+            continue
+        for joint in rng.permutation(arm.n)[:4]:
+            missing = (
+                {(name, int(joint))} if kind in ("single", "double") and name in (*LEFT_OUT, "motor_inertia") else set()
+            )
+            if name == "motor_inertia" and joint < 2:
+                continue
+            yard = Yardstick(arm, nominal[:2], noise, missing)
+            one = draw_hidden(name, int(joint), rng, arm, nominal[0])
+            one = scaled(arm, nominal[:2], yard, one, wanted, kind != "changed")
+            if np.isfinite(one.visible) and (
+                best is None or abs(np.log(one.visible / wanted)) < abs(np.log(best[0].visible / wanted))
+            ):
+                best = one, missing
+            if best and 0.7 < best[0].visible / wanted < 1.4:
+                break
+        if best is None or best[0].visible < 0.15:
+            raise RuntimeError("cannot be seen")
+        hidden.append(best[0])
+        left_out |= best[1]
+    for name, j in left_out:  # what is left out of the model is the whole of that friction
+        for attribute, which in (
+            ("offset", "torque_offset"),
+            ("viscous", "viscous"),
+            ("coulomb", "coulomb"),
+            ("rotors", "motor_inertia"),
+        ):
+            if name == which:
+                getattr(arm, attribute)[j] = 0.0
+    always = []
+    if kind == "changed" and rng.random() < 0.25:  # a model that lacked something before, too
+        one = draw_hidden("stribeck", int(rng.integers(arm.n)), rng, arm, nominal[0])
+        always = [scaled(arm, nominal[:2], Yardstick(arm, nominal[:2], noise, set()), one, 1.0, True)]
+    if {one.name for one in hidden} & set(ONE_CLOCK):
+        recorder["clock"] = "session"
+    repeats = bool(rng.random() < 0.75)
+    third = bool(rng.random() < 0.8)
+    twice = 2 if repeats else 1
+    if kind == "changed":
+        same = bool(rng.random() < 0.5)
+        plan = (
+            [(0, False)] * twice
+            + [(1, False)] * twice
+            + [(0 if same else 2, True)] * (twice if rng.random() < 0.7 else 1)
+        )
+    else:
+        plan = (
+            [(0, True)] * twice + [(1, True)] * twice + ([(2, True)] * int(rng.integers(1, twice + 1)) if third else [])
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    write_robot(folder / "arm.yaml", arm, left_out)
+    logs, clock, used, counts, driven = [], 0.0, [], {}, []
+    for number, (which, there) in enumerate(plan):
+        now = [*always, *(hidden if there else [])]
+        for one in now:
+            if one.name == "push":
+                one.shape["now"] = number == len(plan) // 2
+        s = replace(nominal[which], t=nominal[which].t - nominal[which].t[0] + clock)
+        pull = torques(arm, s, now)[0] - torques(arm, s, [])[0] if now else None
+        s = smooth_states(drive(arm, references[which], rng, pull), 2 * STEP, clock)
+        tau, seen, _ = torques(arm, s, now)
+        begin = 0.0 if recorder["same_start"] else float(rng.uniform(0, 0.4))
+        counts[which] = counts.get(which, 0) + 1
+        name = write_log(folder / f"{'abc'[which]}{counts[which]}{'' if kind != 'changed' else '_new' if there else '_old'}",
+                         recorder, *record(rng, recorder, scale, s, tau, seen, begin))  # fmt: skip
+        logs.append({"file": name, "motion": which, "there": there})
+        if there:
+            driven.append(s)
+        clock += seconds + rng.uniform(3, 30)
+    first = driven[:: max(1, len(driven) // 2)][:2]
+    yard = Yardstick(arm, first, noise, left_out)
+    for one in hidden:
+        if one.name not in ("coarse", "push"):
+            parts = [unexplained(arm, s, [one]) for s in first]
+            used.append(yard.visible(parts, kind != "changed"))
+            one.visible = float(used[-1].max())
+    plain = [low(friction(arm, s.v) - arm.coulomb * np.tanh(s.v / 0.01)) for s in first]
+    truth = {
+        "seed": seed, "case": k, "set": kind if kind != "stribeck" else "single",
+        "effects": [{"name": one.name, "joint": one.joint + 1, "size": one.size, "shape": one.shape, "visible": one.visible} for one in hidden],
+        "visible_by_joint": [list(map(float, each)) for each in used],
+        "always": [{"name": one.name, "joint": one.joint + 1} for one in always],
+        "reversals_visible": float(yard.visible(plain).max()), "coulomb": arm.coulomb.tolist(),
+        "noise": noise.tolist(), "joints": arm.n, "motions": kinds, "seconds": seconds, "repeats": repeats, "third": third, "logs": logs,
+        "recorder": {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in recorder.items()},
+    }  # fmt: skip
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1, default=float))
+    return truth
+
+
+# --- what dynid says ------------------------------------------------------------------------------
+
+
+def true_numbers(effect, coulomb):
+    """Return the amplitudes of a hidden thing under the names of the reference, where its law is the catalogue's."""
+    size, shape, name = effect["size"], effect["shape"], effect["name"]
+    if name in ("position_friction", "gear_friction", "torque_ripple"):
+        return {"a&b": (abs(size),)}
+    if name == "presliding_hysteresis" and shape["elements"] != 1:
+        return {}
+    if name == "warmup_friction":
+        return {"a1": (size,), "a2": (size * shape["ratio"],)}
+    if name == "joint_coupling":
+        return {"a": (size,), "b": (size * shape["ratio"],)}
+    if name == "spring":
+        return {} if shape["cubic"] else {"k1": (size,)}
+    if name == "torque_gain":
+        return {"g": (size, size / (1 + size))}
+    if name == "base_tilt":
+        return {"x&y": (abs(size),)}
+    if name == "tool_force":
+        return {"x&y&z": (abs(size),)}
+    letters = {
+        "stribeck": "a", "torque_offset": "c", "viscous": "fv", "coulomb": "fc", "motor_inertia": "Im", "asymmetric_viscous": "a",
+        "nonlinear_viscous": "a", "load_friction": "a", "torque_constant": "c", "torque_drift": "a", "end_stop": "a",
+        "torque_crosstalk": "a", "joint_elasticity": "compliance", "encoder_offset": "offset", "presliding_hysteresis": "a",
+        "torque_delay": "delay", "payload": "m", "coulomb_change": "c", "viscous_change": "v",
+    }  # fmt: skip
+    return {letters[name]: (size,)} if name in letters else {}
+
+
+def sizes_inside(effect, parameters, coulomb):
+    """Return for each comparable amplitude: true, found, standard error, inside 95 %."""
+    out = []
+    for letters, truths in true_numbers(effect, coulomb).items():
+        parts = letters.split("&")
+        if any(part not in parameters or parameters[part].get("std_error") is None for part in parts):
+            continue
+        values = np.array([parameters[part]["value"] for part in parts])
+        errors = np.array([parameters[part]["std_error"] for part in parts])
+        if len(parts) > 1:
+            value = float(np.linalg.norm(values))
+            error = float(np.sqrt(np.sum((values * errors) ** 2)) / max(value, 1e-300))
+        else:
+            value, error = float(values[0]), float(errors[0])
+        inside = any(abs(value - truth) <= 1.96 * error for truth in truths)
+        out.append([float(truths[0]), value, error, bool(inside)])
+    return out
+
+
+def judge(truth, facts, identified_delay):
+    """Return the answer of a search beside the truth: its kind, wrong names, sizes."""
+    hidden = [one for one in truth["effects"] if one["name"] not in OUTSIDE]
+    told = facts["named"]
+    recorder = truth["recorder"]
+    extra = recorder["skew_samples"] / recorder["rate"] if recorder["skew"] == "late" else 0.0
+    wrong, sizes, found = [], [], set()
+    for one in told:
+        joints = one["joints"] if isinstance(one["joints"], list) else [one["joints"]]
+        first = joints[0] if joints else None
+        for i, effect in enumerate(hidden):
+            other = effect["shape"].get("other")
+            whole = effect["name"] in WHOLE or (
+                first == f"axis_{effect['joint']}"
+                and (other is None or len(joints) < 2 or joints[1] == f"axis_{other + 1}")
+            )
+            # The zero of joint 1 turns the whole arm against gravity: it is a tilt of the base.
+            tilt = one["effect"] == "base_tilt" and effect["name"] == "encoder_offset" and effect["joint"] == 1
+            if tilt:
+                found.add(i)
+                break
+            if effect["name"] == one["effect"] and whole:
+                found.add(i)
+                sizes += [[effect["name"], *each] for each in sizes_inside(effect, one["parameters"], truth["coulomb"])]
+                break
+        else:
+            late = (
+                one["effect"] == "torque_delay"
+                and extra
+                and abs(one["parameters"]["delay"]["value"] - extra) < 0.4 * extra + 2e-4
+            )
+            if not late:  # a recorder whose torques are late is told rightly
+                wrong.append(one)
+    for i, effect in enumerate(hidden):
+        if effect["name"] != "torque_delay" or i in found or identified_delay is None:
+            continue
+        size = abs(effect["size"])
+        if abs(identified_delay - extra - size) < 0.3 * size + 2e-4:
+            found.add(i)  # corrected, and told, before the search
+    groups = {name for group in facts["alternatives"] for name in group}
+    groups |= {one["effect"] for one in told} if facts["verdict"] == "ambiguous" else set()
+    among = bool(hidden) and all(
+        any(effect["name"] in name for name in groups) for i, effect in enumerate(hidden) if i not in found
+    )
+    quiet = facts["verdict"] in ("nothing_missing", "nothing_changed")
+    if facts["verdict"] == "ambiguous" and among and hidden:
+        kind = "ambiguous"
+    elif wrong:
+        kind = "right and wrong" if found else "wrong"
+    elif hidden and len(found) == len(hidden):
+        kind = "exact"
+    elif found:
+        kind = "part"
+    else:
+        kind = "nothing" if quiet else "something"
+    return {
+        "kind": kind,
+        "wrong": [f"{one['effect']}@{one['joints']}" for one in wrong],
+        "sizes": sizes,
+        "found": sorted(found),
+    }
+
+
+def run_case(folder, truth):
+    """Identify and search one case by the public API, and return one line of results."""
+    import dynid
+    from dynid.errors import DynidError
+
+    paths = [folder / log["file"] for log in truth["logs"]]
+    there = [path for path, log in zip(paths, truth["logs"], strict=True) if log["there"]]
+    row = {key: truth[key] for key in ("seed", "case", "set", "repeats", "third", "joints")}
+    row |= {"effects": [[one["name"], one["joint"], round(one["visible"], 3)] for one in truth["effects"]],
+            "reversals": truth["reversals_visible"], "rate": truth["recorder"]["rate"]}  # fmt: skip
+    begun = time.process_time()
+    try:
+        if truth["set"] == "changed":
+            known = dynid.identify(folder / "arm.yaml", [path for path in paths if path not in there])
+            before = time.process_time()
+            gap = dynid.find_gap(known, there, earlier=dynid.earlier_logs(known, there))
+        else:
+            first = [path for path, log in zip(paths, truth["logs"], strict=True) if log["motion"] < 2]
+            known = dynid.identify(folder / "arm.yaml", first)
+            before = time.process_time()
+            gap = dynid.find_gap(known, there)
+        facts = gap.facts()
+    except DynidError as error:
+        return row | {
+            "kind": "refused",
+            "why": str(error)[:300],
+            "wrong": [],
+            "sizes": [],
+            "seconds": time.process_time() - begun,
+        }
+    end = time.process_time()
+    told = [[one["effect"], one["joints"], one.get("probability"), one["p_value"]] for one in facts["named"]]
+    return row | judge(truth, facts, known.delay) | {
+        "verdict": facts["verdict"], "told": told, "question": facts["question"], "alternatives": facts["alternatives"],
+        "closest": [[one["effect"], one["joints"], one.get("why_not"), one.get("probability")] for one in facts["closest"]],
+        "not_repeatable": list(facts["not_repeatable"]), "advice": facts["advice"], "delay": known.delay,
+        "chi": [round(one["chi"], 3) for one in facts["where"]], "noise_from": facts["gap"]["noise_from"],
+        "floor": np.asarray(facts["gap"]["noise_floor_nm"]).tolist(), "seconds": end - before, "identify_seconds": before - begun,
+    }  # fmt: skip
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def wilson(hits, of):
+    """Return a share with its 95 % interval of Wilson, as text."""
+    if not of:
+        return "-"
+    z, p = 1.96, hits / of
+    middle, half = (p + z * z / 2 / of), z * np.sqrt(p * (1 - p) / of + z * z / 4 / of**2)
+    low_, high = (middle - half) / (1 + z * z / of), (middle + half) / (1 + z * z / of)
+    return f"{hits} of {of} ({100 * p:.0f} %; {100 * low_:.0f} to {100 * high:.0f})"
+
+
+def smallest(row):
+    """Return the smaller visible size of what is hidden."""
+    return min((visible for _, _, visible in row["effects"]), default=0.0)
+
+
+def table(rows):
+    """Return the results as Markdown."""
+    kinds = ("exact", "part", "ambiguous", "right and wrong", "wrong", "something", "nothing", "refused")
+    lines = ["| set | visible | cases | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 3) + "|"]
+
+    def line(name, size, chosen):
+        counts = [sum(row["kind"] == kind for row in chosen) for kind in kinds]
+        if chosen:
+            lines.append(f"| {name} | {size} | {len(chosen)} | " + " | ".join(map(str, counts)) + " |")
+
+    def named(row, *names):
+        return any(name in names for name, _, _ in row["effects"])
+
+    bands = (("1 and more", 1, 99), ("0.5 to 1", 0.5, 1), ("below 0.5", 0, 0.5))
+    by_set = {
+        name: [row for row in rows if row["set"] == name]
+        for name in ("clean", "single", "double", "outside", "changed")
+    }
+    stribeck = [row for row in by_set["single"] if named(row, "stribeck")]
+    unchanged = [row for row in by_set["changed"] if not row["effects"]]
+    changed = [row for row in by_set["changed"] if row["effects"]]
+    line("clean", "-", by_set["clean"])
+    for name, chosen in (
+        ("single", by_set["single"]),
+        ("of them Stribeck", stribeck),
+        ("double", by_set["double"]),
+        ("changed", changed),
+    ):
+        for size, low_, high in bands:
+            line(name, size, [row for row in chosen if low_ <= smallest(row) < high])
+    line("nothing changed", "-", unchanged)
+    line("outside", "all", by_set["outside"])
+
+    def rate(chosen, good):
+        return wilson(sum(map(good, chosen)), len(chosen))
+
+    def big(chosen, low_=1, high=99):
+        return [row for row in chosen if low_ <= smallest(row) < high]
+
+    def right(row):
+        return row["kind"] == "exact"
+
+    def both(row):
+        return len(row.get("found", ())) == len(row["effects"]) and row["kind"] == "exact"
+
+    odd = [row for row in by_set["outside"] if not named(row, "coarse")]
+    sizes = [each[-1] for row in rows for each in row["sizes"]]
+    seconds = [row["seconds"] for row in rows if row["kind"] != "refused"]
+    wrong = sum(len(row["wrong"]) for row in rows if row["kind"] != "ambiguous")
+    lines += ["", "| rate | measured |", "|---|---|"]
+    for name, text in (
+        ("single >= 1 exact", rate(big(by_set["single"]), right)),
+        ("single 0.5 to 1 exact", rate(big(by_set["single"], 0.5, 1), right)),
+        ("Stribeck >= 1 exact", rate(big(stribeck), right)),
+        ("Stribeck 0.5 to 1 exact", rate(big(stribeck, 0.5, 1), right)),
+        ("double, both >= 1: both named", rate(big(by_set["double"]), both)),
+        ("double, both >= 0.5: both named", rate(big(by_set["double"], 0.5), both)),
+        ("clean: nothing is missing", rate(by_set["clean"], lambda row: row["kind"] == "nothing")),
+        ("clean: no name", rate(by_set["clean"], lambda row: not row["wrong"])),
+        ("outside: something is missing, without a name", rate(odd, lambda row: row["kind"] == "something" or (bool(
+            row.get("not_repeatable")) and not row["wrong"]))),
+        ("outside: no name", rate(by_set["outside"], lambda row: not row["wrong"])),
+        ("changed >= 1 exact", rate(big(changed), right)),
+        ("changed >= 0.5 exact", rate(big(changed, 0.5), right)),
+        ("unchanged: nothing said", rate(unchanged, lambda row: row["kind"] == "nothing")),
+        ("wrong names in all cases", f"{wrong} in {len(rows)}"),
+        ("true sizes inside 95 %", wilson(sum(sizes), len(sizes))),
+        ("processor time of the search, median and largest", f"{np.median(seconds):.1f} s, {max(seconds):.1f} s" if seconds else "-"),
+    ):  # fmt: skip
+        lines.append(f"| {name} | {text} |")
+    bins = reliability(rows)
+    if bins:
+        lines += ["", "| probability given | names | right |", "|---|---|---|", *bins]
+    return "\n".join(lines)
+
+
+def reliability(rows):
+    """Return how often names of a given probability are right, of names and of likely names below the limit."""
+    pairs = []
+    for row in rows:
+        hidden = {(name, joint) for name, joint, _ in row["effects"]}
+        every = [(n, j, p) for n, j, p, _ in row.get("told", ())] + [(n, j, p) for n, j, _, p in row.get("closest", ())]
+        for name, joints, p in every:
+            if p is None:
+                continue
+            first = int(joints[0].removeprefix("axis_")) if joints else 0
+            pairs.append((p, (name, first) in hidden or (name in WHOLE and name in {n for n, _ in hidden})))
+    out = []
+    for low_, high in (
+        (0, 0.2),
+        (0.2, 0.5),
+        (0.5, 0.8),
+        (0.8, 0.9),
+        (0.9, 0.95),
+        (0.95, 0.99),
+        (0.99, 0.999),
+        (0.999, 1.01),
+    ):
+        chosen = [good for p, good in pairs if low_ <= p < high]
+        if chosen:
+            out.append(
+                f"| {100 * low_:g} to {min(100, 100 * high):g} % | {len(chosen)} | {wilson(sum(chosen), len(chosen))} |"
+            )
+    return out
+
+
+def numbers(text):
+    """Return the numbers of a list such as 1-3,7."""
+    spans = [part.split("-") for part in text.split(",")]
+    return [k for span in spans for k in range(int(span[0]), int(span[-1]) + 1)]
+
+
+def work(job):
+    """Make a case if it is not there, run it, return its line."""
+    folder, seed, k, make_only = job
+    place = Path(folder) / f"{seed}" / f"{k:03d}"
+    there = place / "truth.json"
+    truth = (
+        json.loads(there.read_text())
+        if there.exists()
+        else json.loads(json.dumps(make_case(place, seed, k), default=float))
+    )
+    return None if make_only else run_case(place, truth)
+
+
+def main():
+    """Run the cases that are asked for and not there yet, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="1", help="such as 1-3,7")
+    parser.add_argument("--cases", default="0-59", help="numbers of cases, such as 0-59 or 12")
+    parser.add_argument("--only", help="one set")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument(
+        "--folder", type=Path, default=Path(tempfile.gettempdir()) / "gap_stranger", help="where cases are kept"
+    )
+    parser.add_argument("--out", type=Path, default=Path("gap_stranger.jsonl"))
+    parser.add_argument("--code", default=None, help="name of the code instead of its commit")
+    parser.add_argument("--make", action="store_true", help="make the cases and stop")
+    parser.add_argument("--table", type=Path)
+    args = parser.parse_args()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    cases = numbers(args.cases)
+    code = args.code or commit()
+    rows = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
+    done = {(row["code"], row["seed"], row["case"]) for row in rows}
+    kinds = {k: "single" if CYCLE[k % len(CYCLE)] == "stribeck" else CYCLE[k % len(CYCLE)] for k in cases}
+    jobs = [
+        (str(args.folder), seed, k, args.make)
+        for seed in numbers(args.seeds)
+        for k in cases
+        if (code, seed, k) not in done and args.only in (None, kinds[k], CYCLE[k % len(CYCLE)])
+    ]
+    print(f"seeds {args.seeds}, cases {args.cases}, code {code}: {len(jobs)} to do, {len(done)} there", flush=True)
+    if args.jobs > 1:
+        from multiprocessing import Pool
+
+        results = Pool(args.jobs).imap(work, jobs)
+    else:
+        results = map(work, jobs)
+    for row in results:
+        if row is None:
+            continue
+        row["code"] = code
+        rows.append(row)
+        with args.out.open("a") as file:
+            file.write(json.dumps(row, default=float) + "\n")
+        hidden = ", ".join(f"{n}@{j} {v:.2f}" for n, j, v in row["effects"]) or "-"
+        told = ", ".join(f"{n}@{'+'.join(j)}" for n, j, *_ in row.get("told", ())) or "-"
+        print(
+            f"{row['seed']}/{row['case']:02d} {row['set']:8} {row['kind']:15} {row['seconds']:5.1f} s  {hidden}  ->  {told}",
+            flush=True,
+        )
+    chosen = [
+        row for row in rows if row["code"] == code and row["seed"] in numbers(args.seeds) and row["case"] in cases
+    ]
+    if chosen:
+        print(table(chosen))
+        if args.table:
+            args.table.write_text(table(chosen) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Do the statements of identify, validate, gap and report agree with each other, and are the lights right?
+
+    python benchmarks/judgement.py --out judgement.json [--cases 200] [--seed 1] [--minutes 60] [--table benchmarks/judgement.md]
+
+Random situations: an arm, lengths and noise of its logs, something hidden in them or a mistake, a motion again or another.
+Each goes through identify, validate, gap and report; ``contradictions`` reads their JSON. The lights are compared with
+the error on one more motion that nothing has seen, and with the noise that was put in.
+"""
+
+import argparse
+import json
+import math
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dynid.cli.terminal import plain
+from dynid.errors import DynidError
+from dynid.estimation.stack import stack_logs
+from dynid.model.parameters import prior_bodies
+from dynid.robot import Prior
+from dynid.signals.conditioned_log import condition_logs
+from dynid.sim.sines import SineSpec, sines
+from dynid.workflows.gap import find_gap
+from dynid.workflows.identify import answer_of, identify, save_result
+from dynid.workflows.model import base_model
+from dynid.workflows.report import report
+from dynid.workflows.results import load_run
+from dynid.workflows.robots import load_robot
+from dynid.workflows.simulate import simulate
+from dynid.workflows.validate import validate
+
+#: Arms, and what may be hidden at a joint: an effect of the catalogue with its numbers by the torque of the joint.
+ARMS = ("scara", "ur5e", "kuka_lwr4plus")
+HIDDEN = ("nothing", "nothing", "spring", "asymmetric_viscous", "payload", "wrong_sign", "wrong_arm", "drift")
+STEP = 0.005
+#: Effects that gap tries here: the others would only take time.
+TRIED = "spring,asymmetric_viscous,payload,torque_offset,stribeck"
+_BASES = {}
+
+
+def arm_of(name):
+    """Return an arm with cylinders as its true bodies, and its base model."""
+    if name not in _BASES:
+        robot = load_robot(name)
+        robot = replace(robot, prior=Prior(links=tuple(prior_bodies(robot))), tool=None)
+        _BASES[name] = robot, base_model(robot)
+    return _BASES[name]
+
+
+def case_of(seed):
+    """Return a random situation."""
+    rng = np.random.default_rng([seed, 29])
+    return {
+        "seed": seed,
+        "arm": str(rng.choice(ARMS, p=(0.5, 0.25, 0.25))),
+        "seconds": float(rng.choice((3.0, 8.0, 15.0, 30.0))),
+        "noise": float(10 ** rng.uniform(-3, -1.3)),
+        "hidden": str(rng.choice(HIDDEN)),
+        "always": bool(rng.random() < 0.5),
+        "same": bool(rng.random() < 0.4),
+        "motions": int(rng.choice((1, 2))),
+        "repeats": int(rng.choice((1, 2))),
+        "joint": int(rng.integers(1, 4)),
+        "size": float(10 ** rng.uniform(-1.5, 0)),
+    }
+
+
+def logs_of(case):
+    """Return an arm as the user's file has it, logs to identify from, a replay, and one more motion."""
+    robot, base = arm_of(case["arm"])
+    spec = SineSpec(case["seconds"], max(5.0, case["seconds"] / 2), 0.7, 0.5, 0.5, -math.inf)
+    motions = [
+        sines(robot, spec, STEP, np.random.default_rng([case["seed"], 2, k])) for k in range(case["motions"] + 2)
+    ]
+    count = iter(range(100))
+
+    def log(motion, changed):
+        found = simulate(robot, motion, base=base, noise=case["noise"], seed=case["seed"] + next(count))
+        tau, j = found.log.tau.copy(), case["joint"]
+        size = case["size"] * np.sqrt(np.mean(found.torque[:, j] ** 2))
+        if changed and case["hidden"] == "spring":
+            tau[:, j] += size * motion.q[:, j]
+        elif changed and case["hidden"] == "asymmetric_viscous":
+            tau[:, j] += size * np.abs(motion.qd[:, j]) / max(np.abs(motion.qd[:, j]).max(), 1e-6)
+        elif changed and case["hidden"] == "drift":
+            tau[:, j] += size * np.linspace(0, 1, len(tau)) ** 2
+        elif changed and case["hidden"] == "payload":
+            loaded = simulate(robot, motion, base=base, noise=0.0, payload=2.0 * case["size"])
+            tau += loaded.torque - found.torque
+        elif case["hidden"] == "wrong_sign":
+            tau[:, j] *= -1.0
+        return replace(found.log, tau=tau, sha256=f"{case['seed']}-{next(count)}")
+
+    always = case["always"] or case["hidden"] in ("wrong_sign", "wrong_arm")
+    fitted = [log(m, always) for m in motions[: case["motions"]] for _ in range(case["repeats"])]
+    replay = log(motions[0] if case["same"] else motions[-2], True)
+    # The arm as it is in the end: the lights are about that.
+    unseen = log(motions[-1], True)
+    own = robot
+    if case["hidden"] == "wrong_arm":
+        joints = tuple(replace(j, a=1.4 * j.a, d=1.4 * j.d) for j in robot.joints)
+        own = replace(robot, joints=joints)
+    return own, fitted, replay, unseen
+
+
+def contradictions(answers):
+    """Return pairs of statements of the answers of one situation that cannot both be true."""
+    found = []
+    for name, answer in answers.items():
+        judged = answer["judgement"]
+        states, said = {light["name"]: light["state"] for light in judged["lights"]}, judged["sentence"]
+        bad = "bad" in states.values()
+        rules = {
+            "a warning without a red light": said.startswith("Do not use") and not bad,
+            "good beside a light that is not": judged["state"] == "good"
+            and bool({"fair", "bad"} & set(states.values())),
+            "good without another motion": judged["state"] == "good" and states["unseen motion"] != "good",
+            "nothing missing beside a light": said.startswith(("Nothing is missing", "Nothing has changed"))
+            and states["complete"] != "good",
+            "not tested, and tested": "was not tested on another motion" in said and states["unseen motion"] != "open",
+            "to be used, and bad": bad and any("export" in step["command"] for step in judged["next"]),
+            "no next step": any(state != "good" for state in states.values()) and not judged["next"],
+            "praise of unseen motion beside a light": said.startswith(
+                "The model predicts motions that it was not fitted"
+            )
+            and states["unseen motion"] != "good",
+            "a step that is no command": not all(step["command"].startswith("dynid ") for step in judged["next"]),
+        }
+        found += [f"{name}: {rule}" for rule, broken in rules.items() if broken]
+    if "gap" in answers:
+        gap = answers["gap"]
+        nothing = gap["verdict"].startswith("nothing")
+        states = {light["name"]: light["state"] for light in gap["judgement"]["lights"]}
+        said = gap["judgement"]["sentence"]
+        early = said.startswith(("These logs fit another arm", "The robot file does not"))
+        if nothing != (states["complete"] == "good"):
+            found.append("gap: its verdict and its light")
+        if nothing and not early and not said.startswith("Nothing"):
+            found.append("gap: its verdict and its sentence")
+        if gap["verdict"] == "named" and not gap["named"]:
+            found.append("gap: named, and no name")
+    for one, other in (("validate", "after_validate"), ("gap", "report")):
+        if one in answers and other in answers:
+            lights = [
+                {light["name"]: light["state"] for light in answers[key]["judgement"]["lights"]} for key in (one, other)
+            ]
+            if lights[0] != lights[1]:
+                found.append(f"{one} and the report: {lights[0]} and {lights[1]}")
+    if "validate" in answers and "gap" in answers:
+        replayed = answers["validate"]
+        states = {light["name"]: light["state"] for light in replayed["judgement"]["lights"]}
+        expected = replayed["expected_relative_error_percent"]
+        far = expected and replayed["relative_error_percent"] > 3 * expected and states["unseen motion"] == "bad"
+        if far and answers["gap"]["verdict"].startswith("nothing"):
+            found.append("validate misses far more than expected, and gap finds nothing")
+    return found
+
+
+def run(case):
+    """Return what all commands say in one situation, what contradicts, and whether the lights are right."""
+    begun = time.time()
+    robot, fitted, replay, unseen = logs_of(case)
+    base = base_model(robot)
+    answers, row = {}, dict(case)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            result = identify(robot, fitted, base=base, anyway=True, drop_weak=True)
+        except DynidError as error:
+            return row | {"refused": error.code, "contradictions": [], "seconds_taken": time.time() - begun}
+        save_result(Path(folder), result)
+        stored = load_run(Path(folder))
+        answers["identify"] = plain(answer_of(stored))
+        found = validate(stored, replay, base=base)
+        found = replace(found, log=str(Path(folder) / "replay.npz"))
+        answers["validate"] = plain(found.facts())
+        found.save(found.folder(Path(folder) / "validation"))
+        answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
+        try:
+            gap = find_gap(load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED)
+            gap.save(Path(folder) / "gap.npz")
+            answers["gap"] = plain(gap.facts())
+            answers["report"] = plain(report(load_run(Path(folder))).facts())
+        except DynidError as error:
+            row["gap_refused"] = error.code
+        last = load_run(Path(folder)).judgement
+        truth = validate(stored, unseen, base=base)
+    floor = true_floor(case, result, unseen)
+    error = np.array([joint.rms for joint in truth.joints])
+    torque = np.array([joint.torque_rms for joint in truth.joints])
+    times = error / np.maximum(floor, 0.005 * torque)
+    return row | {
+        "contradictions": contradictions(answers),
+        "sentences": {name: answer["judgement"]["sentence"] for name, answer in answers.items()},
+        "lights": {light.name: light.state for light in last.lights},
+        "identified": answers["identify"]["judgement"]["state"],
+        "validated": answers["validate"]["judgement"]["state"],
+        "state": last.state,
+        "unseen_over_noise": float(times.max()),
+        "percent": truth.relative_error_percent,
+        "verdict": answers.get("gap", {}).get("verdict", ""),
+        "seconds_taken": time.time() - begun,
+    }
+
+
+def true_floor(case, result, unseen):
+    """Return the rms that the noise put in has after the filter of a result, (n,) [N m]."""
+    rng = np.random.default_rng([case["seed"], 5])
+    arm, base = arm_of(case["arm"])
+    sigma = noise_of(case, arm, base)
+    white = replace(unseen, tau=sigma * rng.standard_normal(unseen.tau.shape), sha256="white")
+    logs = condition_logs([white], base.model, cutoff=result.cutoff)
+    factors, counts = stack_logs(logs, base).whole
+    return np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(1, counts))
+
+
+def noise_of(case, robot, base):
+    """Return the standard deviation of the noise that ``simulate`` adds, (n,) [N m]."""
+    motion = sines(
+        robot, SineSpec(3.0, 5.0, 0.7, 0.5, 0.5, -math.inf), STEP, np.random.default_rng([case["seed"], 2, 0])
+    )
+    both = [simulate(robot, motion, base=base, noise=noise, resolution=0.0) for noise in (case["noise"], 0.0)]
+    return np.std(both[0].log.tau - both[1].log.tau, axis=0)
+
+
+def calibration(rows):
+    """Return how often good and bad are right: "good" promises each joint within twice its noise."""
+    rows = [row for row in rows if "state" in row and row["lights"]]
+    good = [row for row in rows if row["state"] == "good"]
+    bad = [row for row in rows if row["state"] == "bad"]
+    right = sum(row["unseen_over_noise"] <= 2.0 for row in good)
+    wrong = sum(row["unseen_over_noise"] <= 2.0 for row in bad)
+    return len(good), right, len(bad), wrong
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("judgement.json"))
+    parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    given = parser.parse_args()
+    rows = json.loads(given.out.read_text()) if given.out.exists() else []
+    done, end = {row["seed"] for row in rows}, time.time() + 60 * given.minutes
+    for seed in range(1000 * given.seed, 1000 * given.seed + given.cases):
+        if seed in done or time.time() > end:
+            continue
+        row = run(case_of(seed))
+        rows.append(row)
+        given.out.write_text(json.dumps(rows, indent=1))
+        print(
+            seed,
+            row["arm"],
+            row["hidden"],
+            row.get("state", row.get("refused")),
+            row["contradictions"],
+            f"{row['seconds_taken']:.0f} s",
+            flush=True,
+        )
+    count = sum(bool(row["contradictions"]) for row in rows)
+    good, right, bad, wrong = calibration(rows)
+    print(
+        f"{len(rows)} situations, {count} with contradictions; good {right} of {good} right; bad {wrong} of {bad} wrong"
+    )
+
+
+if __name__ == "__main__":
+    main()

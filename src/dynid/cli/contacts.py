@@ -1,0 +1,45 @@
+"""``dynid contacts PARAMETERS LOG``: when and where something touched the arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dynid.cli.arguments import options_from, options_of
+from dynid.cli.options import Common, dynid_command
+from dynid.text import shell
+from dynid.workflows.contacts import ContactOptions
+
+
+@dynid_command(
+    "contacts",
+    examples=(
+        "dynid contacts out/kuka_lwr4plus day3.bag",
+        "dynid contacts out/kuka_lwr4plus day3.bag --false-alarms 10/h     a lower threshold",
+        "dynid contacts out/kuka_lwr4plus day3.bag --json | jq .contacts",
+    ),
+)
+@click.argument("parameters", type=click.Path(path_type=Path))
+@click.argument("log", type=click.Path(path_type=Path))
+@options_from(ContactOptions)
+@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the torque from outside.")
+def command(common: Common, parameters: Path, log: Path, plot: bool, **values: Any) -> None:  # noqa: ANN401
+    """Find contacts on a log, with a threshold for a stated rate of false alarms."""
+    from dynid.workflows.contacts import contacts, save_figure
+    from dynid.workflows.results import load_run
+
+    stored = load_run(parameters)
+    with common.terminal.progress() as progress:
+        found = contacts(stored, log, options_of(ContactOptions, values), progress=progress)
+        wrote = []
+        if plot:
+            picture = (common.out or stored.path.parent) / "contacts" / f"{Path(found.log).stem}.png"
+            wrote.append(save_figure(found, picture))
+    common.terminal.answer(found.sentence())
+    if found.external.contacts:
+        common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+    common.terminal.wrote(*wrote)
+    common.terminal.emit_json({**found.facts(), "wrote": wrote})
+    common.terminal.next(f"look at {wrote[0]}" if wrote else shell("dynid", "contacts", parameters, log, "--plot"))

@@ -1,0 +1,211 @@
+"""Arms drawn from the posterior: possible bodies, friction, effects and what the residual model leaves, jointly.
+
+Drawn is the normal posterior, cut off where a body stops being possible or friction being positive: a walk along
+ellipses through the present arm and a fresh normal draw, which leaves that distribution as it is (elliptical slice
+sampling; Murray, Adams, MacKay 2010). All draws walk together. Reads a result; writes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.estimation import tuning
+from dynid.estimation.least_squares import symmetric_root
+from dynid.estimation.possible_arm import constraints_of
+from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
+from dynid.estimation.residual_model import orthogonal, shapes_of
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
+
+Floats = NDArray[np.float64]
+
+
+#: More arms than this are no sample any more but a load on the disk.
+MOST = 100_000
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Arms drawn jointly from a posterior; D draws, c parameters, p base parameters, n joints, k residual columns.
+
+    Attributes:
+        result: what they were drawn from.
+        names: parameters, (c,).
+        x: their values, bodies possible, (D, c).
+        residual: factors of the residual model's columns, (D, n, k) [N m or N]; (D, n, 0) where there is no such model.
+        noise: rms of what repeats in no draw, such as noise and torques without a name, (n,) [N m or N].
+        seed: of the draws.
+    """
+
+    result: Identification
+    names: tuple[str, ...]
+    x: Floats
+    residual: Floats
+    noise: Floats
+    seed: int
+
+    def __len__(self) -> int:
+        """Return the number of draws."""
+        return len(self.x)
+
+    @property
+    def theta(self) -> Floats:
+        """Base parameters, (D, p)."""
+        return np.asarray(self.x @ self.result.reduction.K.T)
+
+    def torques(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
+        """Return the torques of a motion by each draw, without noise, (D, N, n) [N m or N].
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            t: time, (N,) [s]; needed where the robot file lists effects.
+        """
+        result, error = self.result, self.result.model_error
+        W = result.regressor(q, qd, qdd, t)
+        tau = np.einsum("mjp,dp->dmj", W, self.theta, optimize=True)
+        if error is not None:
+            shapes = shapes_of(q, qd, result.base.observer.coulomb_sign(qd), error.speed)
+            Z = orthogonal(shapes, W, error.reference, error.scale, error.projection)
+            tau += np.einsum("mjk,djk->dmj", Z, self.residual, optimize=True)
+        return np.asarray(tau)
+
+    def band(
+        self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None, level: float = 0.9
+    ) -> tuple[Floats, Floats]:
+        """Return the torques between which a measured one lies with a probability, (N, n) each [N m or N].
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            t: time, (N,) [s]; needed where the robot file lists effects.
+            level: the probability.
+        """
+        rng = np.random.default_rng(self.seed)
+        tau = self.torques(q, qd, qdd, t)
+        tau += rng.normal(size=tau.shape) * self.noise
+        low, high = np.quantile(tau, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+        return low, high
+
+    def facts(self) -> dict[str, Any]:
+        """Return ranges and correlations for those who randomise themselves, and the size of a random torque."""
+        spread = self.x.std(axis=0)
+        moving = np.flatnonzero(spread > 0.0)
+        unit = (self.x[:, moving] - self.x[:, moving].mean(axis=0)) / spread[moving]
+        low, middle, high = np.quantile(self.x, [0.05, 0.5, 0.95], axis=0)
+        error = self.result.model_error
+        left = np.zeros(len(self.noise)) if error is None else error.rms[:, -1]
+        return {
+            "schema": "dynid/draws/1",
+            "robot": self.result.robot.name,
+            "seed": self.seed,
+            "draws": len(self),
+            "parameters": [
+                {"name": name, "p05": float(a), "median": float(b), "p95": float(c)}
+                for name, a, b, c in zip(self.names, low, middle, high, strict=True)
+            ],
+            "correlated": [self.names[k] for k in moving],
+            "correlation": np.round(unit.T @ unit / len(unit), 4).tolist(),
+            "random_torque_nm": [
+                {"joint": joint, "noise_rms": float(noise), "residual_model_rms": float(rms)}
+                for joint, noise, rms in zip(self.result.robot.joint_names, self.noise, left, strict=True)
+            ],
+        }
+
+
+def draws(result: Identification, count: int, seed: int = 0) -> Draws:
+    """Return arms drawn jointly from the posterior of a result.
+
+    Args:
+        result: the result.
+        count: how many.
+        seed: of the draws.
+
+    Raises:
+        WrongUsage: there are none, or too many.
+        NotPhysical: the prior of the robot file is itself not physical.
+    """
+    if not isinstance(count, int) or not 1 <= count <= MOST:
+        raise WrongUsage(f"{count!r} arms cannot be drawn", fix=f"a whole number from 1 to {MOST}")
+    rng = np.random.default_rng(seed)
+    physical, K = result.physical, result.reduction.K
+    constraints = constraints_of(result.base)
+    x = possible_draws(physical.x, symmetric_root(physical.covariance), constraints, count, rng)
+    error = result.model_error
+    if error is None:
+        residual = np.zeros((count, len(result.noise), 0))
+    else:
+        z = rng.normal(size=(count, *error.mean.shape))
+        moved = np.einsum("jkp,dp->djk", error.slope, x @ K.T - K @ physical.x)
+        residual = error.mean + moved + np.einsum("jkl,djl->djk", error.root, z)
+    noise = result.noise if result.expected is None else result.expected.noise
+    return Draws(result, physical.names, x, residual, noise, seed)
+
+
+def possible_draws(
+    x: Floats, root: Floats, constraints: PhysicalConstraints, count: int, rng: np.random.Generator
+) -> Floats:
+    """Return parameters from a normal distribution about possible ones, cut off at the possible set, (D, c).
+
+    Args:
+        x: possible parameters, (c,).
+        root: A with A A^T the covariance, (c, c).
+        constraints: the possible set.
+        count: number of draws, D.
+        rng: source of the draws.
+    """
+    free, bound = _apart(x, root, constraints)
+    step = rng.normal(size=(count, free.shape[1])) @ free.T
+    for _ in range(tuning.DRAW_TRIES):
+        # A far draw of what hardly moves a wall is drawn nearer.
+        step = np.where(_possible(x + step, constraints)[:, None], step, 0.5 * step)
+    x, root, step = x + step, bound, np.zeros_like(step)
+    for _ in range(tuning.DRAW_WALK):
+        fresh = rng.normal(size=(count, root.shape[1])) @ root.T
+        angle = rng.uniform(0.0, 2.0 * np.pi, count)
+        low, high = angle - 2.0 * np.pi, angle.copy()
+        left, after = np.arange(count), step.copy()
+        for _ in range(tuning.DRAW_TRIES):
+            tried = np.cos(angle[left])[:, None] * step[left] + np.sin(angle[left])[:, None] * fresh[left]
+            good = _possible(x[left] + tried, constraints)
+            after[left[good]] = tried[good]
+            left = left[~good]
+            if not len(left):
+                break
+            back = angle[left] < 0.0
+            low[left[back]], high[left[~back]] = angle[left[back]], angle[left[~back]]
+            angle[left] = rng.uniform(low[left], high[left])
+        step = after
+    return np.asarray(x + step)
+
+
+def _apart(x: Floats, root: Floats, constraints: PhysicalConstraints) -> tuple[Floats, Floats]:
+    """Return directions of a root, (c, a) and (c, b): those by which no wall comes near, and the others.
+
+    The measure is the barrier's: the sum of squares of the relative changes of second moments and positive numbers.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(x[constraints.bodies])))
+    change = pseudo_inertia(root.T[:, constraints.bodies])
+    bodies = inverse @ change @ inverse.swapaxes(-1, -2)
+    bounds = (constraints.G @ root / (constraints.G @ x - constraints.h)[:, None]).T
+    near = np.hstack([bodies.reshape(len(bodies), -1), bounds])
+    values, vectors = np.linalg.eigh(near @ near.T)
+    free = np.cumsum(values) <= tuning.DRAW_FREE
+    return root @ vectors[:, free], root @ vectors[:, ~free]
+
+
+def _possible(x: Floats, constraints: PhysicalConstraints) -> NDArray[np.bool_]:
+    """Return which parameters, (D, c), are inside the possible set, (D,)."""
+    P = pseudo_inertia(x[:, constraints.bodies])
+    # Why determinants: of matrices so small they take a quarter of the time of eigenvalues.
+    minors = [P[..., 0, 0], *(np.linalg.det(P[..., :k, :k]) for k in (2, 3, 4))]
+    bodies = np.all(np.stack(minors) > 0.0, axis=(0, 2))
+    return np.asarray(bodies & np.all(x @ constraints.G.T >= constraints.h, axis=1))

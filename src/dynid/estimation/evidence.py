@@ -1,0 +1,220 @@
+"""What is known of a result when it is judged: its own figures, and what lies beside its file."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
+from dynid.estimation.least_squares import relative_error
+from dynid.judgement.evidence import EffectEvidence, Event, Evidence, GapEvidence, JointEvidence, OtherArm, Unseen
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
+
+#: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
+DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
+#: How the text of what was held out ends where it is part of the fitted motion.
+SAME_MOTION = "the same motion"
+
+
+def fingerprint(result: Identification) -> str:
+    """Return what tells whether a replay or a search was made with the parameters that a result has now."""
+    return hashlib.sha256(result.theta.tobytes()).hexdigest()[:16]
+
+
+def evidence_of(result: Identification) -> Evidence:
+    """Return what is known of a result, with the replays and the search that lie beside its file.
+
+    Raises:
+        NotAnArtifact: a file beside it is damaged.
+    """
+    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in result.knowledge)
+    header, codes = result.header, [finding.code for finding in result.findings]
+    found = Evidence(
+        robot=result.robot.source or str(result.robot.path or result.robot.slug),
+        result=str(result.path) if result.path.name else "",
+        logs=tuple(str(path) for path in header.get("logs", [])),
+        joints=_joints(result),
+        repeats=None if header.get("noise_floor_nm") is None else bool(header.get("noise_repeats_s", 0.0)),
+        fitted=result.relative_error_percent,
+        unseen=_held_out(result),
+        possible=_possible(result),
+        plain=relative_error(result.factors, result.plain) if result.factors.size else None,
+        physical=result.in_force == "physical",
+        doubts=tuple(code for code in codes if code in DOUBTS),
+        alarms=tuple(code for code in codes if code in ALARMS),
+        mass=None if result.robot.torque.relative else sum(link["mass_kg"] for link in result.links()),
+        reach=float(sum(np.hypot(joint.a, joint.d) for joint in result.robot.joints if joint.revolute)) or None,
+        known=known / max(1, len(result.names)),
+        open=result.knowledge.count(NOT_DETERMINED),
+        condition=result.condition_number_scaled,
+        seconds=_seconds(result),
+        left_out=_left_out(result),
+        other=None if header.get("other_arm") is None else OtherArm(**header["other_arm"]),
+    )
+    return found if not result.path.name else _with_files(found, result)
+
+
+def _joints(result: Identification) -> tuple[JointEvidence, ...]:
+    noise = result.header.get("noise_floor_nm") or ()
+    units = ["A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints]
+    return tuple(
+        JointEvidence(
+            quality.joint, unit, quality.torque_rms / size, quality.rms / size, None if floor is None else floor / size
+        )
+        for quality, unit, size, floor in zip_longest(result.joints, units, _sizes(result), noise[: len(units)])
+    )
+
+
+def _sizes(result: Identification) -> tuple[float, ...]:
+    """Return what a torque of each joint is divided by to be shown: its gain where torques are amperes."""
+    torque = result.robot.torque
+    gains = torque.gain if torque.relative and torque.gain else (1.0,) * len(result.joints)
+    return tuple(gain or 1.0 for gain in gains)
+
+
+def _held_out(result: Identification) -> tuple[Unseen, ...]:
+    percent, rms = result.heldout_relative_error_percent, [joint.heldout_rms for joint in result.joints]
+    if percent is None:
+        return ()
+    same = result.heldout.endswith(SAME_MOTION)
+    known = tuple(error / size for error, size in zip(rms, _sizes(result), strict=True) if error is not None)
+    return (Unseen(f"what was held out ({result.heldout})", percent, known if len(known) == len(rms) else (), same),)
+
+
+def _possible(result: Identification) -> float | None:
+    if result.in_force == "physical":
+        return result.relative_error_percent
+    if not result.factors.size:
+        return None
+    return relative_error(result.factors, result.reduction.K @ result.physical.x)
+
+
+def _seconds(result: Identification) -> float | None:
+    rate = float(result.header.get("kept_rate_hz", 0.0))
+    return result.samples / rate if rate > 0.0 else None
+
+
+def _left_out(result: Identification) -> float | None:
+    rows = result.samples * len(result.joints)
+    return max(0.0, 1.0 - float(result.counts.sum()) / rows) if rows and result.counts.size else None
+
+
+# ---------------------------------------------------------------- beside the file
+def _with_files(evidence: Evidence, result: Identification) -> Evidence:
+    """Add replays and the search beside a result, where they were made with the parameters that it has now."""
+    folder = result.path.parent
+    replays = [_replay(path, result) for path in sorted((folder / "validation").glob("*/estimatedmotion.npz"))]
+    gap = folder / "gap.npz"
+    return replace(
+        evidence,
+        unseen=(*evidence.unseen, *(each for each in replays if each is not None)),
+        gap=_gap(gap, result) if gap.is_file() else None,
+    )
+
+
+def _replay(path: Path, result: Identification) -> Unseen | None:
+    """Return a replay; None where it was made with other parameters."""
+    from dynid.estimation import prediction
+    from dynid.files.artifact import read_header
+
+    if (read_header(path) or {}).get("of") != fingerprint(result):
+        return None
+    motion, header = prediction.load(path)
+    result.robot.require_joints(header["joints"], path)
+    left = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
+    torque = np.where(motion.usable, motion.tau_measured, 0.0)
+    percent = 100.0 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(torque)), 1e-12)
+    rms = np.linalg.norm(left, axis=0) / np.sqrt(np.maximum(1, motion.usable.sum(axis=0))) / np.array(_sizes(result))
+    log = str(header.get("log", path.parent.name))
+    expected = header.get("expected_percent")
+    return Unseen(
+        Path(log).name, percent, tuple(rms.tolist()), bool(header.get("same_motion", False)), expected, True, log
+    )
+
+
+def _gap(path: Path, result: Identification) -> GapEvidence | None:
+    """Return what a search found; None where it asked about other parameters."""
+    from dynid.files.artifact import read_artifact, read_header, reading
+
+    header = read_header(path) or {}
+    if dict(header.get("record") or {}).get("of") != fingerprint(result):
+        return None
+    artifact = read_artifact(path)
+    with reading(path):
+        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay)
+
+
+def gap_evidence(record: dict[str, Any], arrays: Any, delay: float) -> GapEvidence:  # noqa: ANN401
+    """Return the evidence of a search.
+
+    Args:
+        record: its record as plain values.
+        arrays: its held-out errors by name.
+        delay: by how much the searched model moves torques back [s].
+    """
+    effects = [_effect(one, named=True) for one in record["named"]]
+    effects = [replace(one, corrected=_corrected(one, delay)) for one in effects]
+    # Why not beside "nothing": what was looked at and is none, such as a delay below the sampling, is no finding.
+    if not str(record["verdict"]).startswith("nothing"):
+        effects += [_effect(one, named=False) for one in record["closest"]]
+    return GapEvidence(
+        question=str(record["question"]),
+        ambiguous=record["verdict"] == "ambiguous",
+        effects=tuple(effects),
+        joints=tuple(str(name) for name in record["joint_names"]),
+        before=tuple(float(x) for x in arrays["before"]),
+        after=tuple(float(x) for x in arrays["after"]),
+        noise=tuple(float(x) for x in arrays["floor"]),
+        repeats=float(record.get("repeats") or 0.0) > 0.0,
+        more=tuple(str(name) for name in record.get("more", ())),
+        unrepeatable=tuple(str(name) for name in record["not_repeatable"]),
+        events=tuple(Event(**event) for event in record.get("events", ())),
+        kept=None if record.get("kept") is None else float(record["kept"]),
+        expected=None if record.get("expected") is None else float(record["expected"]),
+        kept_rms=tuple(float(x) for x in record.get("kept_rms", ())),
+        logs=tuple(str(path) for path in record["logs"]),
+    )
+
+
+def _corrected(one: EffectEvidence, delay: float) -> bool:
+    """Return whether most of a delay is known to the model."""
+    found = [value for name, value, _, _ in one.sizes if one.effect == "torque_delay" and name == "delay"]
+    return bool(found) and abs(found[0] - delay) < 0.5 * abs(found[0])
+
+
+def _effect(stored: dict[str, Any], *, named: bool) -> EffectEvidence:
+    """Return a stored effect as evidence."""
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    name, errors, units = str(stored["effect"]), dict(stored["std_errors"]), dict(stored["units"])
+    title = CATALOGUE[name].title if name in CATALOGUE else name
+    sizes = tuple(
+        (str(key), float(value), _error(errors[key]) if key in errors else 0.0, str(units.get(key, "")))
+        for key, value in dict(stored["values"]).items()
+    )
+    after = stored["rms_after"]
+    return EffectEvidence(
+        title=title,
+        effect=name,
+        where=str(stored["where"]),
+        sizes=sizes,
+        named=named,
+        probability=None if stored.get("probability") is None else float(stored["probability"]),
+        joint=str(stored["joint"]),
+        before=float(stored["rms_before"]),
+        after=None if after is None else float(after),
+        unit=str(stored["unit"]),
+        why_not=str(stored["why_not"]),
+    )
+
+
+def _error(value: Any) -> float | None:  # noqa: ANN401
+    """Return a standard error; None where the logs do not determine the number."""
+    return None if value is None or not np.isfinite(float(value)) else float(value)

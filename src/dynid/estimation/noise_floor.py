@@ -1,0 +1,162 @@
+"""The noise floor of torques: what no model could explain, from motions that were driven twice, else a lower bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation import tuning
+from dynid.estimation.residual_model import ModelError
+from dynid.estimation.stack import Stack
+from dynid.scratch import joined, median
+from dynid.signals.filters import Filter
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """The noise of each joint.
+
+    Attributes:
+        rms: after the filter that the torques get, (n,) [N m or N].
+        repeats: seconds of repeated motion that it comes from; 0 where it is a lower bound.
+    """
+
+    rms: Floats
+    repeats: float
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Part of a log without gaps: positions, (M, n), what the model leaves, (M, n), and the rows that count, (M, n)."""
+
+    q: Floats
+    left: Floats
+    use: NDArray[np.bool_]
+
+
+def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) -> NoiseFloor | None:
+    """Return the noise of the torques of a stack; None where its rows are too few, or gone.
+
+    Two runs of one motion differ by what does not repeat, which is noise and nothing else. Without such runs, noise is
+    taken as white before the filter, as high as the upper part of the pass band of what the model leaves: slower
+    noise is not seen, so that this is a lower bound.
+
+    Args:
+        stack: the stacked logs.
+        theta: base parameters, (p,).
+        error: the residual model, None without.
+    """
+    if not stack.logs:
+        return None
+    chosen = stack.logs[0].filter
+    parts = [part for k in range(len(stack.logs)) for part in _parts(stack, k, theta, error)]
+    pairs = [(one, other) for a, one in enumerate(parts) for other in parts[a:]]
+    differences = [found for one, other in pairs for found in _difference(one, other, chosen)]
+    seconds = sum(len(left) for left, _ in differences) / chosen.kept_rate
+    if seconds >= tuning.SHORTEST_REPEAT_S:
+        return NoiseFloor(_rms(differences), float(seconds))
+    left = [(part.left, part.use) for part in parts if len(part.left) >= tuning.SPECTRUM_ROWS]
+    return NoiseFloor(_from_spectrum(left, chosen), 0.0) if left else None
+
+
+def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -> Iterator[_Part]:
+    """Yield the parts of a log without gaps, no more than a few minutes: these say what hours do."""
+    log = stack.logs[number]
+    t, q = (joined(getattr(segment, name) for segment in log.segments) for name in ("t", "q"))
+    last: float | None = None
+    held: list[tuple[Floats, Floats, NDArray[np.bool_]]] = []
+    begun = None
+    for rows in stack.rows_of_log(number):
+        if last is not None and not 0 < rows.t[0] - last < 1.5 / log.filter.kept_rate:
+            yield _joined(held, t, q)
+            held = []
+        begun = rows.t[0] if begun is None else begun
+        if rows.t[0] - begun > tuning.NOISE_SECONDS:
+            break
+        left = rows.tau - rows.torque(theta) - (0.0 if error is None else error.torque(rows, log, stack.observer))
+        held.append((rows.t, left, rows.mask))
+        last = float(rows.t[-1])
+    if held:
+        yield _joined(held, t, q)
+
+
+def _joined(held: Sequence[tuple[Floats, Floats, NDArray[np.bool_]]], t: Floats, q: Floats) -> _Part:
+    at, left, use = (np.concatenate(column) for column in zip(*held, strict=True))
+    return _Part(np.stack([np.interp(at, t, column) for column in q.T], axis=1), left, use)
+
+
+def _difference(one: _Part, other: _Part, chosen: Filter) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
+    """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
+    shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
+    lag = _lag(one.q, other.q, shortest, shortest if one is other else None)
+    if lag is None:
+        return
+    whole = int(np.floor(lag))
+    start, end = max(0, -whole), min(len(one.q), len(other.q) - whole)
+    moved = _shifted(other.left, lag - whole)[start + whole : end + whole]
+    e = (one.left[start:end] - moved) / np.sqrt(2.0)
+    use = one.use[start:end] & other.use[start + whole : end + whole]
+    edge = np.zeros(len(e), dtype=bool)
+    edge[8:-8] = True
+    line = np.column_stack([np.ones(len(e)), np.linspace(-1.0, 1.0, len(e))])
+    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], use & edge[:, None]
+
+
+def _lag(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:
+    """Return the lag at which two motions agree, in rows; None where they are not the same."""
+    scale = one.std(axis=0)
+    moves = scale > tuning.STILL_RAD
+    if not moves.any() or min(len(one), len(other)) < shortest:
+        return None
+    x, y = ((q - one.mean(axis=0))[:, moves] / scale[moves] for q in (one, other))
+    size = 1 << (len(x) + len(y)).bit_length()
+    spectrum = np.conj(np.fft.rfft(x, size, axis=0)) * np.fft.rfft(y, size, axis=0)
+    lags = np.arange(1 - len(x), len(y))
+    product = np.fft.irfft(spectrum.sum(axis=1), size)[lags]
+    squares_x, squares_y = (np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))]) for z in (x, y))
+    start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
+    apart = (squares_x[end] - squares_x[start]) + (squares_y[end + lags] - squares_y[start + lags]) - 2.0 * product
+    wrong = (end - start < shortest) | (False if least is None else lags < least)
+    mean = np.where(wrong, np.inf, apart / np.maximum(end - start, 1) / moves.sum())
+    best = int(np.argmin(mean))
+    if mean[best] > tuning.REPEATED**2 or not 0 < best < len(lags) - 1:
+        return None
+    left, middle, right = apart[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    return float(lags[best] + (0.5 * (left - right) / bend if bend > 0.0 else 0.0))
+
+
+def _shifted(x: Floats, rows: float) -> Floats:
+    """Return x(k + rows) of a signal without what is faster than half its rate, (M, n)."""
+    k = np.arange(-8, 9)
+    kernel = np.sinc(k - rows) * np.kaiser(17, 5.0)
+    return np.stack([np.convolve(column, (kernel / kernel.sum())[::-1], "same") for column in x.T], axis=1)
+
+
+def _rms(parts: Iterable[tuple[Floats, NDArray[np.bool_]]]) -> Floats:
+    """Return the root mean square of each joint over the rows that count, (n,)."""
+    squares = sum(np.sum(np.where(use, x, 0.0) ** 2, axis=0) for x, use in parts)
+    return np.asarray(np.sqrt(squares / np.maximum(1, sum(use.sum(axis=0) for _, use in parts))))
+
+
+def _from_spectrum(parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Filter) -> Floats:
+    """Return the rms that white noise has after the filter, which is as high as the upper part of its pass band."""
+    kernel, step = chosen.second_kernel[0], chosen.second_step
+    powers: list[Floats] = []
+    for left, _ in parts:
+        f = np.fft.rfftfreq(len(left), 1.0 / chosen.kept_rate)
+        window = np.hanning(len(left))
+        power = np.abs(np.fft.rfft((left - left.mean(axis=0)) * window[:, None], axis=0)) ** 2 / np.sum(window**2)
+        inside = (f > tuning.NOISE_BAND[0] * chosen.cutoff) & (f < tuning.NOISE_BAND[1] * chosen.cutoff)
+        turns = np.outer(f[inside] / (step * chosen.kept_rate), np.arange(len(kernel)))
+        gain = np.abs(np.exp(-2j * np.pi * turns) @ kernel) ** 2
+        # Why the step: thinned rows spread the same power over a narrower band.
+        powers.append(step * power[inside] / gain[:, None])
+    # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
+    level = median(np.concatenate(powers), axis=0) / np.log(2.0)
+    return np.asarray(np.minimum(np.sqrt(level * np.sum(kernel**2)), _rms(parts)))

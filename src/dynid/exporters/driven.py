@@ -1,0 +1,140 @@
+"""Exported files in their simulators, driven along a recorded motion: the written text is loaded, nothing else.
+
+The measured torques act on the simulated arm, and one soft controller, the same for all arms, holds it near
+the recorded motion. Where the model is right the controller has nothing to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import PackageMissing
+from dynid.exporters import effects_file, mjcf, urdf
+from dynid.exporters.engines import bullet_body, module, silent
+from dynid.exporters.full_model import world_gravity
+from dynid.exporters.interface import IdentifiedArm
+from dynid.exporters.languages import imported
+from dynid.scratch import scratch_folder
+from dynid.sim import tuning
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a simulated arm did along a recording; N samples, n joints.
+
+    Attributes:
+        q: positions, (N, n) [rad or m].
+        added: torque that the controller added to the measured one, (N, n) [N m or N].
+    """
+
+    q: Floats
+    added: Floats
+
+
+#: Puts an arm at a state; then returns its state after a step with torques of the drives.
+Step = Callable[[Floats], tuple[Floats, Floats]]
+
+
+def drive(arm: IdentifiedArm, engine: str, recorded: tuple[Floats, Floats, Floats, Floats], inertia: Floats) -> Driven:
+    """Drive an exported arm along a recording.
+
+    Args:
+        arm: what is exported.
+        engine: ``"mujoco"`` or ``"pybullet"``.
+        recorded: times, evenly spaced, (N,) [s], positions, velocities and torques, (N, n).
+        inertia: what the controller takes each joint to move, (n,) [kg m^2 or kg].
+
+    Raises:
+        PackageMissing: the engine is not installed.
+    """
+    t, q, qd, tau = recorded
+    dt = float(t[1] - t[0])
+    steps = max(1, round(dt / tuning.PHYSICS_STEP_S / 2))
+    h = dt / steps
+    omega = 2.0 * np.pi * tuning.SOFT_FREQUENCY_HZ
+    stiffness = np.maximum(inertia * omega**2, np.std(tau, axis=0) / tuning.SOFT_DEFLECTION)
+    damping = 2.0 * np.sqrt(stiffness * inertia)
+    with scratch_folder() as folder:
+        path = Path(folder) / effects_file.NAME
+        path.write_text(effects_file.text(arm), encoding="utf-8")
+        effects = imported(path)
+        with silent():
+            step, close = _ENGINES[engine](arm, effects, h, q[0], qd[0])
+        found, added = np.empty_like(q), np.empty_like(q)
+        here = q[0], qd[0]
+        try:
+            for k in range(len(t)):
+                found[k] = here[0]
+                last = min(k + 1, len(t) - 1)
+                for part in range(steps):
+                    share = part / steps
+                    goal, speed, push = ((1 - share) * x[k] + share * x[last] for x in (q, qd, tau))
+                    more = stiffness * (goal - here[0]) + damping * (speed - here[1])
+                    if part == 0:
+                        added[k] = more
+                    here = step(push + more)
+        finally:
+            close()
+    return Driven(found, added)
+
+
+def _mujoco(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -> tuple[Step, Callable[[], None]]:  # noqa: ANN401
+    engine = module("mujoco")
+    if engine is None:
+        raise PackageMissing("MuJoCo is not installed", fix="pip install mujoco")
+    model = engine.MjModel.from_xml_string(mjcf.text(arm))
+    model.opt.timestep = h
+    # Why no stops: a recording ends before them, and a model that is wrong must not lean on them.
+    model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_LIMIT | engine.mjtDisableBit.mjDSBL_CONTACT
+    model.jnt_actfrclimited[:] = 0
+    data, found = engine.MjData(model), effects.Mujoco(model)
+    joints = [model.joint(name) for name in effects.JOINTS]
+    places = np.array([joint.qposadr[0] for joint in joints])
+    dofs = np.array([joint.dofadr[0] for joint in joints])
+    data.qpos[places], data.qvel[dofs] = q, qd
+    engine.set_mjcb_passive(found.passive)
+
+    def step(torque: Floats) -> tuple[Floats, Floats]:
+        data.qfrc_applied[dofs] = torque
+        engine.mj_step(model, data)
+        return data.qpos[places].copy(), data.qvel[dofs].copy()
+
+    return step, lambda: engine.set_mjcb_passive(None)
+
+
+def _pybullet(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -> tuple[Step, Callable[[], None]]:  # noqa: ANN401
+    engine = module("pybullet")
+    if engine is None:
+        raise PackageMissing("pybullet is not installed", fix="pip install pybullet, up to Python 3.11")
+    with scratch_folder() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(urdf.text(arm), encoding="utf-8")
+        client, body = bullet_body(path, world_gravity(arm.robot))
+    server = {"physicsClientId": client}
+    engine.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **server)
+    for joint in range(-1, engine.getNumJoints(body, **server)):
+        # Why wide: stops of the file are no part of what is compared.
+        engine.changeDynamics(body, joint, linearDamping=0.0, angularDamping=0.0, **server)
+    found = effects.Bullet(body, client)
+    for joint, position, speed in zip(found.joints, q, qd, strict=True):
+        engine.resetJointState(body, joint, float(position), float(speed), **server)
+
+    def step(torque: Floats) -> tuple[Floats, Floats]:
+        forces = found.forces(torque, h).tolist()
+        engine.setJointMotorControlArray(body, found.joints, engine.TORQUE_CONTROL, forces=forces, **server)
+        engine.stepSimulation(**server)
+        rows = engine.getJointStates(body, found.joints, **server)
+        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+    return step, lambda: engine.disconnect(**server)
+
+
+_ENGINES = {"mujoco": _mujoco, "pybullet": _pybullet}

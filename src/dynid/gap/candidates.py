@@ -1,0 +1,205 @@
+"""Everything that may be named, with all its shapes, as products with what is common and each joint's rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynid.gap import tuning
+from dynid.gap.evidence import Evidence, EvidenceRows, forward, lower_root
+from dynid.gap.significance import Key, whitened_columns
+from dynid.gap.whitened_regression import EffectColumns
+from dynid.model.effects.interface import Effect, Floats, Joints
+from dynid.scratch import release
+
+#: Log Bayes factor of what cannot be.
+NEVER = -1e9
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place with all its shapes that have the same number of columns.
+
+    Attributes:
+        effect: the effect.
+        joints: where it sits.
+        shapes: those that are tried, G of them.
+        own: for each joint, products of its columns with each other, {joint: (G, k, k)}.
+        others: and with [T, R, torque], {joint: (G k, t + r + 1)}.
+        rms: of its columns on the joint that shows each most, in units of the noise, (G, k).
+        groups: how many candidates of other numbers of columns there are at its place, this one included.
+        columns: whitened columns, {joint: (G, k, M)}; none where they are not kept.
+    """
+
+    effect: Effect
+    joints: Joints
+    shapes: list[dict[str, float]]
+    own: dict[int, Floats]
+    others: dict[int, Floats]
+    rms: Floats
+    groups: int
+    columns: dict[int, Floats]
+
+    def beside(self, columns: EffectColumns, at: int) -> Candidate:
+        """Return the candidate with its products with further columns of T, at their place."""
+        others = {}
+        for j, products in self.others.items():
+            C = self.columns[j].reshape(len(products), -1)
+            more = C @ columns[j].T if j in columns else np.zeros((len(products), len(next(iter(columns.values())))))
+            others[j] = np.concatenate([products[:, :at], more, products[:, at:]], axis=1)
+        return replace(self, others=others)
+
+    def without(self, first: int, last: int) -> Candidate:
+        """Return the candidate without its products with some columns of T."""
+        return replace(self, others={j: np.delete(x, np.s_[first:last], axis=1) for j, x in self.others.items()})
+
+    @property
+    def key(self) -> Key:
+        """Identifier and joints."""
+        return self.effect.name, self.joints
+
+
+def candidate(
+    rows: EvidenceRows,
+    effect: Effect,
+    joints: Joints,
+    shapes: list[dict[str, float]],
+    added: Sequence[EffectColumns] = (),
+    groups: int = 1,
+    *,
+    keep: bool = False,
+) -> Candidate:
+    """Return a candidate with shapes that have the same number of columns.
+
+    Args:
+        rows: what is common and the rest.
+        effect: the effect.
+        joints: where it sits.
+        shapes: to try.
+        added: columns that have been added to T, one effect after the other.
+        groups: how many candidates the effect has there.
+        keep: whether its columns are kept.
+    """
+    regression = rows.regression
+    columns = whitened_columns(regression, effect, joints, shapes)
+    count, k = len(shapes), len(effect.amplitudes(shapes[0]))
+    own, others, kept = {}, {}, {}
+    power = np.zeros((count, k))
+    for j, C in columns.items():
+        flat = C.reshape(count * k, -1)
+        if not flat.shape[1] or not flat.any():
+            continue
+        own[j] = C @ C.transpose(0, 2, 1)
+        more = [flat @ one[j].T if j in one else np.zeros((len(flat), len(next(iter(one.values()))))) for one in added]
+        y = (flat @ regression.joints[j].y)[:, None]
+        others[j] = np.concatenate([flat @ rows.T[j], *more, flat @ rows.R[j], y], axis=1)
+        if keep:
+            kept[j] = C if regression.store is None else regression.store.put(C)
+        power = np.maximum(power, np.einsum("gkk->gk", own[j]) / flat.shape[1])
+    if regression.store is not None:
+        release()
+    return Candidate(effect, joints, shapes, own, others, np.sqrt(power), groups, kept)
+
+
+def in_range(effect: Effect, shape: Mapping[str, float]) -> bool:
+    """Return whether a shape is one that is judged."""
+    ranges = ((value, tuning.RANGES.get((effect.name, name))) for name, value in shape.items())
+    return all(ends is None or ends[0] <= value <= ends[1] for value, ends in ranges)
+
+
+def candidates_of(
+    rows: EvidenceRows, wanted: Sequence[tuple[Effect, Joints]], added: Sequence[EffectColumns] = ()
+) -> list[Candidate]:
+    """Return all candidates that the rows show at all, each on its grid."""
+    found = []
+    for effect, joints in wanted:
+        groups: dict[int, list[dict[str, float]]] = {}
+        for shape in effect.grid(rows.regression.motion, joints):
+            if in_range(effect, shape):
+                groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)
+        made = [candidate(rows, effect, joints, some, added, len(groups), keep=True) for some in groups.values()]
+        found += [one for one in made if one.own and one.rms.any()]
+    return found
+
+
+def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
+    """Return the largest share of its power that base parameters cannot absorb, over all shapes.
+
+    Args:
+        evidence: without any name.
+        one: the candidate.
+        base: number of base parameters, the first columns of T.
+    """
+    count, k = one.rms.shape
+    gram = np.asarray(sum(model.gram[:base, :base] for model in evidence.joints))
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(base))
+    P = np.asarray(sum(products[:, :base] for products in one.others.values())) / size
+    Z = forward(root, P.T).reshape(base, count, k)
+    raw = np.asarray(sum(one.own.values()))
+    own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
+    left = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
+    return float(np.max(np.linalg.eigvalsh(left)[np.all(one.rms > 0, axis=1), -1], initial=0.0))
+
+
+def likeness(own: Floats) -> Floats:
+    """Return how alike the columns of an effect are: correlations of their products, (..., k, k).
+
+    The prior of amplitudes has them, so that it is about torques and not about columns (Zellner 1986): q, q^2 and q^3
+    on one side of zero are nearly one column, and three priors of it would make a line dearer than a cubic.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
+    found = own / size[..., :, None] / size[..., None, :]
+    return np.asarray(np.where(np.eye(own.shape[-1], dtype=bool), 1.0 + tuning.ALIKE, found))
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What a candidate brings at each of its shapes, everything else being integrated out.
+
+    Attributes:
+        log_odds: log Bayes factor, a mixture over sizes, (G,).
+        scale: prior size of the part of that mixture with the most evidence, (G,).
+    """
+
+    log_odds: Floats
+    scale: Floats
+
+
+def gains(evidence: Evidence, one: Candidate) -> Gains:
+    """Return what a candidate brings beside everything in ``evidence``."""
+    count, k = one.rms.shape
+    t = evidence.width
+    U, Q = np.zeros((count, k, k)), np.zeros((count * k, t + 1))
+    raw = np.zeros((count, k, k))
+    for j, own in one.own.items():
+        part, products = evidence.parts[j], one.others[j]
+        r = len(part.root)
+        X = forward(part.root, part.scale * products[:, t : t + r].T)
+        Xs = X.reshape(r, count, k)
+        raw += part.scale * own
+        U -= np.einsum("mgk,mgl->gkl", Xs, Xs)
+        Q += part.scale * products[:, np.r_[0:t, t + r]] - X.T @ part.towards
+    root, right = evidence.whole
+    Z = forward(root, Q[:, :-1].T)
+    q = (Q[:, -1] - Z.T @ right).reshape(count, k)
+    Z = Z.reshape(t, count, k)
+    U = U + raw - np.einsum("mgk,mgl->gkl", Z, Z)
+    there = np.all(one.rms > 0, axis=1)
+    unit = 1.0 / np.where(one.rms > 0, one.rms, 1.0)
+    alike = likeness(np.asarray(sum(one.own.values())))
+    volume = np.linalg.slogdet(alike)[1]
+    odds = np.full((len(tuning.SCALES), count), NEVER)
+    for s, scale in enumerate(tuning.SCALES):
+        size = scale * unit
+        W = U * size[:, :, None] * size[:, None, :] + alike
+        v = q * size
+        best = np.linalg.solve(W, v[..., None])[..., 0]
+        odds[s] = 0.5 * np.sum(v * best, axis=1) - 0.5 * (np.linalg.slogdet(W)[1] - volume)
+    possible = there & ((q[:, 0] > 0) if one.effect.positive else True)
+    top = odds.max(axis=0)
+    mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
+    scales = np.array(tuning.SCALES)[odds.argmax(axis=0)]
+    return Gains(np.where(possible, mixed, NEVER), scales)

@@ -1,0 +1,1 @@
+"""From evidence to statements: one object of numbers, one pure function, one table of thresholds."""

@@ -1,0 +1,86 @@
+"""The one function that makes statements: lights, first sentence, reasons, warnings and next steps from evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from dynid.judgement import tuning
+from dynid.judgement.evidence import Evidence
+from dynid.judgement.lights import OPEN, Light, lights, worst
+from dynid.judgement.sentences import first_sentence, reasons, warnings
+from dynid.judgement.steps import Step, next_steps
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is said of a model.
+
+    Attributes:
+        sentence: the answer.
+        reasons: why, in numbers beside what they are compared with.
+        lights: how good each side of it is.
+        warnings: what several facts together warn of.
+        steps: what to do next, most urgent first.
+    """
+
+    sentence: str
+    reasons: tuple[str, ...]
+    lights: tuple[Light, ...]
+    warnings: tuple[str, ...]
+    steps: tuple[Step, ...]
+
+    @property
+    def state(self) -> str:
+        """``"bad"`` or ``"fair"`` as the worst light, ``"good"`` when proved on unseen motion, else ``"open"``."""
+        states = {light.name: light.state for light in self.lights}
+        found = worst(state for state in states.values() if state != OPEN)
+        return OPEN if found == "good" and states["unseen motion"] == OPEN else found
+
+    def light(self, name: str) -> Light:
+        """Return the light of one side: ``fit``, ``unseen motion``, ``knowledge``, ``physics`` or ``complete``."""
+        return next(light for light in self.lights if light.name == name)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the judgement for JSON."""
+        return {
+            "state": self.state,
+            "sentence": self.sentence,
+            "reasons": list(self.reasons),
+            "lights": [light.facts() for light in self.lights],
+            "warnings": list(self.warnings),
+            "next": [{"why": step.why, "command": step.command} for step in self.steps],
+        }
+
+    def __repr__(self) -> str:
+        """Return the answer, why, and what to do next."""
+        steps = [line for step in self.steps[:2] for line in (f"next: {step.command}", f"      {step.why}")]
+        return "\n".join([self.sentence, *self.reasons, *self.warnings, *steps])
+
+
+def judge(evidence: Evidence) -> Judgement:
+    """Return what is said of a model.
+
+    Args:
+        evidence: what is known of it.
+    """
+    found = lights(evidence)
+    return Judgement(
+        first_sentence(evidence, found),
+        reasons(evidence, found),
+        found,
+        warnings(evidence, found),
+        next_steps(evidence, found),
+    )
+
+
+def says_nothing_missing(evidence: Evidence) -> bool:
+    """Return whether nothing is missing: every joint is at its noise, and the kept model as good as it expected."""
+    return {light.name: light.state for light in lights(evidence)}["complete"] == "good"
+
+
+def suspects_other_arm(evidence: Evidence) -> bool:
+    """Return whether most joints are so far above their noise that the arm may be another one."""
+    found = [joint.fitted / joint.noise for joint in evidence.joints if joint.fitted is not None and joint.noise]
+    return len(found) == len(evidence.joints) > 0 and median(found) > tuning.OTHER_ARM

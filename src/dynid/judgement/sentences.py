@@ -1,0 +1,260 @@
+"""The words of a judgement: the answer first, then why, in numbers that stand beside what they are compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynid.judgement import tuning
+from dynid.judgement.evidence import EffectEvidence, Evidence, GapEvidence, Unseen
+from dynid.judgement.lights import Light, at_noise, farthest, floor, joint_state, shown, surprise, unseen_state
+from dynid.table import with_error
+
+
+def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
+    """Return the answer to what was asked; what makes every other answer wrong goes before it."""
+    states = {light.name: light.state for light in lights}
+    if evidence.other is not None:
+        return (
+            "These logs fit another arm better: most joints miss several times their noise, and no effect explains it."
+        )
+    if evidence.alarms:
+        return "The robot file does not describe the arm of these logs."
+    if evidence.asked == "gap" and evidence.gap is not None:
+        return of_gap(evidence.gap, nothing=states["complete"] == "good")
+    if evidence.asked == "replay" and evidence.unseen:
+        return of_replay(evidence.unseen[-1], evidence)
+    if evidence.asked == "change":
+        return of_changes(evidence)
+    return of_result(evidence, states)
+
+
+# ---------------------------------------------------------------- a result
+def of_result(evidence: Evidence, states: dict[str, str]) -> str:
+    """Return what a model is worth."""
+    fitted = "" if evidence.fitted is None else f"{shown(evidence.fitted)} % of the torque it was fitted to"
+    if evidence.gap is not None and evidence.gap.named:
+        # Why first: it is why the model is no better, and what to do about it.
+        return of_gap(evidence.gap, nothing=False)
+    tested = _worst_unseen(evidence)
+    if tested is not None and states["unseen motion"] == "bad":
+        many = "" if evidence.fitted is None else f", {shown(evidence.fitted)} % on the fitted rows"
+        return f"Do not use this model yet: it misses {shown(tested.percent)} % of the torque of {tested.name}{many}."
+    if states["fit"] == "bad" and (joints := weak_joints(evidence)):
+        percent, names = max(percent for _, percent in joints), ", ".join(name for name, _ in joints)
+        whole = "" if evidence.fitted is None else f" ({shown(evidence.fitted)} % of all joints together)"
+        return f"Do not use this model for {names}: it misses up to {shown(percent)} % of the torque there{whole}."
+    if states["fit"] == "bad":
+        return f"Do not use this model yet: it misses {fitted or 'much of the torque it was fitted to'}."
+    if states["physics"] == "bad":
+        return "Do not use this model yet: no arm with possible masses has these torques."
+    if states["complete"] == "bad" and evidence.gap is not None:
+        return of_gap(evidence.gap, nothing=False)
+    if states["unseen motion"] == "open":
+        start = f"The model misses {fitted}" if fitted else "The model is there"
+        return f"{start}; it was not tested on another motion."
+    if states["unseen motion"] == "good":
+        weak = [name for name in ("fit", "knowledge", "physics", "complete") if states[name] == "fair"]
+        rest = {
+            "fit": "its fit is only fair", "knowledge": "some parameters are known badly",
+            "physics": "its bodies are doubtful", "complete": "an effect is missing",
+        }  # fmt: skip
+        but = f", but {' and '.join(rest[name] for name in weak)}" if weak else ""
+        return f"The model predicts motions that it was not fitted to, up to their noise{but}."
+    assert tested is not None
+    return f"The model is usable: it misses {shown(tested.percent)} % of the torque of {tested.name}, more than noise."
+
+
+def weak_joints(evidence: Evidence) -> list[tuple[str, float]]:
+    """Return the joints whose fit is bad, and what is unexplained there [%]."""
+    return [
+        (joint.joint, 100.0 * joint.fitted / joint.torque)
+        for joint in evidence.joints
+        if joint.fitted is not None and joint.torque and joint_state(joint) == "bad"
+    ]
+
+
+def _worst_unseen(evidence: Evidence) -> Unseen | None:
+    """Return the unseen rows that speak most against the model."""
+    order = {"good": 0, "fair": 1, "bad": 2}
+    return max(evidence.unseen, key=lambda u: (order[unseen_state(u, evidence)], u.percent), default=None)
+
+
+# ---------------------------------------------------------------- a replay
+def of_replay(unseen: Unseen, evidence: Evidence) -> str:
+    """Return what a replayed log says."""
+    state, times = unseen_state(unseen, evidence), surprise(unseen)
+    if state == "good":
+        if unseen.same_motion:
+            return f"The model predicts {unseen.name} up to its noise, but that motion was fitted: test another one."
+        return f"The model predicts {unseen.name}, a motion that was not fitted, up to its noise."
+    if times is not None and times > tuning.EXPECTED[0]:
+        much = f"it misses {shown(unseen.percent)} % of the torque where {unseen.expected:.2g} % was expected"
+        if unseen.same_motion:
+            return f"Something has changed since the model was identified: {much}, on the same motion."
+        return f"The model is worse on {unseen.name} than it expected: {much}."
+    what = "a motion that was fitted" if unseen.same_motion else "a motion that was not fitted"
+    word = "Do not use this model yet: it" if state == "bad" else "The model"
+    return f"{word} misses {shown(unseen.percent)} % of the torque of {unseen.name}, {what}."
+
+
+# ---------------------------------------------------------------- what changed
+def of_changes(evidence: Evidence) -> str:
+    """Return what changed since an earlier result."""
+    changed = evidence.changes or ()
+    since = f" since {evidence.earlier}" if evidence.earlier else ""
+    if evidence.changes is None:
+        return "There is nothing to compare with."
+    if not changed:
+        return f"Nothing has changed{since} by more than its uncertainty."
+    first = changed[0]
+    more = f" and {len(changed) - 1} more numbers" if len(changed) > 1 else ""
+    return f"The arm has changed{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{more}."
+
+
+# ---------------------------------------------------------------- missing effects
+def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
+    """Return what is missing."""
+    changed, effects = gap.question == "changed", gap.effects
+    if gap.named and gap.ambiguous:
+        names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
+        return f"Something is missing, and these explain it equally well: {names}."
+    if gap.named:
+        return " ".join(_named(one, changed=changed) for one in gap.named)
+    if nothing:
+        if changed:
+            return "Nothing has changed since the model was identified: every joint is as it was expected."
+        noise = "at its noise" if gap.repeats else "at the lowest noise it can have"
+        return f"Nothing is missing: every joint is {noise}, on rows that were not used."
+    if gap.events:
+        event = gap.events[0]
+        return (
+            f"Something happened once: {event.size:.2g} {event.unit} on {event.joint}, from {event.start:.1f} to "
+            f"{event.end:.1f} s of {event.log}."
+        )
+    likely = [one for one in effects if not one.named and one.probability is not None and one.probability >= 0.5]
+    if likely:
+        one = likely[0]
+        assert one.probability is not None
+        size = f", {_size(one)}" if one.sizes else ""
+        return (
+            f"{_start(one.where)} probably has {one.title}{size} ({100 * one.probability:.0f} %); 99 % are needed to "
+            "name it."
+        )
+    where = _where(gap)
+    if gap.unrepeatable:
+        return f"What disturbs {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
+    if (gap.surprise or 0.0) > tuning.EXPECTED[0]:
+        return (
+            f"The model misses {gap.kept:.3g} % of the torque of these logs where {gap.expected:.2g} % was expected, "
+            "and no effect explains it."
+        )
+    return f"Something is missing{where} that no effect explains."
+
+
+def _named(one: EffectEvidence, *, changed: bool) -> str:
+    if one.effect == "payload" and (mass := next((size for size in one.sizes if size[0] == "m"), None)):
+        _, value, error, unit = mass
+        word = "more" if value >= 0.0 else "less"
+        spread = f" +- {error:.2g}" if error else ""
+        than = "when it was identified" if changed else "the model knows of"
+        return f"The arm carries {with_error(abs(value), error)}{spread} {unit} {word} than {than}."
+    size = f", {_size(one)}" if one.sizes else ""
+    since = "It was not there when the model was identified." if changed else "The model lacks it."
+    return f"{_start(one.where)}: {one.title}{size}. {'The model corrects it already.' if one.corrected else since}"
+
+
+def _start(where: str) -> str:
+    """Return where an effect sits as the beginning of a sentence; names of joints stay as they are."""
+    return "The" + where[3:] if where.startswith("the ") else where
+
+
+def _size(one: EffectEvidence) -> str:
+    """Return the sizes of an effect with their errors."""
+    shown = []
+    for name, value, error, unit in one.sizes:
+        number = f"about {value:.3g}" if error is None else with_error(value, error) if error else f"{value:.4g}"
+        spread = f" +- {error:.2g}" if error else ""
+        shown.append(f"{name} {number}{spread} {unit}".strip())
+    return ", ".join(shown)
+
+
+def _where(gap: GapEvidence) -> str:
+    names = gap.more or tuple(
+        name
+        for name, error, noise in zip(gap.joints, gap.before, gap.noise, strict=True)
+        if error > tuning.MISSING * noise
+    )
+    return f" on {', '.join(names)}" if names else ""
+
+
+# ---------------------------------------------------------------- why
+def reasons(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
+    """Return why, in numbers beside what they are compared with."""
+    found = []
+    if evidence.other is not None:
+        other = evidence.other
+        found.append(
+            f"With the link lengths of {other.name} the error is {shown(other.percent)} %, "
+            f"with these {shown(other.own)} %."
+        )
+    if evidence.asked == "gap" and evidence.gap is not None:
+        found += _gap_reasons(evidence.gap)
+    elif evidence.asked == "replay" and evidence.unseen:
+        found += _replay_reasons(evidence.unseen[-1], evidence)
+    elif evidence.asked != "change":
+        tested = [each for each in evidence.unseen if not each.same_motion]
+        if tested:
+            found += _replay_reasons(max(tested, key=lambda each: each.percent), evidence)
+    return tuple(found)
+
+
+def _replay_reasons(unseen: Unseen, evidence: Evidence) -> list[str]:
+    said = f"{unseen.percent:.2f} % unexplained on {unseen.name}"
+    if unseen.expected:
+        said += f"; expected {unseen.expected:.2f} %"
+    far = farthest(unseen, evidence)
+    if far is not None:
+        joint, error, times = far
+        bound = "" if evidence.repeats else " at least"
+        said += f"; {joint.joint} {error:.3g} {joint.unit}, noise{bound} {floor(joint) or 0.0:.3g} ({times:.2g} times)"
+    return [said + "."]
+
+
+def _gap_reasons(gap: GapEvidence) -> list[str]:
+    found = []
+    for one in gap.named:
+        if one.before is not None and one.after is not None:
+            noise = dict(zip(gap.joints, gap.noise, strict=True)).get(one.joint)
+            beside = "" if noise is None else f"; noise {noise:.3g}"
+            found.append(f"Error of {one.joint} on unseen rows {one.before:.3g} -> {one.after:.3g} {one.unit}{beside}.")
+    if not gap.named and gap.joints:
+        rows = zip(gap.joints, gap.before, gap.noise, strict=True)
+        name, error, noise = max(rows, key=lambda row: row[1] / max(row[2], 1e-12))
+        bound = "" if gap.repeats else " at least"
+        found.append(
+            f"{_start(name)} is furthest from its noise: {error:.3g} on unseen rows, noise{bound} {noise:.3g}."
+        )
+    if gap.kept is not None and gap.expected:
+        found.append(
+            f"The model as it was misses {gap.kept:.3g} % of these torques; {gap.expected:.3g} % was expected."
+        )
+    return found
+
+
+# ---------------------------------------------------------------- several facts together
+def warnings(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
+    """Return what several facts together warn of."""
+    states = {light.name: light.state for light in lights}
+    found = []
+    broken = [(times, each) for each in evidence.unseen if (times := surprise(each)) and times > tuning.EXPECTED[0]]
+    if broken:
+        times, each = max(broken, key=lambda one: one[0])
+        if at_noise(each, evidence) is not True:
+            found.append(f"Do not rely on the expected error: on {each.name} it was {times:.2g} times too small.")
+    if evidence.seconds is not None and evidence.seconds < tuning.SECONDS and states["fit"] == "good":
+        found.append(f"A log of {evidence.seconds:.2g} s is easy to fit, which says little about other motions.")
+    if evidence.repeats is False and states["complete"] != "open":
+        found.append("The noise is a lower bound, because no motion is repeated: record each motion twice.")
+    if states["physics"] == "bad" and evidence.physical:
+        found.append("Torques may be right where masses are not: use this model for the fitted motions only.")
+    return tuple(found)

@@ -1,0 +1,57 @@
+"""The page that a demo ends at: what was done, with which commands, and what came out, in one file."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dynid.files.artifact import write_text
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One step of the story.
+
+    Attributes:
+        title: heading.
+        text: what happened, sentence by sentence.
+        commands: command lines that do it again.
+        pictures: files of pictures, each with what it shows.
+    """
+
+    title: str
+    text: tuple[str, ...]
+    commands: tuple[str, ...]
+    pictures: tuple[tuple[Path, str], ...] = ()
+
+
+def write_demo_page(path: Path, robot: str, lead: str, chapters: Sequence[Chapter], program: str = "dynid") -> Path:
+    """Write the page; it needs no network and no other file.
+
+    Args:
+        path: where to.
+        robot: name of the arm.
+        lead: the story in a sentence.
+        chapters: its steps.
+        program: word that starts dynid here.
+    """
+    from dynid.reports.page import templates
+
+    told = [
+        {
+            "title": chapter.title,
+            "text": chapter.text,
+            "commands": [program + command.removeprefix("dynid") for command in chapter.commands],
+            "pictures": [(_inline(file), text) for file, text in chapter.pictures if file.is_file()],
+        }
+        for chapter in chapters
+    ]
+    write_text(path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=told))
+    return path
+
+
+def _inline(path: Path) -> str:
+    """Return a picture as the address of its own bytes."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

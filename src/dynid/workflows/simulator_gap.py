@@ -1,0 +1,117 @@
+"""The gap in the simulator itself: exported files driven along an unseen motion, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import WrongUsage
+from dynid.progress import SILENT, Progress
+from dynid.sim.comparison import SimulatorGap
+from dynid.workflows import arguments
+from dynid.workflows.arguments import public
+
+if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
+    from dynid.workflows.arguments import LogLike, ResultLike
+
+Floats = NDArray[np.float64]
+
+#: Engines that an exported file can be driven in.
+ENGINES = ("mujoco", "pybullet")
+
+
+@public
+def compare_in_simulator(
+    results: ResultLike | Sequence[ResultLike],
+    log: LogLike,
+    *,
+    engine: str = "mujoco",
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> SimulatorGap:
+    """Drive the exported files of results along a recording in a simulator, with one controller for all.
+
+    Measured torques act on the simulated arm; a soft controller of 1 Hz holds it near the recorded motion. The position
+    error is how far it strays, the torque error what the controller had to add.
+
+    Args:
+        results: results of one arm, such as before and after an effect was added.
+        log: a recording, best one that was not fitted.
+        engine: ``"mujoco"`` or ``"pybullet"``.
+        names: of the results; before and after for two of them.
+        progress: reports what is simulated.
+
+    Raises:
+        WrongUsage: an argument is something else than what is wanted (E101).
+        PackageMissing: the simulator is not installed.
+        DynidError: the first serious fault of the log.
+
+    Example:
+        dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
+    """
+    from dynid.exporters.driven import drive
+    from dynid.workflows.export import ExportOptions, identified_arm
+    from dynid.workflows.logs import LogOptions
+
+    progress = arguments.progress(progress)
+    found = arguments.results(results)
+    options = LogOptions()
+    recording = arguments.log(log, found[0].robot, options)
+    if arguments.words((engine,), "engine", ENGINES) != (engine,):
+        raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
+    names = arguments.words(names, "names")
+    if any(each.robot.joint_names != found[0].robot.joint_names for each in found):
+        raise WrongUsage("the results are of different arms", fix="results of one arm")
+    models = tuple(names) or (("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found))))
+    if len(models) != len(found):
+        raise WrongUsage(f"{len(models)} names for {len(found)} results", fix="one name per result")
+    recorded = _recorded(found[0], recording)
+    arms = [identified_arm(each, ("mjcf",), ExportOptions(), None, SILENT) for each in found]
+    inertia = _inertia(found[-1], recorded[1])
+    runs = []
+    for name, arm in zip(models, arms, strict=True):
+        progress.stage("simulate", f"{name}, {len(recorded[0])} samples")
+        runs.append(drive(arm, engine, recorded, inertia))
+    return SimulatorGap(
+        found[0].robot,
+        str(recording.source or recording.name),
+        engine,
+        models,
+        recorded[0],
+        recorded[1],
+        np.array([run.q for run in runs]),
+        np.array([run.added for run in runs]),
+    )
+
+
+def _recorded(result: Identification, log: Any) -> tuple[Floats, Floats, Floats, Floats]:  # noqa: ANN401
+    """Return time, position, velocity and torque of the longest part of a log without gaps, filtered."""
+    from dynid.workflows.logs import LogOptions, checked_log, condition_logs
+
+    options = LogOptions(cutoff=result.cutoff or None, delay=result.delay)
+    checked = checked_log(log, result.robot, options, identify=False)
+    (conditioned,) = condition_logs([checked], result.base.model, options)
+    longest = max(conditioned.segments, key=len)
+    return longest.t - longest.t[0], longest.q, longest.qd, longest.tau
+
+
+def _inertia(result: Identification, q: Floats) -> Floats:
+    """Return what each joint moves, on average along a motion, (n,) [kg m^2 or kg]."""
+    from dynid.model.regressor import mass_matrices
+
+    some = q[:: max(1, len(q) // 100)]
+    found = mass_matrices(lambda *state: result.base.observer.torque(result.theta, *state), some)
+    return np.asarray(np.abs(np.diagonal(found, axis1=1, axis2=2)).mean(axis=0))
+
+
+def save_figure(found: SimulatorGap, path: Path) -> Path:
+    """Write the picture of the position errors."""
+    from dynid.reports.contacts import simulator_figure
+    from dynid.reports.figures import write_figure
+
+    return write_figure(simulator_figure(found), path)

@@ -1,0 +1,106 @@
+"""The page "Record with ROS 2": what a plan writes is what ROS 2 takes, and what its recorder writes is read."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dynid.files.robotfile import load_robot
+from dynid.files.trajectoryfile import write_joint_trajectory
+from dynid.motion import Motion
+from dynid.sim.urdf import urdf_text
+
+HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
+ROBOT = load_robot("ur5e")
+T = np.linspace(0, 12, 1201)
+Q = 0.5 * np.sin(np.outer(T, [1.1, 1.7, 2.3, 2.9, 3.1, 3.7]))
+
+
+def motion():
+    w = np.array([1.1, 1.7, 2.3, 2.9, 3.1, 3.7])
+    return Motion(T, Q, 0.5 * w * np.cos(np.outer(T, w)), -0.5 * w**2 * np.sin(np.outer(T, w)))
+
+
+def as_message(kind, value):
+    """Return a mapping as a message of ROS 2; a key that the message lacks, or one of another type, fails."""
+    fields = dict(HUMBLE.fielddefs[kind][1])
+    assert set(value) <= set(fields), kind
+    made = {}
+    for name, (form, what) in fields.items():
+        given = value[name]
+        if form.name == "NAME":
+            made[name] = as_message(what, given)
+        elif form.name == "SEQUENCE":
+            inner = what[0]
+            if inner[0].name == "NAME":
+                made[name] = [as_message(inner[1], each) for each in given]
+            else:
+                made[name] = np.array(given, dtype=float) if inner[1][0] == "float64" else list(given)
+        else:
+            made[name] = given
+    return HUMBLE.types[kind](**made)
+
+
+@pytest.mark.parametrize("goal", [False, True])
+def test_a_plan_is_a_joint_trajectory_of_ros_2(goal, tmp_path):
+    write_joint_trajectory(tmp_path / "t.yaml", ROBOT, motion(), ros=2, goal=goal)
+    found = yaml.load((tmp_path / "t.yaml").read_text(), Loader=yaml.CSafeLoader)
+    if goal:
+        assert list(found) == ["trajectory"]
+        found = found["trajectory"]
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    message = HUMBLE.deserialize_cdr(HUMBLE.serialize_cdr(as_message(kind, found), kind), kind)
+    assert message.joint_names == list(ROBOT.log_names)
+    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in message.points]
+    assert np.allclose(times, T, atol=1e-9)
+    assert np.allclose([point.positions for point in message.points], Q, atol=1e-8)
+
+
+def recorded(folder: Path, plugin: StoragePlugin) -> None:
+    """Write what ``ros2 bag record`` leaves: a folder with metadata.yaml, by a library that is not dynid's."""
+    types = HUMBLE.types
+    kind = "sensor_msgs/msg/JointState"
+    arm, moved = pin.buildModelFromXML(urdf_text(ROBOT)), motion()
+    data = arm.createData()
+    tau = np.array([pin.rnea(arm, data, *state) for state in zip(Q, moved.qd, moved.qdd, strict=True)])
+    tau += 2 * moved.qd + np.random.default_rng(0).normal(0, 0.2, Q.shape)
+    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=HUMBLE)
+        writer.add_connection("/rosout", "rcl_interfaces/msg/Log", typestore=HUMBLE)
+        for t, q, effort in zip(T, Q, tau, strict=True):
+            stamp = types["builtin_interfaces/msg/Time"](1_760_000_000 + int(t), round(t % 1 * 1e9))
+            header = types["std_msgs/msg/Header"](stamp, "")
+            message = types[kind](header, list(ROBOT.log_names), q, np.zeros(6), effort)
+            writer.write(connection, 1_760_000_000 * 10**9 + round(t * 1e9), HUMBLE.serialize_cdr(message, kind))
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
+    recorded(dynid.folder / "recording", plugin)
+    assert (dynid.folder / "recording" / "metadata.yaml").is_file()
+    done = dynid("check", "recording", "--robot", "ur5e", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["schema"] == "dynid/check/1"
+    done = dynid("identify", "ur5e", "recording", "--no-input", "--no-report", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["relative_error_percent"] < 5
+
+
+def test_doctor_says_what_of_ros_2_is_there(dynid):
+    found = {check["name"]: check for check in json.loads(dynid("doctor", "--json").out)["checks"]}
+    assert found["ROS 2"]["ok"] is None
+    assert "recordings are read without it" in found["ROS 2"]["value"]
+
+
+def test_import_says_that_it_does_not_know_what_the_effort_column_is(dynid):
+    (dynid.folder / "arm.urdf").write_text(urdf_text(ROBOT))
+    done = dynid("import", "arm.urdf", "--out", "made")
+    assert "does not say what the effort column" in done.out, done.err
+    made = (dynid.folder / "made" / "arm.yaml").read_text()
+    assert "# torque: {source: motor_torque}" in made
+    assert "torque" not in yaml.safe_load(made)

@@ -1,0 +1,127 @@
+"""Effects act in simulators as in dynid: by elements of MuJoCo, or by effects.py."""
+
+import mujoco
+import numpy as np
+import pytest
+from export_cases import random, shipped, with_effect
+
+from dynid.exporters import EFFECTS, FORMATS
+from dynid.exporters.engines import bullet_body
+from dynid.exporters.full_model import world_gravity
+from dynid.exporters.languages import imported
+from dynid.exporters.simulated import simulated
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.friction import presliding
+
+NATIVE = ("spring", "counterbalance", "torque_ripple", "presliding_hysteresis")
+NUMBERS = ("viscous", "viscous_change", "coulomb", "coulomb_change", "torque_offset", "motor_inertia", "payload")
+LEFT = ("joint_elasticity", "backlash", "torque_delay")
+
+
+@pytest.fixture
+def effects_of(tmp_path):
+    def load(source):
+        path = tmp_path / "effects.py"
+        path.write_text(EFFECTS.text(source), encoding="utf-8")
+        return imported(path)
+
+    return load
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(name):
+    """1000 states; the MJCF with effects.py in MuJoCo, the URDF with it in PyBullet."""
+    source = with_effect(name)
+    found = EFFECTS.check(EFFECTS.text(source), source)
+    assert {each.engine.split()[0] for each in found} == {"MuJoCo", "PyBullet"}
+    assert all(each.largest < 1e-8 for each in found)
+    where = simulated(source)
+    assert any(name in phrase for phrase in where.elements) == (name in NATIVE)
+    assert any(name in phrase for phrase in where.numbers) == (name in NUMBERS)
+    assert any(name in phrase for phrase in where.left) == (name in LEFT)
+    beside = where.effects_beside(mjcf=True, names=source.robot.joint_names)
+    assert any(name in phrase for phrase in beside) == (name not in NATIVE + NUMBERS + LEFT)
+
+
+@pytest.mark.parametrize("name", ["spring", "counterbalance", "torque_ripple", "viscous", "motor_inertia", "payload"])
+def test_elements_of_mujoco_give_dynids_torques_alone(name):
+    """Without effects.py; Pinocchio reads bodies and rotors of the same file."""
+    source = with_effect(name)
+    found = FORMATS["mjcf"].check(FORMATS["mjcf"].text(source), source)
+    assert len(found) == 2
+    assert all(each.largest < 1e-8 for each in found)
+
+
+def test_the_bristle_of_mujoco_bends_as_the_formula_says():
+    """Along a motion with reversals, stepped by MuJoCo at 1 ms: 1 % of the friction."""
+    source = with_effect("presliding_hysteresis")
+    model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(source))
+    model.opt.timestep = 1e-3
+    data, (bristle,) = mujoco.MjData(model), simulated(source).bristles
+    dof = model.joint(source.robot.joint_names[bristle.joint]).dofadr[0]
+    assert model.dof_frictionloss[dof] == pytest.approx(source.full.friction["fc3"] - bristle.size)
+    t = np.arange(3000) * 1e-3
+    q, qd, force = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), np.empty_like(t)
+    for k in range(len(t)):
+        data.qpos[dof], data.qvel[dof] = q[k], qd[k]
+        mujoco.mj_forward(model, data)
+        force[k] = -data.qfrc_actuator[dof]
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(force, bristle.size * presliding(q, bristle.length), atol=0.01 * bristle.size)
+
+
+def test_dry_friction_beyond_the_file_holds_an_arm_at_rest(effects_of):
+    """A push below Coulomb plus Stribeck friction does not move the joint, one above it does."""
+    source = with_effect("stribeck")
+    model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(source))
+    model.opt.gravity[:] = 0.0
+    model.opt.timestep = 1e-3
+    effects = effects_of(source).Mujoco(model)
+    dof = model.joint(source.robot.joint_names[2]).dofadr[0]
+    most = source.full.friction["fc3"] + 1.1
+    moved = []
+    try:
+        mujoco.set_mjcb_passive(effects.passive)
+        for push in (0.9 * most, 1.2 * most):
+            data = mujoco.MjData(model)
+            for _ in range(200):
+                data.qfrc_applied[:] = source.full.joint_friction("fo") + push * np.eye(7)[dof]
+                mujoco.mj_step(model, data)
+            moved.append(abs(data.qpos[dof]))
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert moved[0] < 2e-3, "more than what MuJoCo's soft constraint creeps"
+    assert moved[1] > 10 * moved[0]
+
+
+def test_pybullet_moves_as_the_model_says(effects_of, tmp_path):
+    """Forward: torques of a slow motion by the model keep the arm on it, with rotors and friction, on a random arm."""
+    import pybullet
+
+    source = shipped("kuka_lwr4plus")
+    path = tmp_path / "arm.urdf"
+    path.write_text(FORMATS["urdf"].text(source), encoding="utf-8")
+    client, body = bullet_body(path, world_gravity(source.robot))
+    effects = effects_of(source).Bullet(body, client)
+    dt, n = 1e-3, source.robot.n
+    pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, physicsClientId=client)
+    size = np.linspace(0.1, 0.3, n)
+    for j, s in zip(effects.joints, size, strict=True):
+        pybullet.resetJointState(body, j, 0.0, 2 * s, physicsClientId=client)
+    for k in range(500):
+        t = k * dt
+        state = size * np.sin(2 * t), 2 * size * np.cos(2 * t), -4 * size * np.sin(2 * t)
+        forces = effects.forces(effects.inverse_dynamics(*state), dt)
+        pybullet.setJointMotorControlArray(
+            body, effects.joints, pybullet.TORQUE_CONTROL, forces=forces.tolist(), physicsClientId=client
+        )
+        pybullet.stepSimulation(physicsClientId=client)
+    q = np.array([row[0] for row in pybullet.getJointStates(body, effects.joints, physicsClientId=client)])
+    np.testing.assert_allclose(q, size * np.sin(2 * 500 * dt), atol=5e-3)
+
+
+def test_an_arm_of_any_geometry_has_its_effects_file():
+    """Prismatic joints, both conventions, offsets and rotors."""
+    for seed in range(3):
+        source = random(seed)
+        assert all(each.largest < 1e-8 for each in EFFECTS.check(EFFECTS.text(source), source))

@@ -1,0 +1,75 @@
+"""The observer in C gives the torques of the one in Python; a controller at 1 kHz has time for it."""
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid import ExportOptions, export
+from dynid.errors import WrongUsage
+from dynid.estimation import tuning
+from dynid.estimation.contacts import inertial_columns
+from dynid.estimation.momentum_observer import MomentumObserver
+from dynid.exporters.languages import compiled, pointer
+
+ROOT = Path(__file__).parents[3]
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+@pytest.fixture(scope="module")
+def written(result, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("observer")
+    export(result, folder / "arm.c", ExportOptions(observer=True))
+    return folder / "arm.c"
+
+
+def test_c_and_python_observe_the_same_torque(result, written):
+    """1000 steps of a motion with a push: rounding."""
+    library, n, dt = compiled(written), result.robot.n, 2e-3
+    t = dt * np.arange(1000)[:, None]
+    size = np.linspace(0.2, 0.4, n)
+    q, qd, qdd = size * np.sin(3 * t), 3 * size * np.cos(3 * t), -9 * size * np.sin(3 * t)
+    tau = result.inverse_dynamics(q, qd, qdd, t[:, 0])
+    tau[400:600] -= 2.0
+    inertial, error = inertial_columns(result), result.model_error
+    W = result.regressor(q, qd, np.zeros_like(q), t[:, 0])
+    other = W[:, :, ~inertial] @ result.theta[~inertial]
+    if error is not None:
+        other += error.torque_of(q, qd, result.base.observer.coulomb_sign(qd), W)
+    ours = MomentumObserver(result.base.observer, result.theta, inertial, tuning.OBSERVER_GAIN)
+    expected = ours.run(q, qd, tau, other, dt)
+    state, found = np.zeros(1 + 4 * n), np.empty_like(q)
+    for k in range(len(q)):
+        rows = (pointer(row[k]) for row in (q, qd, tau))
+        library.dynid_observer_step(pointer(state), *rows, ctypes.c_double(dt), pointer(found[k]))
+    np.testing.assert_allclose(found, expected, atol=1e-10)
+    assert np.abs(found[550]).min() > 1.0, "the push is there"
+
+
+def test_the_threshold_in_c_is_larger_where_a_joint_may_stick(result, written):
+    library, n = compiled(written), result.robot.n
+    still, fast = np.zeros(n), np.full(n, 10.0)
+    rest, moving = np.empty(n), np.empty(n)
+    library.dynid_contact_threshold(pointer(still), pointer(rest))
+    library.dynid_contact_threshold(pointer(fast), pointer(moving))
+    friction = np.array([abs(result.params.get(f"fc{j + 1}", 0.0)) for j in range(n)])
+    np.testing.assert_allclose(rest - moving, (1 + tuning.STATIC_SHARE) * friction)
+
+
+def test_the_controller_of_the_docs_compiles_and_its_step_is_short(result, written):
+    """Gravity, friction, inverse dynamics and the observer in one step; the program prints its own time."""
+    example = ROOT / "docs" / "examples" / "controller.c"
+    program = written.parent / "controller"
+    words = ["cc", "-O2", "-std=c99", f'-DMODEL="{written}"', str(example), "-o", str(program), "-lm"]
+    subprocess.run(words, check=True, capture_output=True)
+    said = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
+    assert "us a step" in said
+    assert float(said.split()[0]) < 1000.0
+
+
+def test_an_observer_is_for_c_only(result, tmp_path):
+    with pytest.raises(WrongUsage, match="--observer is for"):
+        export(result, tmp_path / "arm.py", ExportOptions(observer=True))
