@@ -84,13 +84,24 @@ def robot_argument(function: Callable[..., Any]) -> Callable[..., Any]:
     return click.argument("robot", type=ROBOT)(option(joined))
 
 
-class Number(click.FloatRange):
-    """A number that can be measured; click takes what is not a number for one in any range."""
+class Number(click.types.FloatParamType):
+    """A number that can be measured."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
         """Return the number."""
         found = super().convert(value, param, ctx)
-        if not abs(found) <= MOST or (self.min == 0 and 0 < found < LEAST):
+        if not abs(found) <= MOST:
+            self.fail(f"{value} is nothing that can be measured", param, ctx)
+        return found
+
+
+class NumberInRange(click.FloatRange):
+    """A number in a range that can be measured; click takes what is not a number for one in any range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401
+        """Return the number."""
+        found = super().convert(Number().convert(value, param, ctx), param, ctx)
+        if self.min == 0 and 0 < found < LEAST:
             self.fail(f"{value} is nothing that can be measured", param, ctx)
         return found
 
@@ -152,9 +163,9 @@ def _type(each: Field[Any], declared: Declaration) -> Any:  # noqa: ANN401
         low, high = declared.bounds
         if isinstance(each.default, int):
             return click.IntRange(None if low is None else int(low), None if high is None else int(high))
-        return Number(low, high)
+        return NumberInRange(low, high)
     if declared.kind == "count":
         return click.IntRange(min=1)
     if declared.kind in ("positive", "float") or (isinstance(each.default, float) and declared.read is None):
-        return Number(min=0 if declared.kind else None, min_open=declared.kind == "positive")
+        return NumberInRange(min=0, min_open=declared.kind == "positive") if declared.kind else Number()
     return str if declared.read is not None or each.default in (None, ()) else type(each.default)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.arguments import Number, options_from, options_of, robot_argument
+from dynid.cli.arguments import NumberInRange, options_from, options_of, robot_argument
 from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--load-mass",
-    type=Number(min=0, min_open=True),
+    type=NumberInRange(min=0, min_open=True),
     metavar="KG",
     help="Mass of the load in the log given with --loaded [kg].",
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.arguments import Number, options_from, options_of
+from dynid.cli.arguments import NumberInRange, options_from, options_of
 from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @options_from(ValidateOptions)
 @click.option(
     "--max-rms",
-    type=Number(min=0),
+    type=NumberInRange(min=0),
     metavar="NM",
     help="Exit 1 if the rms torque error of any joint is larger [N m or N].",
 )
