@@ -1,18 +1,25 @@
 """Do the statements of identify, validate, gap and report agree with each other, and are the lights right?
 
-    python benchmarks/judgement.py --out judgement.json [--cases 200] [--seed 1] [--minutes 60] [--table benchmarks/judgement.md]
+    python benchmarks/judgement.py --out judgement.json [--cases 200] [--seed 1] [--minutes 60]
+    python benchmarks/judgement.py --kind lights --out lights.json --cases 600         without gap, for the lights
+    python benchmarks/judgement.py --kind recordings --out recordings.json [--data ../shared/data]
+    python benchmarks/judgement.py --again judgement.json lights.json recordings.json [--tuning]
 
 Random situations: an arm, lengths and noise of its logs, something hidden in them or a mistake, a motion again or another.
 Each goes through identify, validate, gap and report; ``contradictions`` reads their JSON. The lights are compared with
-the error on one more motion that nothing has seen, and with the noise that was put in.
+the error on one more motion that nothing has seen, and with the noise that was put in. Of recordings a part is fitted, a
+part is replayed, and a third one tells whether the lights were right. Evidence is kept: ``--again`` judges it once more
+with the code and the thresholds of now, ``--tuning`` with each of them halved and doubled.
 """
 
 import argparse
+import itertools
 import json
 import math
 import tempfile
 import time
-from dataclasses import replace
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +27,18 @@ import numpy as np
 from dynid.cli.terminal import plain
 from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
+from dynid.judgement import tuning
+from dynid.judgement.evidence import (
+    Change,
+    EffectEvidence,
+    Event,
+    Evidence,
+    GapEvidence,
+    JointEvidence,
+    OtherArm,
+    Unseen,
+)
+from dynid.judgement.judge import judge
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
@@ -160,50 +179,62 @@ def contradictions(answers):
     return found
 
 
-def run(case):
+def run(case, searched=True):
     """Return what all commands say in one situation, what contradicts, and whether the lights are right."""
+    try:
+        return said_of(case, searched)
+    except DynidError as error:
+        return case | {"refused": error.code, "contradictions": []}
+
+
+def said_of(case, searched):
+    """Return the row of a situation.
+
+    Raises:
+        DynidError: identify or validate refuse its logs.
+    """
     begun = time.time()
     robot, fitted, replay, unseen = logs_of(case)
     base = base_model(robot)
-    answers, row = {}, dict(case)
+    answers, known, row = {}, {}, dict(case)
     with tempfile.TemporaryDirectory() as folder:
-        try:
-            result = identify(robot, fitted, base=base, anyway=True, drop_weak=True)
-        except DynidError as error:
-            return row | {"refused": error.code, "contradictions": [], "seconds_taken": time.time() - begun}
+        result = identify(robot, fitted, base=base, anyway=True, drop_weak=True)
         save_result(Path(folder), result)
         stored = load_run(Path(folder))
-        answers["identify"] = plain(answer_of(stored))
+        answers["identify"], known["identify"] = plain(answer_of(stored)), stored.evidence
         found = validate(stored, replay, base=base)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
-        answers["validate"] = plain(found.facts())
+        answers["validate"], known["validate"] = plain(found.facts()), found.evidence
         found.save(found.folder(Path(folder) / "validation"))
-        answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
-        try:
-            gap = find_gap(load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED)
-            gap.save(Path(folder) / "gap.npz")
-            answers["gap"] = plain(gap.facts())
-            answers["report"] = plain(report(load_run(Path(folder))).facts())
-        except DynidError as error:
-            row["gap_refused"] = error.code
-        last = load_run(Path(folder)).judgement
+        if searched:
+            answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
+            known["after_validate"] = load_run(Path(folder)).evidence
+            try:
+                gap = find_gap(load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED)
+                gap.save(Path(folder) / "gap.npz")
+                answers["gap"], known["gap"] = plain(gap.facts()), gap.evidence
+                answers["report"] = plain(report(load_run(Path(folder))).facts())
+                known["report"] = load_run(Path(folder)).evidence
+            except DynidError as error:
+                row["gap_refused"] = error.code
         truth = validate(stored, unseen, base=base)
     floor = true_floor(case, result, unseen)
     error = np.array([joint.rms for joint in truth.joints])
     torque = np.array([joint.torque_rms for joint in truth.joints])
-    times = error / np.maximum(floor, 0.005 * torque)
+    kept = {name: {key: answer[key] for key in KEPT if key in answer} for name, answer in answers.items()}
     return row | {
         "contradictions": contradictions(answers),
         "sentences": {name: answer["judgement"]["sentence"] for name, answer in answers.items()},
-        "lights": {light.name: light.state for light in last.lights},
-        "identified": answers["identify"]["judgement"]["state"],
-        "validated": answers["validate"]["judgement"]["state"],
-        "state": last.state,
-        "unseen_over_noise": float(times.max()),
+        "answers": kept,
+        "evidence": {name: plain(asdict(each)) for name, each in known.items()},
+        "unseen_over_noise": float((error / np.maximum(floor, 0.005 * torque)).max()),
         "percent": truth.relative_error_percent,
-        "verdict": answers.get("gap", {}).get("verdict", ""),
         "seconds_taken": time.time() - begun,
     }
+
+
+#: What is kept of answers beside their judgement.
+KEPT = ("verdict", "named", "relative_error_percent", "expected_relative_error_percent")
 
 
 def true_floor(case, result, unseen):
@@ -226,45 +257,191 @@ def noise_of(case, robot, base):
     return np.std(both[0].log.tau - both[1].log.tau, axis=0)
 
 
-def calibration(rows):
-    """Return how often good and bad are right: "good" promises each joint within twice its noise."""
-    rows = [row for row in rows if "state" in row and row["lights"]]
-    good = [row for row in rows if row["state"] == "good"]
-    bad = [row for row in rows if row["state"] == "bad"]
-    right = sum(row["unseen_over_noise"] <= 2.0 for row in good)
-    wrong = sum(row["unseen_over_noise"] <= 2.0 for row in bad)
-    return len(good), right, len(bad), wrong
+# ---------------------------------------------------------------- recordings
+def recordings(data):
+    """Yield name, arm, fitted, replayed and judging logs of recordings of real arms."""
+    from real_arms import pairs, part
+
+    whole = {}
+    for pair in pairs(data):
+        for name, log in (*((f"fitted {k}", log) for k, log in enumerate(pair.fitted)), *pair.unseen):
+            seconds = float(log.t[-1] - log.t[0])
+            if pair.name.startswith(("LWR4+", "AIRBOT", "Shanghai", "arm")) or len(pair.fitted) > 1:
+                whole[log.sha256 or f"{pair.name} {name}"] = (pair.robot, log)
+            halves = [part(log, 0.0, seconds / 2), part(log, seconds / 2, 1e9)]
+            if (name, log) in pair.unseen:
+                for k in (0, 1):
+                    yield f"{pair.name} -> {name}, half {k + 1}", pair.robot, pair.fitted, halves[k], halves[1 - k]
+    for key, (robot, log) in whole.items():
+        seconds = float(log.t[-1] - log.t[0])
+        cuts = [part(log, k * seconds / 4, (k + 1) * seconds / 4) for k in range(4)]
+        for first, second in itertools.combinations(range(4), 2):
+            rest = [k for k in range(4) if k not in (first, second)]
+            for replayed, judging in (rest, rest[::-1]):
+                yield (
+                    f"{robot.name} {key[:8]}, quarters {first + 1} {second + 1} -> {replayed + 1} {judging + 1}",
+                    robot, (cuts[first], cuts[second]), cuts[replayed], cuts[judging],
+                )  # fmt: skip
 
 
+def run_recording(name, robot, fitted, replay, judging):
+    """Return the evidence of a part of recordings, and how far another part is from its noise."""
+    begun, row = time.time(), {"name": name, "contradictions": []}
+    try:
+        result = identify(robot, fitted, anyway=True, drop_weak=True)
+        found, truth = validate(result, replay), validate(result, judging)
+    except DynidError as error:
+        return row | {"refused": error.code}
+    joints = found.evidence.joints
+    times = [
+        error / max(joint.noise, 1e-12)
+        for error, joint in zip(truth.seen.rms, joints, strict=True)
+        if joint.noise is not None
+    ]
+    known = {"identify": result.evidence, "validate": found.evidence}
+    return row | {
+        "evidence": {key: plain(asdict(each)) for key, each in known.items()},
+        "answers": {"validate": {"relative_error_percent": found.relative_error_percent}},
+        "unseen_over_noise": max(times, default=math.nan),
+        "percent": truth.relative_error_percent,
+        "seconds_taken": time.time() - begun,
+    }
+
+
+# ---------------------------------------------------------------- kept evidence, judged again
+def evidence_from(kept):
+    """Return evidence that was kept as plain values."""
+
+    def each(kind, items):
+        return tuple(kind(**{key: tupled(value) for key, value in item.items()}) for item in items)
+
+    def tupled(value):
+        return tuple(tupled(one) for one in value) if isinstance(value, list) else value
+
+    found = {key: tupled(value) for key, value in kept.items()}
+    found |= {"joints": each(JointEvidence, kept["joints"]), "unseen": each(Unseen, kept["unseen"])}
+    if kept["changes"] is not None:
+        found["changes"] = each(Change, kept["changes"])
+    if kept["other"] is not None:
+        found["other"] = OtherArm(**kept["other"])
+    if (gap := kept["gap"]) is not None:
+        inside = {key: tupled(value) for key, value in gap.items()}
+        inside |= {"effects": each(EffectEvidence, gap["effects"]), "events": each(Event, gap["events"])}
+        found["gap"] = GapEvidence(**inside)
+    return Evidence(**found)
+
+
+def judged(row):
+    """Return the judgements of the evidence of a row, with the code and thresholds of now."""
+    return {name: judge(evidence_from(kept)) for name, kept in row.get("evidence", {}).items()}
+
+
+def again(row):
+    """Return what contradicts in kept evidence."""
+    found = judged(row)
+    answers = {name: {**row["answers"].get(name, {}), "judgement": each.facts()} for name, each in found.items()}
+    return contradictions(answers)
+
+
+def calibration(rows, stage=None):
+    """Return how often good and bad are right: "good" promises each joint within twice its noise.
+
+    Args:
+        rows: situations.
+        stage: after which command; None for the last one.
+    """
+    good = bad = right = wrong = 0
+    for row in rows:
+        found = judged(row)
+        if not found or stage not in (None, *found):
+            continue
+        state = found[stage or list(found)[-1]].state
+        within = row["unseen_over_noise"] <= 2.0
+        good, right = good + (state == "good"), right + (state == "good" and within)
+        bad, wrong = bad + (state == "bad"), wrong + (state == "bad" and within)
+    return good, right, bad, wrong
+
+
+def proved(right, count):
+    """Return the share that is exceeded with a confidence of 95 % (Clopper and Pearson)."""
+    from scipy.stats import beta
+
+    return float(beta.ppf(0.05, right, count - right + 1)) if right else 0.0
+
+
+@contextmanager
+def changed(name, factor):
+    """Change one threshold for a while."""
+    before = getattr(tuning, name)
+    after = tuple(factor * x for x in before) if isinstance(before, tuple) else factor * before
+    setattr(tuning, name, after)
+    yield
+    setattr(tuning, name, before)
+
+
+def lines(rows, title):
+    """Return a line of a table: rates of good and bad, and contradictions."""
+    good, right, bad, wrong = calibration(rows)
+    count = sum(bool(again(row)) for row in rows if "evidence" in row)
+    return (
+        f"| {title} | {len(rows)} | {count} | {right} of {good} | {100 * proved(right, good):.0f} % | "
+        f"{wrong} of {bad} | {100 * (1 - proved(bad - wrong, bad)):.0f} % |"
+    )
+
+
+def look_again(paths, halved):
+    """Print what kept evidence says now, and with each threshold halved and doubled."""
+    print("| evidence | cases | contradict | good: right | proved | bad: wrong | at most |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
+    read = {path: json.loads(path.read_text()) for path in paths}
+    rows = [row for one in read.values() for row in one]
+    for path, one in read.items():
+        for stage in ("identify", "validate", "report"):
+            kept = [row for row in one if stage in row.get("evidence", {})]
+            part = [row | {"evidence": {stage: row["evidence"][stage]}} for row in kept]
+            if part:
+                print(lines(part, f"{path.stem}, after {stage}"))
+    print(lines(rows, "all, after the last command"))
+    if halved:
+        for name in (name for name in dir(tuning) if name.isupper()):
+            for factor in (0.5, 2.0):
+                with changed(name, factor):
+                    print(lines(rows, f"{name} x {factor:g}"), flush=True)
+
+
+# ---------------------------------------------------------------- command
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("judgement.json"))
+    parser.add_argument("--kind", choices=("situations", "lights", "recordings"), default="situations")
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--again", type=Path, nargs="+", default=[])
+    parser.add_argument("--tuning", action="store_true")
     given = parser.parse_args()
+    if given.again:
+        return look_again(given.again, given.tuning)
     rows = json.loads(given.out.read_text()) if given.out.exists() else []
-    done, end = {row["seed"] for row in rows}, time.time() + 60 * given.minutes
-    for seed in range(1000 * given.seed, 1000 * given.seed + given.cases):
-        if seed in done or time.time() > end:
+    done, end = {row.get("name", row.get("seed")) for row in rows}, time.time() + 60 * given.minutes
+    if given.kind == "recordings":
+        work = ((name, lambda each=each: run_recording(*each)) for each in recordings(given.data) for name in each[:1])
+    else:
+        seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
+        searched = given.kind == "situations"
+        work = ((seed, lambda seed=seed: run(case_of(seed), searched)) for seed in seeds)
+    for name, task in work:
+        if name in done or time.time() > end:
             continue
-        row = run(case_of(seed))
+        row = task()
         rows.append(row)
-        given.out.write_text(json.dumps(rows, indent=1))
-        print(
-            seed,
-            row["arm"],
-            row["hidden"],
-            row.get("state", row.get("refused")),
-            row["contradictions"],
-            f"{row['seconds_taken']:.0f} s",
-            flush=True,
-        )
-    count = sum(bool(row["contradictions"]) for row in rows)
-    good, right, bad, wrong = calibration(rows)
-    print(
-        f"{len(rows)} situations, {count} with contradictions; good {right} of {good} right; bad {wrong} of {bad} wrong"
-    )
+        done.add(name)
+        given.out.write_text(json.dumps(rows))
+        found = judged(row)
+        state = list(found.values())[-1].state if found else row["refused"]
+        print(name, row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"], flush=True)
+    return look_again([given.out], halved=False)
 
 
 if __name__ == "__main__":

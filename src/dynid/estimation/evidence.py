@@ -64,11 +64,19 @@ def evidence_of(result: Identification) -> Evidence:
 def _joints(result: Identification) -> tuple[JointEvidence, ...]:
     noise = result.header.get("noise_floor_nm") or ()
     units = ["A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints]
+    limits = [joint.limits.torque for joint in result.robot.joints]
     return tuple(
         JointEvidence(
-            quality.joint, unit, quality.torque_rms / size, quality.rms / size, None if floor is None else floor / size
+            quality.joint,
+            unit,
+            quality.torque_rms / size,
+            quality.rms / size,
+            None if floor is None else floor / size,
+            None if limit is None else limit / size,
         )
-        for quality, unit, size, floor in zip_longest(result.joints, units, _sizes(result), noise[: len(units)])
+        for quality, unit, size, floor, limit in zip_longest(
+            result.joints, units, _sizes(result), noise[: len(units)], limits
+        )
     )
 
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from dynid.estimation.draws import Draws
     from dynid.estimation.one_state import OneState
     from dynid.estimation.stack import Stack
+    from dynid.judgement.evidence import Evidence
     from dynid.judgement.judge import Judgement
     from dynid.log import Log
 
@@ -211,16 +212,26 @@ class Identification:
         return BaseModel(model, self.reduction)
 
     @property
+    def evidence(self) -> Evidence:
+        """What is known of it, with the replays and the search that lie beside its file.
+
+        Raises:
+            NotAnArtifact: a replay or a search beside its file is damaged.
+        """
+        from dynid.estimation.evidence import evidence_of
+
+        return evidence_of(self)
+
+    @property
     def judgement(self) -> Judgement:
         """What is said of it: lights, the first sentence, what to do next, from all evidence there is of it.
 
         Raises:
             NotAnArtifact: a replay or a search beside its file is damaged.
         """
-        from dynid.estimation.evidence import evidence_of
         from dynid.judgement.judge import judge
 
-        return judge(evidence_of(self))
+        return judge(self.evidence)
 
     # ---------------------------------------------------------------- figures
     def plot_torque(self) -> Figure:

@@ -20,6 +20,7 @@ class JointEvidence:
         torque: rms of the measured torque on the fitted rows [unit].
         fitted: rms of what the model leaves of it [unit].
         noise: rms of what no model can explain: from repeats, or a lower bound [unit].
+        limit: largest torque that the joint is built for [unit].
     """
 
     joint: str
@@ -27,6 +28,7 @@ class JointEvidence:
     torque: float | None = None
     fitted: float | None = None
     noise: float | None = None
+    limit: float | None = None
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
+    from dynid.judgement.evidence import Evidence
     from dynid.judgement.judge import Judgement
 
 #: What the verdicts mean.
@@ -61,11 +62,10 @@ class Gap(GapRecord):
         return found if 0 < len(found) == len(names) < len(self.recordings) else ()
 
     @property
-    def judgement(self) -> Judgement:
-        """What is said of what was found: the first sentence, why, what to do next."""
+    def evidence(self) -> Evidence:
+        """What is known of the searched model with what was found."""
         from dynid.estimation.evidence import evidence_of, gap_evidence
         from dynid.judgement.evidence import Evidence
-        from dynid.judgement.judge import judge
 
         record = {each.name: getattr(self, each.name) for each in fields(GapRecord)}
         record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
@@ -73,7 +73,14 @@ class Gap(GapRecord):
         found = gap_evidence(record, asdict(self.improvement), delay)
         known = Evidence() if self.searched is None else evidence_of(self.searched)
         known = replace(known, result=known.result or self.made_from)
-        return judge(replace(known, asked="gap", gap=found))
+        return replace(known, asked="gap", gap=found)
+
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of what was found: the first sentence, why, what to do next."""
+        from dynid.judgement.judge import judge
+
+        return judge(self.evidence)
 
     @property
     def noise_text(self) -> str:

@@ -91,12 +91,17 @@ class Validation:
         return Unseen(name, percent, rms, self.same_motion, self.expected_percent, True, self.log)
 
     @property
+    def evidence(self) -> Evidence:
+        """What is known of the model with this log."""
+        earlier = tuple(each for each in self.known.unseen if each.log != self.log)
+        return replace(self.known, asked="replay", unseen=(*earlier, self.seen))
+
+    @property
     def judgement(self) -> Judgement:
         """What is said of the model with this log: lights, the first sentence, what to do next."""
         from dynid.judgement.judge import judge
 
-        earlier = tuple(each for each in self.known.unseen if each.log != self.log)
-        return judge(replace(self.known, asked="replay", unseen=(*earlier, self.seen)))
+        return judge(self.evidence)
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
